@@ -6,8 +6,9 @@ use mishandle_rollout::Request;
 use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
+use crate::plan::FalsifyPlan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{asked, evaluate, falsify, record};
+use crate::run::{adversary, asked, evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan
 /// implies.
@@ -88,12 +89,15 @@ fn of_falsification(
             )],
         });
     }
+    let plan = resolved.plan.falsify.clone().unwrap_or_default();
+    if plan.has_adversary() {
+        return of_adversary(&plan, (recorded, simulation), resolved);
+    }
     let Some(mut trial) = falsify::new_trial(resolved, number)? else {
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
     };
     let mut found = Vec::new();
     // A forged run can have a trial that the plan does not have.
-    let plan = resolved.plan.falsify.clone().unwrap_or_default();
     let planned = plan.trials;
     let foreign = run.trials()?.into_iter().map(|summary| summary.trial.number);
     found.extend(
@@ -131,6 +135,25 @@ fn of_falsification(
         }
     }
     found.extend(status_difference(&mut trial, recorded)?);
+    Ok(found)
+}
+
+/// Compares a simulation that an adversary disturbed with what the plan implies of it: seed, and
+/// the values of the axes that the adversary did not decide. What it decided is in the record only.
+fn of_adversary(
+    plan: &FalsifyPlan,
+    (trial, recorded): (&TrialRecord, &Simulation),
+    resolved: &ResolvedPlan,
+) -> Result<Vec<String>, MishandleError> {
+    let mut found: Vec<String> = falsify::seed_difference(resolved, trial).into_iter().collect();
+    let request = record::request(recorded, false);
+    match adversary::expected_request(resolved, plan, &request)? {
+        Some(expected) => found.extend(request_differences(recorded, &expected)),
+        None => found.push(format!(
+            "simulation {} of trial {}: the plan has no such simulation",
+            recorded.number, recorded.trial
+        )),
+    }
     Ok(found)
 }
 

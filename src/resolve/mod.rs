@@ -36,7 +36,7 @@ use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
 use crate::error::MishandleError;
-use crate::plan::{Plan, ScreeningPlan};
+use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 use crate::resolve::robot::robot_target;
 use crate::resolve::search::new_search;
@@ -215,12 +215,17 @@ impl ResolvedPlan {
         let steps = target.episode_steps;
         let parts = specification.decomposition(target.control_dt, steps + 1)?;
         let search_space = search_space(&space, &parts, steps);
+        let has_adversary = plan.falsify.as_ref().is_some_and(FalsifyPlan::has_adversary);
         let needs_parts = match &plan.falsify {
-            Some(falsify) => new_search(falsify, &search_space)(0)?.needs_parts(),
-            None => false,
+            Some(falsify) if !has_adversary => new_search(falsify, &search_space)(0)?.needs_parts(),
+            _ => false,
         };
         let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
-        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space })
+        let resolved = ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space };
+        if has_adversary {
+            resolved.system()?.adversary()?;
+        }
+        Ok(resolved)
     }
 
     /// Returns the names of the signals of the traces.
@@ -278,6 +283,12 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
         ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
     } else if plan.metamorphic.is_some() {
         ("the question of a screening", "metamorphic".to_string(), "evaluate, falsify or risk")
+    } else if plan.falsify.as_ref().is_some_and(FalsifyPlan::has_adversary) {
+        (
+            "the search of a screening",
+            FalsifyPlan::ADVERSARY.to_string(),
+            "a search that proposes scenarios, because an adversary disturbs simulations while they run",
+        )
     } else if keeps_going {
         (
             "keep-going of a screened search",

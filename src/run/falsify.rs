@@ -13,6 +13,7 @@ use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
+use crate::run::adversary;
 use crate::run::first_simulations::FirstSimulations;
 use crate::run::journal::{Journal, Numbering};
 use crate::run::violation::violation_of;
@@ -32,17 +33,41 @@ pub fn falsify(
     mut run: RunWriter,
     mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<FalsificationOutcome, MishandleError> {
-    let ResolvedPlan { plan, space, search_space, .. } = resolved;
-    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    let falsify =
+        resolved.plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     header::check_run(run.file(), resolved)?;
+    let FalsifyPlan { trials, budget, .. } = *falsify;
+    let mut progress =
+        Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
+    let mut outcome = match falsify.has_adversary() {
+        true => adversary::search(resolved, falsify, &mut run, (&mut progress, &mut watch))?,
+        false => search(resolved, falsify, &mut run, (&mut progress, &mut watch))?,
+    };
+    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
+        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
+            watch(&Progress { simulations: progress.simulations + done, ..progress })
+        })?;
+        outcome.is_interrupted = !is_complete;
+    } else {
+        run.close()?;
+    }
+    Ok(outcome)
+}
+
+/// Lets a search propose the scenarios of all trials.
+fn search(
+    resolved: &ResolvedPlan,
+    falsify: &FalsifyPlan,
+    run: &mut RunWriter,
+    (progress, watch): (&mut Progress, &mut dyn FnMut(&Progress) -> ControlFlow<()>),
+) -> Result<FalsificationOutcome, MishandleError> {
+    let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let settings = settings(plan, falsify);
     let FalsifyPlan { trials, budget, .. } = *falsify;
     let mut campaign = Falsification::new(settings, space, new_search(falsify, search_space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
-    let mut progress =
-        Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
     let mut first = FirstSimulations::default();
     for simulation in run.file().simulations() {
         let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
@@ -67,7 +92,7 @@ pub fn falsify(
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
     let mut system = resolved.system()?;
-    let mut outcome = campaign.run(&mut *system, |batch| {
+    let outcome = campaign.run(&mut *system, |batch| {
         for episode in batch.episodes {
             let trial = episode.request.trial;
             if !std::mem::replace(&mut started[trial as usize - 1], true) {
@@ -85,7 +110,7 @@ pub fn falsify(
         progress.max_simulations -= batch.unspent(budget);
         batch.episodes.iter().for_each(|episode| first.add(episode));
         first.check(resolved, run.file())?;
-        Ok::<_, MishandleError>(watch(&progress))
+        Ok::<_, MishandleError>(watch(progress))
     })?;
     // A search can end without another simulation, and a run can be killed between the last
     // simulation of a trial and the record of its end.
@@ -94,14 +119,6 @@ pub fn falsify(
         if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
             run.end_trial(trial.trial, status(trial))?;
         }
-    }
-    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
-        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
-            watch(&Progress { simulations: progress.simulations + done, ..progress })
-        })?;
-        outcome.is_interrupted = !is_complete;
-    } else {
-        run.close()?;
     }
     Ok(outcome)
 }
@@ -196,7 +213,7 @@ pub(crate) fn screened(
     Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
 }
 
-fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
+pub(super) fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
     let FalsifyPlan { trials, budget, batch, fixed_seed, early_stopping, .. } = *falsify;
     FalsificationSettings {
         trials,
@@ -209,7 +226,7 @@ fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
 }
 
 /// Checks seed and status of a recorded trial against the recorded simulations.
-fn check_trial(
+pub(super) fn check_trial(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
     recorded: &FalsificationOutcome,

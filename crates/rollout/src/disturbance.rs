@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::delay::{DelayLine, Lateness};
 use crate::fault::{ActiveFault, FaultSite, Fill, Parameter, Side};
-use crate::memory::Memory;
+use crate::memory::{Memory, Saved};
 use crate::real::Real;
 use crate::{Axis, Noise, RolloutError, Scenario, Seed, Space, Stream};
 
@@ -123,6 +123,14 @@ pub enum TimeProfile {
 }
 
 impl TimeProfile {
+    /// Returns the control step before which every weight is 0.
+    pub(crate) fn begin(&self) -> usize {
+        match self {
+            TimeProfile::Constant(steps) => steps.start,
+            TimeProfile::Linear { before, .. } => *before,
+        }
+    }
+
     /// Returns the weight in a control step.
     pub fn weight(&self, step: usize) -> f64 {
         match self {
@@ -178,6 +186,12 @@ impl AxisRouting {
             environment: environment.axes().iter().map(find).collect::<Result<_, _>>()?,
             effects: effects.collect(),
         })
+    }
+
+    /// Returns the index in the scenario and the effect of each disturbance, in the order in which
+    /// they are added.
+    pub(crate) fn effects(&self) -> &[(usize, Effect)] {
+        &self.effects
     }
 
     /// Returns whether the space has an axis of a disturbance.
@@ -275,6 +289,21 @@ impl ActiveDisturbances {
         let active = |(site, values): &(&Arc<FaultSite>, _)| ActiveFault::new(Arc::clone(site), values, seed);
         disturbed.faults = faults.iter().filter_map(active).collect();
         disturbed
+    }
+
+    /// Returns the disturbances of another scenario, which differs in values that had no effect so
+    /// far. What earlier control steps left behind stays.
+    pub(crate) fn with_scenario(
+        &mut self,
+        routing: &AxisRouting,
+        scenario: &Scenario,
+        action_size: usize,
+    ) -> ActiveDisturbances {
+        let mut memory = Vec::new();
+        self.visit_memory(&mut memory);
+        let mut changed = ActiveDisturbances::new(routing, scenario, self.seed, action_size);
+        changed.visit_memory(&mut Saved(&memory));
+        changed
     }
 
     /// Replaces `observation` by the observation of control step `step` with its disturbances, but

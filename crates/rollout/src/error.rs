@@ -136,6 +136,12 @@ pub enum RolloutError {
         /// Number of scenarios.
         draws: usize,
     },
+    /// An adversary cannot act in a system.
+    #[error("no adversary can act here: {what}")]
+    NoAdversary {
+        /// The problem.
+        what: &'static str,
+    },
     /// An environment batch cannot be made or stepped.
     #[error("the environment batch failed: {0}")]
     Batch(String),

@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EarlyStop, EpisodeEnd, Request, RolloutError, Sample, Seed, SpecificationMonitor,
-    StepStatus, Verdict,
+    ControllerWorker, EarlyStop, EpisodeEnd, Request, RolloutError, Sample, Scenario, Seed,
+    SpecificationMonitor, StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -66,6 +66,14 @@ impl LaneRows {
             disturbances: Default::default(),
             answers: Default::default(),
             stops: Default::default(),
+        }
+    }
+
+    /// Replaces the scenario of a row that runs, in values that had no effect so far.
+    pub(crate) fn set_scenario(&mut self, rollout: &Rollout, row: usize, scenario: &Scenario) {
+        let size = rollout.environment.action_size();
+        if let Some(disturbed) = &mut self.disturbances[row] {
+            *disturbed = disturbed.with_scenario(&rollout.routing, scenario, size);
         }
     }
 

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 use crate::disturbance::AxisRouting;
 use crate::lane::{Lane, LaneRows, Progress, ROWS};
 use crate::{
-    Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Noise, PerThread, Request,
-    RolloutError, Scenario, Space, Specification, SpecificationMonitor, System, Verdict,
+    AdversaryEnvironment, Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd,
+    Noise, PerThread, Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, System,
+    Verdict,
 };
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
@@ -83,6 +84,20 @@ impl Rollout {
         Ok(self)
     }
 
+    /// Returns a system of the same parts, without the workers of this one.
+    pub(crate) fn without_workers(&self) -> Rollout {
+        Rollout {
+            environment: Arc::clone(&self.environment),
+            controller: Arc::clone(&self.controller),
+            specification: self.specification.clone(),
+            noise: self.noise,
+            space: self.space.clone(),
+            routing: self.routing.clone(),
+            signals: Arc::clone(&self.signals),
+            workers: PerThread::new(),
+        }
+    }
+
     /// Returns the specification that is evaluated on the episodes.
     pub fn specification(&self) -> &Specification {
         &self.specification
@@ -122,19 +137,23 @@ impl System for Rollout {
             .collect::<Result<Vec<Vec<Episode>>, RolloutError>>()?;
         Ok(chunks.into_iter().flatten().collect())
     }
+
+    fn adversary(&self) -> Result<AdversaryEnvironment, RolloutError> {
+        AdversaryEnvironment::new(self)
+    }
 }
 
 /// Environment and lane of one thread.
-struct RolloutWorker {
+pub(crate) struct RolloutWorker {
     environment: Box<dyn EnvironmentWorker>,
-    lane: Lane,
-    rows: LaneRows,
+    pub lane: Lane,
+    pub rows: LaneRows,
     states: Vec<f64>,
-    progress: Vec<Progress>,
+    pub progress: Vec<Progress>,
 }
 
 impl RolloutWorker {
-    fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
+    pub(crate) fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
         Ok(RolloutWorker {
             environment: rollout.environment.worker(),
             lane: Lane::new(rollout)?,
@@ -145,27 +164,48 @@ impl RolloutWorker {
     }
 
     fn run(&mut self, rollout: &Rollout, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
+        let mut episodes = self.start(rollout, requests);
+        self.advance(rollout, &mut episodes, rollout.environment.episode_steps());
+        for (row, episode) in episodes.iter_mut().enumerate() {
+            self.finish(rollout, row, episode)?;
+        }
+        Ok(episodes)
+    }
+
+    /// Starts one episode in each of the first rows.
+    pub(crate) fn start(&mut self, rollout: &Rollout, requests: &[Request]) -> Vec<Episode> {
         self.progress.clear();
-        let mut episodes: Vec<Episode> =
-            requests.iter().enumerate().map(|(row, request)| self.reset(rollout, row, request)).collect();
-        for _ in 0..rollout.environment.episode_steps() {
+        requests.iter().enumerate().map(|(row, request)| self.reset(rollout, row, request)).collect()
+    }
+
+    /// Runs the next control steps of the episodes that have not ended, at most `steps`.
+    pub(crate) fn advance(&mut self, rollout: &Rollout, episodes: &mut [Episode], steps: usize) {
+        for _ in 0..steps {
+            if !self.progress.iter().any(Progress::is_running) {
+                break;
+            }
             self.lane.act(rollout, &mut self.rows, &mut self.progress);
             for (row, episode) in episodes.iter_mut().enumerate() {
                 if self.progress[row].is_running() {
                     self.step(rollout, row, episode);
                 }
             }
-            if !self.progress.iter().any(Progress::is_running) {
-                break;
-            }
         }
-        for (episode, progress) in episodes.iter_mut().zip(&mut self.progress) {
-            (episode.steps, episode.end) = (progress.steps, progress.end);
-            episode.reason = std::mem::take(&mut progress.reason);
-            let Episode { request, trace, end, .. } = episode;
-            episode.verdict = self.lane.finish(rollout, request, trace, end)?;
-        }
-        Ok(episodes)
+    }
+
+    /// Evaluates the formulas on the episode of a row.
+    pub(crate) fn finish(
+        &mut self,
+        rollout: &Rollout,
+        row: usize,
+        episode: &mut Episode,
+    ) -> Result<(), RolloutError> {
+        let progress = &mut self.progress[row];
+        (episode.steps, episode.end) = (progress.steps, progress.end);
+        episode.reason = std::mem::take(&mut progress.reason);
+        let Episode { request, trace, end, .. } = episode;
+        episode.verdict = self.lane.finish(rollout, request, trace, end)?;
+        Ok(())
     }
 
     fn reset(&mut self, rollout: &Rollout, row: usize, request: &Request) -> Episode {

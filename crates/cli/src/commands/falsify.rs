@@ -22,6 +22,7 @@ use crate::show::{falsification, mode_survey, output};
   mishandle falsify ball-balancing --controller ppo --space events
   mishandle falsify toy/car-following --space events+dynamics
   mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
+  mishandle falsify point-reaching --controller ppo --adversary --space starts+disturbance
   mishandle falsify toy/pits --search portfolio --keep-going --trials 3 --budget 1000
   mishandle falsify --resume runs/RUN.sqlite
 
@@ -32,6 +33,11 @@ pub struct Arguments {
     /// Search algorithm, a name of `mishandle searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
+    /// Let a policy disturb the simulations while they run instead of a search that proposes
+    /// scenarios: PPO trains it against the controller, within the bounds of the axes that are
+    /// offsets of actions and observations
+    #[arg(long, conflicts_with_all = ["resume", "search", "search_options", "keep_going", "screening"])]
+    pub adversary: bool,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
     #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
     pub search_options: Vec<(String, String)>,
@@ -150,7 +156,8 @@ fn result(asked: &question::Asked, repeats: Option<u32>) -> Result<Falsification
 fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
-    falsify.search = command.search.clone().unwrap_or(falsify.search);
+    let adversary = command.adversary.then(|| FalsifyPlan::ADVERSARY.to_string());
+    falsify.search = command.search.clone().or(adversary).unwrap_or(falsify.search);
     for (index, (name, value)) in command.search_options.iter().enumerate() {
         let earlier = &command.search_options[..index];
         ensure!(
