@@ -30,7 +30,9 @@ mod training;
 use mishandle_arch::PROBLEMS;
 use mishandle_falsification::{FalsificationSettings, search_space};
 use mishandle_random::Seed;
-use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
+use mishandle_rollout::{
+    AdversaryEnvironment, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target,
+};
 use mishandle_search::SearchSpace;
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
@@ -137,6 +139,8 @@ pub struct ResolvedPlan {
     pub stored_parts: usize,
     /// What a search may know of the space.
     pub search_space: SearchSpace,
+    /// Where the adversary of a falsification acts; `None` if a search proposes scenarios.
+    pub adversary: Option<AdversaryEnvironment>,
 }
 
 impl ResolvedPlan {
@@ -215,17 +219,16 @@ impl ResolvedPlan {
         let steps = target.episode_steps;
         let parts = specification.decomposition(target.control_dt, steps + 1)?;
         let search_space = search_space(&space, &parts, steps);
-        let has_adversary = plan.falsify.as_ref().is_some_and(FalsifyPlan::has_adversary);
-        let needs_parts = match &plan.falsify {
-            Some(falsify) if !has_adversary => new_search(falsify, &search_space)(0)?.needs_parts(),
-            _ => false,
-        };
-        let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
-        let resolved = ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space };
-        if has_adversary {
-            resolved.system()?.adversary()?;
+        let (mut needs_parts, mut adversary) = (false, None);
+        match &plan.falsify {
+            Some(falsify) if falsify.has_adversary() => {
+                adversary = Some(target.system(&space, &specification)?.adversary()?);
+            }
+            Some(falsify) => needs_parts = new_search(falsify, &search_space)(0)?.needs_parts(),
+            None => {}
         }
-        Ok(resolved)
+        let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
+        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space, adversary })
     }
 
     /// Returns the names of the signals of the traces.

@@ -25,7 +25,7 @@ use crate::run::first_simulations::FirstSimulations;
 use crate::run::{Progress, falsify, record};
 
 /// Simulations that run together, from which the adversary learns before the next ones start.
-const ROWS: u32 = 20;
+pub(super) const ROWS: u32 = 10;
 
 /// Interval, in iterations, of what no training of an adversary does.
 const NEVER: u64 = 1_000_000_000_000;
@@ -120,7 +120,8 @@ fn end(trial: &TrialOutcome, plan: &FalsifyPlan) -> Option<TrialEnd> {
 
 /// Returns the environment of the adversary.
 fn environment(resolved: &ResolvedPlan, plan: &FalsifyPlan) -> Result<AdversaryEnvironment, MishandleError> {
-    let environment = resolved.system()?.adversary()?;
+    let environment =
+        resolved.adversary.clone().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     // A lower bound above 0 says that nothing is violated.
     Ok(environment.with_stop_threshold(plan.early_stopping.then_some(0.0)))
 }
@@ -153,7 +154,7 @@ fn settings(decisions: usize, budget: u32) -> PpoSettings {
         policy: PolicySettings {
             hidden: vec![32, 32],
             activation: Activation::Tanh,
-            initial_log_std: 0.0,
+            initial_log_std: 0.5,
             ..PolicySettings::default()
         },
         ..PpoSettings::default()

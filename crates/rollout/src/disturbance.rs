@@ -188,6 +188,11 @@ impl AxisRouting {
         })
     }
 
+    /// Returns the index in the scenario of each axis of the environment.
+    pub(crate) fn environment_axes(&self) -> &[usize] {
+        &self.environment
+    }
+
     /// Returns the index in the scenario and the effect of each disturbance, in the order in which
     /// they are added.
     pub(crate) fn effects(&self) -> &[(usize, Effect)] {

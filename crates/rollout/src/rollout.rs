@@ -193,6 +193,12 @@ impl RolloutWorker {
         }
     }
 
+    /// Sets an axis of an event, an index of the environment's space, in the state of a row.
+    pub(crate) fn set_event(&mut self, rollout: &Rollout, row: usize, axis: usize, value: f64) {
+        let size = rollout.environment.state_size();
+        self.environment.set_event(axis, value, &mut self.states[row * size..][..size]);
+    }
+
     /// Evaluates the formulas on the episode of a row.
     pub(crate) fn finish(
         &mut self,

@@ -22,7 +22,7 @@ pub trait System {
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError>;
 
     /// Returns this system as an environment in which an adversary acts: it decides offsets of
-    /// observations and actions while a simulation runs.
+    /// observations and actions, and pushes, while a simulation runs.
     ///
     /// # Errors
     /// If the system cannot pause a simulation, as by default, or its space has no such axis.

@@ -11,17 +11,20 @@ use mishandle_rollout::{
 };
 use mishandle_stl::Formula;
 
-/// A mass on a line with position and velocity, on which each action is a force. It diverges beyond
-/// the position 3, and an episode has 24 steps.
+/// A mass on a line with position and velocity, on which each action is a force, and which a push
+/// accelerates in one control step. It diverges beyond the position 3, and an episode has 24 steps.
 struct Mass {
     space: Space,
+    has_push: bool,
     signals: Arc<[String]>,
 }
 
 impl Mass {
     fn new() -> Mass {
-        let space = Space::new("starts", vec![Axis::start("x", "m", -4.0, 1.0)]).unwrap();
-        Mass { space, signals: Arc::from(["x".to_string()]) }
+        let event = |name: &str, high| Axis::new(AxisKind::Event, name, "", [0.0, high], Some(0.0));
+        let axes = vec![Axis::start("x", "m", -4.0, 1.0), event("push_time", 1.7), event("push", 0.5)];
+        let space = Space::new("starts", axes).unwrap();
+        Mass { space, has_push: true, signals: Arc::from(["x".to_string()]) }
     }
 }
 
@@ -48,10 +51,13 @@ impl Environment for Mass {
         1.0
     }
     fn state_size(&self) -> usize {
-        2
+        5
     }
     fn control_dt(&self) -> f64 {
         0.1
+    }
+    fn events(&self) -> Vec<Vec<usize>> {
+        if self.has_push { vec![vec![1, 2]] } else { vec![] }
     }
     fn episode_steps(&self) -> usize {
         24
@@ -64,14 +70,23 @@ impl Environment for Mass {
 struct MassWorker;
 
 impl EnvironmentWorker for MassWorker {
+    fn set_event(&mut self, axis: usize, value: f64, state: &mut [f64]) {
+        state[2 + axis] = value;
+    }
+
     fn reset(&mut self, scenario: &Scenario, _: Seed, state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        state.copy_from_slice(&[scenario.get(0).unwrap(), 0.0]);
+        let [x, time, push] = [0, 1, 2].map(|axis| scenario.get(axis).unwrap());
+        state.copy_from_slice(&[x, 0.0, 0.0, time, push]);
         sample.observation.copy_from_slice(&[state[0] as f32, 0.0]);
         sample.signals[0] = state[0];
         if state[0] < -3.0 { StepStatus::InvalidStart } else { StepStatus::Running }
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+        if (state[3] / 0.1).floor() == state[2] {
+            state[1] += state[4];
+        }
+        state[2] += 1.0;
         state[1] += action[0];
         state[0] += 0.1 * state[1];
         sample.observation.copy_from_slice(&[state[0] as f32, state[1] as f32]);
@@ -151,9 +166,13 @@ fn system(noise: Noise) -> Rollout {
 
 const NOISE: Noise = Noise { action_std: 0.05, observation_std: 0.02 };
 
-/// Rows of the batch, and decisions of an episode: at 0, 8, 12 and 16.
+/// Rows of the batch, and decisions of an episode: at the begin of each third and of the second half
+/// for offsets, and every 0.5 s, which are 5 steps, for the push.
 const ROWS: usize = 21;
-const DECISIONS: usize = 4;
+const DECISIONS: [usize; 8] = [0, 5, 8, 10, 12, 15, 16, 20];
+
+/// Channel that asks for the push.
+const TRIGGER: usize = 4;
 
 /// An adversary in the tests: its action from decision, row, channel and observation.
 type Act = dyn Fn(usize, usize, usize, &[f32]) -> f64;
@@ -162,7 +181,7 @@ type Act = dyn Fn(usize, usize, usize, &[f32]) -> f64;
 /// robustness and the sum of the rewards of each.
 fn run(environment: &AdversaryEnvironment, generations: usize, act: &Act) -> (Vec<Episode>, Vec<[f64; 2]>) {
     let spec = environment.spec();
-    assert_eq!(environment.decisions(), DECISIONS);
+    assert_eq!(environment.decisions(), DECISIONS.len());
     let mut batch = environment.batch(ROWS).unwrap();
     let (mut episodes, mut returns) = (Vec::new(), Vec::new());
     for generation in 0..generations {
@@ -177,7 +196,7 @@ fn run(environment: &AdversaryEnvironment, generations: usize, act: &Act) -> (Ve
             |observations: &[f32], row: usize| f64::from(observations[(row + 1) * spec.observation_size - 2]);
         let mut own: Vec<[f64; 2]> =
             (0..ROWS).map(|row| [robustness(batch.observations(), row), 0.0]).collect();
-        for decision in 0..DECISIONS {
+        for decision in 0..DECISIONS.len() {
             let rows = batch.observations().chunks(spec.observation_size).enumerate();
             let actions: Vec<f64> = rows
                 .flat_map(|(row, seen)| (0..spec.action_size).map(move |at| act(decision, row, at, seen)))
@@ -251,21 +270,23 @@ fn the_return_is_the_first_running_robustness_minus_the_robustness() {
 #[test]
 fn a_decision_changes_nothing_before_it() {
     let environment = || system(NOISE).adversary().unwrap();
-    let (calm, _) = run(&environment(), 1, &|_, _, _, _| 0.1);
-    let begins = [0, 8, 12, 16];
-    for (late, begin) in begins.into_iter().enumerate() {
-        let push = move |decision: usize, _: usize, _: usize, _: &[f32]| match decision == late {
+    let calm = |channel| if channel == TRIGGER { -1.0 } else { 0.1 };
+    let act = move |_: usize, _: usize, channel: usize, _: &[f32]| calm(channel);
+    let (undisturbed, _) = run(&environment(), 1, &act);
+    for (late, begin) in DECISIONS.into_iter().enumerate() {
+        let push = move |decision: usize, _: usize, channel: usize, _: &[f32]| match decision == late {
             true => 1.0,
-            false => 0.1,
+            false => calm(channel),
         };
         let (pushed, _) = run(&environment(), 1, &push);
         let mut differ = 0;
-        for (calm, pushed) in calm.iter().zip(&pushed).filter(|(calm, _)| calm.trace.len() > begin) {
+        for (calm, pushed) in undisturbed.iter().zip(&pushed).filter(|(calm, _)| calm.trace.len() > begin) {
             let [calm, pushed] = [calm, pushed].map(|episode| episode.trace.column(0).to_vec());
             assert_eq!(calm[..=begin], pushed[..=begin], "decision {late}");
             differ += usize::from(calm != pushed);
         }
-        assert!(differ > 0, "decision {late} has an effect");
+        // The push has to begin within the bounds of its time, up to 1.7 s.
+        assert_eq!(differ > 0, begin != 20, "decision {late}");
     }
 }
 
@@ -288,25 +309,23 @@ fn rows_beyond_the_budget_simulate_nothing() {
 }
 
 #[test]
-fn the_adversary_decides_offsets_only() {
+fn the_adversary_decides_offsets_and_events_only() {
     let system = system(Noise::default());
     let environment = system.adversary().unwrap();
     let names = |axes: &[Axis]| axes.iter().map(|axis| axis.name.clone()).collect::<Vec<_>>();
     let decided: Vec<String> =
         environment.decided_axes().iter().map(|axis| system.space().axes()[*axis].name.clone()).collect();
     let offsets = ["force_0", "force_1", "force_2", "drift_0", "drift_12", "drift_24", "bias"];
-    assert_eq!(decided, offsets);
+    assert_eq!(decided, [&offsets[..], &["push_time", "push"]].concat());
     let others: Vec<String> = delays().iter().map(|d| d.axis.name.clone()).chain(["x".to_string()]).collect();
     assert_eq!(names(environment.spec().space.axes()), others);
-    // The force, two knots of the drift, and the bias.
-    assert_eq!(environment.spec().action_size, 4);
-    let alone = Rollout::new(
-        Arc::new(Mass::new()),
-        Arc::new(Pull),
-        Specification::new(Formula::parse(REQUIREMENT).unwrap()),
-        Noise::default(),
-    )
-    .unwrap();
+    // The force, two knots of the drift, the bias, whether to push, and how hard.
+    assert_eq!(environment.spec().action_size, 6);
+    let specification = Specification::new(Formula::parse(REQUIREMENT).unwrap());
+    let mut mass = Mass::new();
+    mass.space = Space::new("starts", mass.space.axes()[..1].to_vec()).unwrap();
+    mass.has_push = false;
+    let alone = Rollout::new(Arc::new(mass), Arc::new(Pull), specification, Noise::default()).unwrap();
     let error = alone.adversary().err().unwrap().to_string();
     assert!(error.contains("disturbance"), "{error}");
 }

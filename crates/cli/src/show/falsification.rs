@@ -1,6 +1,8 @@
 //! The result of a falsification, as text.
 
-use mishandle::results::{Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial};
+use mishandle::results::{
+    Adversary, Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial,
+};
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
@@ -121,6 +123,15 @@ fn trials_text(found: &Falsification) -> String {
         output::table(&rows),
         summary(found),
     );
+    if let Some(Adversary { axes, decisions, rows }) = &found.adversary {
+        text.push_str(&format!(
+            "\nadversary: decides {} at {} of an episode, and learns after each {rows} simulations; its training is these {} with {}",
+            if *axes == 1 { "1 axis".to_string() } else { format!("{axes} axes") },
+            plural(*decisions, "time"),
+            plural(found.simulations, "simulation"),
+            plural(found.control_steps, "control step"),
+        ));
+    }
     if found.early_stopping && found.simulations > 0 && found.screening.is_none() {
         let whole = found.simulations * found.subject.episode_steps;
         text.push_str(&format!(

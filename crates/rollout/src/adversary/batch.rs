@@ -5,10 +5,11 @@ use std::sync::PoisonError;
 use mishandle_stl::{Bounds, Clock, OnlineMonitor, Trace};
 use rayon::prelude::*;
 
+use super::decisions::Decision;
 use super::{AdversaryEnvironment, Shared};
 use crate::lane::{Progress, ROWS};
 use crate::rollout::RolloutWorker;
-use crate::{EnvironmentBatch, Episode, Request, RolloutError, Start, StepStatus};
+use crate::{EnvironmentBatch, Episode, Request, RolloutError, Scenario, Start, StepStatus};
 
 /// Numbers of an observation besides the observation of the controller and the signals: time,
 /// running robustness, end.
@@ -46,6 +47,8 @@ struct Row {
     monitored: usize,
     running_robustness: f64,
     has_ended: bool,
+    /// Whether each event has been set.
+    has_event: Vec<bool>,
 }
 
 impl AdversaryBatch {
@@ -174,7 +177,8 @@ impl EnvironmentBatch for AdversaryBatch {
 }
 
 impl Chunk {
-    /// Sets the axes of a decision in the scenarios of the simulations that run.
+    /// Sets the axes of a decision, and of the events that begin with it, in the scenarios of the
+    /// simulations that run.
     fn decide(&mut self, shared: &Shared, decision: usize, actions: &[f64]) {
         let space = &shared.rollout.space;
         let channels = shared.decisions.channels();
@@ -183,11 +187,27 @@ impl Chunk {
                 continue;
             }
             let mut values = episode.request.scenario.values().to_vec();
-            for (channel, axis) in &shared.decisions.all()[decision].axes {
-                let action = actions[row * channels + channel];
-                values[*axis] = Some(space.axes()[*axis].at(0.5 + 0.5 * action));
+            let action = |channel: usize| actions[row * channels + channel];
+            let chosen = |channel: usize, axis: usize| space.axes()[axis].at(0.5 + 0.5 * action(channel));
+            let Decision { step, axes } = &shared.decisions.all()[decision];
+            for (channel, axis) in axes {
+                values[*axis] = Some(chosen(*channel, *axis));
             }
-            episode.request.scenario = crate::Scenario::new(values);
+            for (event, has_event) in shared.decisions.events().iter().zip(&mut self.rows[row].has_event) {
+                // In the middle of the step: rounding cannot move it to the one before.
+                let time = (*step as f64 + 0.5) * shared.rollout.environment.control_dt();
+                let (axis, own) = event.time;
+                if *has_event || action(event.trigger) <= 0.0 || !space.axes()[axis].accepts(time) {
+                    continue;
+                }
+                *has_event = true;
+                let others = event.axes.iter().map(|(channel, place)| (*place, chosen(*channel, place.0)));
+                for ((axis, own), value) in others.chain([((axis, own), time)]) {
+                    values[axis] = Some(value);
+                    self.worker.set_event(&shared.rollout, row, own, value);
+                }
+            }
+            episode.request.scenario = Scenario::new(values);
             self.worker.rows.set_scenario(&shared.rollout, row, &episode.request.scenario);
         }
     }
@@ -253,12 +273,14 @@ impl Row {
             Some(environment.episode_steps() + 1),
         )
         .map_err(|source| RolloutError::Monitor { formula: requirement.to_string(), source })?;
-        Ok(Row { monitor, monitored: 0, running_robustness: 0.0, has_ended: false })
+        let has_event = vec![false; shared.decisions.events().len()];
+        Ok(Row { monitor, monitored: 0, running_robustness: 0.0, has_ended: false, has_event })
     }
 
     fn start(&mut self) {
         self.monitor.reset();
         (self.monitored, self.running_robustness, self.has_ended) = (0, 0.0, false);
+        self.has_event.fill(false);
     }
 
     /// Adds the new samples of a simulation that runs. A sample without a finite value leaves the

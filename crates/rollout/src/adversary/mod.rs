@@ -1,9 +1,10 @@
 //! An environment in which an adversary acts: it sees the simulations of a frozen controller and
-//! decides the offsets of observations and actions while they run.
+//! decides offsets of observations and actions, and pushes, while they run.
 
 mod batch;
 mod decisions;
 
+use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::rollout::Rollout;
@@ -18,11 +19,13 @@ use decisions::Decisions;
 ///
 /// A step of this environment lasts from one decision to the next. An axis whose value is an offset
 /// of observations or actions is decided at the start of the control step in which it begins to
-/// act. So what the adversary did is a scenario: the simulation of that scenario is the same one,
-/// to the bit, and needs no adversary.
+/// act. An [event](crate::Environment::events), such as a push, begins at the first decision that
+/// asks for it, if its time is within the bounds of its axis. So what the adversary did is a
+/// scenario: the simulation of that scenario is the same one, to the bit, and needs no adversary.
 ///
 /// - Action: a number for each offset that a decision sets, from -1 (lower bound of the axis) to 1
-///   (upper bound). The other axes of the space belong to the scenario of the episode.
+///   (upper bound); for each event a number that asks for it if it is positive, and one for each of
+///   its other axes. The other axes of the space belong to the scenario of the episode.
 /// - Observation: the observation of the controller without noise and disturbances; all signals;
 ///   the share of the episode that is over; the running robustness; and whether the simulation has
 ///   ended.
@@ -41,6 +44,12 @@ pub struct AdversaryEnvironment {
     budget: u32,
     stop_threshold: Option<f64>,
     finished: Arc<Mutex<Vec<Episode>>>,
+}
+
+impl fmt::Debug for AdversaryEnvironment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AdversaryEnvironment").field("trial", &self.trial).finish_non_exhaustive()
+    }
 }
 
 /// What all batches share.
@@ -71,10 +80,10 @@ impl AdversaryEnvironment {
     /// If the adversary has nothing to decide.
     pub(crate) fn new(rollout: &Rollout) -> Result<AdversaryEnvironment, RolloutError> {
         let rollout = rollout.without_workers();
-        let decisions = Decisions::new(&rollout.space, &rollout.routing, rollout.environment.episode_steps());
+        let decisions = Decisions::new(&rollout);
         if decisions.channels() == 0 {
-            let what = "the space has no axis that offsets an observation or an action, such as those of the spaces \
-                        `disturbance` and `drift`";
+            let what = "the space has no axis that offsets an observation or an action and no push, such as those of \
+                        the spaces `disturbance`, `drift` and `events`";
             return Err(RolloutError::NoAdversary { what });
         }
         let places: Vec<usize> =
