@@ -35,24 +35,30 @@ fn simulations(path: &Path) -> Vec<Simulation> {
 
 #[test]
 fn every_simulation_replays_to_the_bit_without_the_adversary() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.sqlite");
-    let falsify = FalsifyPlan { trials: 2, budget: 12, ..FalsifyPlan::default() };
-    // A formula that always holds: the trials spend their budgets.
-    let formula = Some("always(ball_tray_horizontal_distance >= -1)".to_string());
-    let all = plan("starts+delay+timing+disturbance+drift+events", FalsifyPlan { formula, ..falsify });
-    let resolved = ResolvedPlan::new(&all).unwrap();
-    let Answer::Falsification(found, _) = new_run(&resolved, &path) else { panic!() };
-    assert_eq!((found.simulations, found.falsified_trials, found.surplus), (24, 0, 0));
-    let run = RunFile::open(&path).unwrap();
-    let mut pushed = 0;
-    let push = resolved.space.axes().iter().position(|axis| axis.name == "push_force_x").unwrap();
-    for row in simulations(&path) {
-        pushed += usize::from(row.scenario[push] != Some(0.0));
-        let again = mishandle::replay::replay(&run, row.trial, row.number, None).unwrap();
-        assert_eq!(again.differences, Vec::<String>::new());
+    for fixed_seed in [None, Some(11)] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.sqlite");
+        // A formula that always holds: the trials spend their budgets.
+        let formula = Some("always(ball_tray_horizontal_distance >= -1)".to_string());
+        let falsify = FalsifyPlan { trials: 1, budget: 12, fixed_seed, formula, ..FalsifyPlan::default() };
+        let resolved =
+            ResolvedPlan::new(&plan("starts+delay+timing+disturbance+drift+events", falsify)).unwrap();
+        let Answer::Falsification(found, _) = new_run(&resolved, &path) else { panic!() };
+        assert_eq!((found.simulations, found.falsified_trials, found.surplus), (12, 0, 0));
+        let run = RunFile::open(&path).unwrap();
+        let rows = simulations(&path);
+        for row in &rows {
+            let again = mishandle::replay::replay(&run, row.trial, row.number, None).unwrap();
+            assert_eq!(again.differences, Vec::<String>::new());
+        }
+        let push = resolved.space.axes().iter().position(|axis| axis.name == "push_force_x").unwrap();
+        let pushed = rows.iter().filter(|row| row.scenario[push] != Some(0.0)).count();
+        assert!(pushed > 3, "{pushed} of 12 simulations have a push");
+        let mut seeds: Vec<u64> = rows.iter().map(|row| row.seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), if fixed_seed.is_some() { 1 } else { 12 });
     }
-    assert!(pushed > 5, "{pushed} of 24 simulations have a push");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use std::ops::ControlFlow;
 use mishandle_controllers::Policy;
 use mishandle_falsification::{FalsificationError, FalsificationOutcome, TrialEnd, TrialOutcome};
 use mishandle_network::Activation;
-use mishandle_rollout::{AdversaryEnvironment, BatchFactory, Episode, EpisodeEnd, Request, Seed};
+use mishandle_rollout::{AdversaryEnvironment, BatchFactory, Episode, EpisodeEnd, Request, Scenario, Seed};
 use mishandle_store::{RunWriter, Simulation, TrialStatus};
 use mishandle_training::ppo::{LearningRateSchedule, PpoSettings};
 use mishandle_training::{
@@ -123,7 +123,8 @@ fn environment(resolved: &ResolvedPlan, plan: &FalsifyPlan) -> Result<AdversaryE
     let environment =
         resolved.adversary.clone().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     // A lower bound above 0 says that nothing is violated.
-    Ok(environment.with_stop_threshold(plan.early_stopping.then_some(0.0)))
+    let environment = environment.with_stop_threshold(plan.early_stopping.then_some(0.0));
+    Ok(environment.with_fixed_seed(plan.fixed_seed.map(Seed)))
 }
 
 /// Returns the settings of a training with these decisions in an episode and at most `budget`
@@ -187,7 +188,7 @@ pub(crate) fn expected_request(
         trial,
         number,
         stop_threshold: plan.early_stopping.then_some(0.0),
-        ..Request::new(mishandle_rollout::Scenario::new(values), seed)
+        ..Request::new(Scenario::new(values), plan.fixed_seed.map_or(seed, Seed))
     }))
 }
 

@@ -116,12 +116,13 @@ impl EnvironmentBatch for AdversaryBatch {
             return Err(RolloutError::Batch("all simulations of an adversary start together".to_string()));
         }
         self.decision = 0;
-        let AdversaryEnvironment { shared, trial, budget, stop_threshold, .. } = self.environment.clone();
+        let AdversaryEnvironment { shared, trial, budget, stop_threshold, fixed_seed, .. } =
+            self.environment.clone();
         let mut requests = (self.first..).zip(starts).map(|(number, start)| Request {
             trial,
             number,
             stop_threshold,
-            ..Request::new(shared.undecided(&start.scenario), start.seed)
+            ..Request::new(shared.undecided(&start.scenario), fixed_seed.unwrap_or(start.seed))
         });
         for chunk in &mut self.chunks {
             let requests: Vec<Request> = requests.by_ref().take(chunk.rows.len()).collect();

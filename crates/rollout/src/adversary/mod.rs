@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::rollout::Rollout;
 use crate::{
-    BatchFactory, EnvironmentBatch, EnvironmentSpec, Episode, RolloutError, Scenario, Space,
+    BatchFactory, EnvironmentBatch, EnvironmentSpec, Episode, RolloutError, Scenario, Seed, Space,
     TrainingScenarios,
 };
 use batch::AdversaryBatch;
@@ -39,10 +39,12 @@ use decisions::Decisions;
 #[derive(Clone)]
 pub struct AdversaryEnvironment {
     shared: Arc<Shared>,
-    /// Trial of the simulations, the largest number of them, and their stop threshold.
+    /// Trial of the simulations, and the largest number of them.
     trial: u32,
     budget: u32,
     stop_threshold: Option<f64>,
+    /// Seed of every simulation; `None` gives each one that of its start.
+    fixed_seed: Option<Seed>,
     finished: Arc<Mutex<Vec<Episode>>>,
 }
 
@@ -95,6 +97,7 @@ impl AdversaryEnvironment {
             trial: 1,
             budget: u32::MAX,
             stop_threshold: None,
+            fixed_seed: None,
             finished: Arc::default(),
         })
     }
@@ -111,6 +114,12 @@ impl AdversaryEnvironment {
     #[must_use]
     pub fn with_stop_threshold(self, stop_threshold: Option<f64>) -> AdversaryEnvironment {
         AdversaryEnvironment { stop_threshold, ..self }
+    }
+
+    /// Gives every simulation the same random seed. The scenarios stay those of the starts.
+    #[must_use]
+    pub fn with_fixed_seed(self, fixed_seed: Option<Seed>) -> AdversaryEnvironment {
+        AdversaryEnvironment { fixed_seed, ..self }
     }
 
     /// Returns the number of decisions of an episode.
