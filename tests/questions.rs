@@ -62,7 +62,14 @@ fn plans() -> Vec<Plan> {
             space: "faults-sensing+faults-actuation".to_string(),
             ..Plan::new("point-reaching", "ppo")
         },
-        Plan { risk: Some(RiskPlan { simulations: 300, ..risk }), ..car.clone() },
+        Plan { risk: Some(RiskPlan { simulations: 300, ..risk.clone() }), ..car.clone() },
+        // A proposal chooses draws of the action noise while the robot moves.
+        Plan {
+            risk: Some(RiskPlan { simulations: 300, method: "sequence".to_string(), ..risk }),
+            space: "starts+noise".to_string(),
+            action_noise: 0.3,
+            ..Plan::new("point-reaching", "ppo")
+        },
         // The counterexamples move toward nominal.
         Plan {
             falsify: Some(FalsifyPlan {
@@ -165,8 +172,11 @@ fn check_replays(run: &RunFile, answer: &Answer) {
             }
         }
         Answer::Risk(found) => {
+            let resolved = mishandle::resolve::recorded_plan(run.header(), None).unwrap();
+            let scenarios = mishandle::run::risk_scenarios(&resolved).unwrap();
             for failure in &found.failures {
                 let row = run.simulation(1, failure.number).unwrap();
+                assert_eq!(row.scenario, scenarios.scenario(&failure.draw.latent).values());
                 assert_eq!((row.seed, row.robustness), (failure.draw.seed.0, Some(failure.robustness)));
             }
         }

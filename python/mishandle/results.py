@@ -1823,7 +1823,7 @@ class Risk:
     formula: str
     """The requirement."""
     method: str
-    """``auto``, ``monte-carlo``, ``importance`` or ``splitting``."""
+    """``auto``, ``monte-carlo``, ``importance``, ``splitting`` or ``sequence``."""
     distribution: tuple[AxisDistribution, ...]
     """The distribution of the scenarios."""
     seed_is_random: bool

@@ -119,7 +119,7 @@ const KEYS: [Key; 65] = [
     },
     key::<String>("risk.formula", "a string, such as \"strict\""),
     key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
-    key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\" or \"splitting\""),
+    key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\", \"splitting\" or \"sequence\""),
     key::<u32>("risk.batch", "an integer from 1 to 65536"),
     key::<BTreeMap<String, String>>(
         DISTRIBUTIONS,

@@ -18,7 +18,7 @@ pub struct RiskPlan {
     pub formula: Option<String>,
     /// Number of simulations.
     pub simulations: u64,
-    /// Name of the method: `auto`, `monte-carlo`, `importance` or `splitting`.
+    /// Name of the method: `auto`, `monte-carlo`, `importance`, `splitting` or `sequence`.
     pub method: String,
     /// Batch size: number of simulations run at once. Results do not depend on it.
     pub batch: u32,

@@ -228,7 +228,16 @@ impl ResolvedPlan {
             None => {}
         }
         let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
-        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space, adversary })
+        Ok(ResolvedPlan {
+            plan,
+            target,
+            space,
+            specification,
+            signals,
+            stored_parts,
+            search_space,
+            adversary,
+        })
     }
 
     /// Returns the names of the signals of the traces.

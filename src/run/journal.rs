@@ -12,7 +12,10 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode, Space, System};
+use mishandle_rollout::{
+    Episode, Request, RolloutError, Screen, ScreenedEpisode, Space, Steerable, SteeredEpisode, Steering,
+    System,
+};
 use mishandle_store::{
     RunFile, RunWriter, ScreenedChunk, Simulation, TrialRecord, TrialStatus, TrialSummary, requests_digest,
 };
@@ -128,6 +131,34 @@ impl<'a> Journal<'a> {
         }
     }
 
+    /// Returns the request that is looked for, if it is among these.
+    fn sought_in<'r>(&self, requests: &'r [Request]) -> Option<&'r Request> {
+        let sought = self.sought?;
+        requests.iter().find(|request| (request.trial, request.number) == sought)
+    }
+
+    /// Keeps the request that was looked for, and returns the error that ends the question.
+    fn find(&self, request: Request) -> RolloutError {
+        *self.found.borrow_mut() = Some(request);
+        RolloutError::System("the simulation is found".to_string())
+    }
+
+    /// Counts the simulations that a question asked, and checks whether its first ones all fail.
+    fn answer<'e>(
+        &self,
+        asked: usize,
+        episodes: impl Iterator<Item = &'e Episode>,
+    ) -> Result<(), RolloutError> {
+        self.asked.set(self.asked.get() + asked as u64);
+        if let Some(first) = &self.first {
+            let mut first = first.borrow_mut();
+            episodes.for_each(|episode| first.add(episode));
+            let checked = self.read(|run| first.check(self.resolved, run));
+            checked.map_err(|error| self.fail(error))?;
+        }
+        Ok(())
+    }
+
     /// Returns the request that was looked for; `None` if the question did not ask it.
     pub(crate) fn found(&self) -> Option<Request> {
         self.found.take()
@@ -241,18 +272,58 @@ impl<'a> Journal<'a> {
         }
     }
 
+    /// Returns the recorded answer of a steered request, whose scenario has the values that the
+    /// proposal chose; `None` if it is not recorded.
+    fn recorded_steered(&self, request: &Request) -> Result<Option<SteeredEpisode>, MishandleError> {
+        let Some(simulation) = self.read(|run| run.recorded(request.trial, request.number))? else {
+            return Ok(None);
+        };
+        let memory = self.read(|run| run.memory(request.trial, request.number))?;
+        let chosen = record::request(&simulation, false).scenario;
+        let request = Request { scenario: chosen, ..request.clone() };
+        match (self.recorded(&request)?, memory) {
+            (Some(episode), Some(memory)) => Ok(Some(SteeredEpisode { episode, memory })),
+            _ => Err(MishandleError::SimulationMismatch { number: request.number }),
+        }
+    }
+
     /// Records new simulations in one transaction, and returns them as they are read again: without
     /// their traces.
     fn record(&self, episodes: &[Episode]) -> Result<Vec<Episode>, MishandleError> {
         let File::Write(run) = &self.file else { return Ok(Vec::new()) };
         let mut run = run.borrow_mut();
+        let rows = self.rows(&mut run, episodes)?;
+        run.record(&rows)?;
+        self.read_again(rows, episodes)
+    }
+
+    /// Records new steered simulations as [`record`](Self::record) does.
+    fn record_steered(&self, steered: Vec<SteeredEpisode>) -> Result<Vec<SteeredEpisode>, MishandleError> {
+        let File::Write(run) = &self.file else { return Ok(Vec::new()) };
+        let mut run = run.borrow_mut();
+        let (episodes, memories): (Vec<Episode>, Vec<Vec<f64>>) =
+            steered.into_iter().map(|steered| (steered.episode, steered.memory)).unzip();
+        let rows = self.rows(&mut run, &episodes)?;
+        let rows: Vec<(Simulation, Vec<f64>)> = rows.into_iter().zip(memories).collect();
+        run.record_steered(&rows)?;
+        let (rows, memories): (Vec<Simulation>, Vec<Vec<f64>>) = rows.into_iter().unzip();
+        let episodes = self.read_again(rows, &episodes)?;
+        Ok(episodes
+            .into_iter()
+            .zip(memories)
+            .map(|(episode, memory)| SteeredEpisode { episode, memory })
+            .collect())
+    }
+
+    /// Returns the rows of new simulations, and starts their trials.
+    fn rows(&self, run: &mut RunWriter, episodes: &[Episode]) -> Result<Vec<Simulation>, MishandleError> {
         for Request { trial, .. } in episodes.iter().map(|episode| &episode.request) {
             if self.started.borrow_mut().insert(*trial) {
                 run.start_trial(*trial, self.resolved.trial_seed(*trial))?;
             }
         }
         let mut traces = self.traces.get();
-        let rows: Vec<Simulation> = episodes
+        let rows = episodes
             .iter()
             .map(|episode| {
                 let row = record::record(episode, self.resolved);
@@ -261,7 +332,15 @@ impl<'a> Journal<'a> {
             })
             .collect();
         self.traces.set(traces);
-        run.record(&rows)?;
+        Ok(rows)
+    }
+
+    /// Returns recorded simulations as they are read again: without their traces.
+    fn read_again(
+        &self,
+        rows: Vec<Simulation>,
+        episodes: &[Episode],
+    ) -> Result<Vec<Episode>, MishandleError> {
         let answer = |(row, episode): (Simulation, &Episode)| {
             let read = record::episode(&Simulation { trace: None, ..row }, self.resolved)?;
             Ok(Episode { request: episode.request.clone(), ..read })
@@ -292,12 +371,8 @@ impl System for JournalSystem<'_> {
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
         let journal = self.journal;
         let requests: Vec<Request> = requests.iter().map(|request| self.numbered(request)).collect();
-        if let Some(sought) = journal.sought {
-            let found = requests.iter().find(|request| (request.trial, request.number) == sought);
-            if let Some(request) = found {
-                *journal.found.borrow_mut() = Some(request.clone());
-                return Err(RolloutError::System("the simulation is found".to_string()));
-            }
+        if let Some(request) = journal.sought_in(&requests) {
+            return Err(journal.find(request.clone()));
         }
         let mut answers = Vec::with_capacity(requests.len());
         for request in &requests {
@@ -317,17 +392,55 @@ impl System for JournalSystem<'_> {
             let episodes = system.rollout(&new)?;
             simulated = journal.record(&episodes).map_err(|error| journal.fail(error))?.into_iter();
         }
-        journal.asked.set(journal.asked.get() + requests.len() as u64);
         // A system that returns too few episodes is reported by the question.
         let episodes: Vec<Episode> =
             answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect();
-        if let Some(first) = &journal.first {
-            let mut first = first.borrow_mut();
-            episodes.iter().for_each(|episode| first.add(episode));
-            let checked = journal.read(|run| first.check(journal.resolved, run));
-            checked.map_err(|error| journal.fail(error))?;
-        }
+        journal.answer(requests.len(), episodes.iter())?;
         Ok(episodes)
+    }
+
+    fn steerable(&self) -> Option<Steerable> {
+        match &self.system {
+            Some(system) => system.steerable(),
+            // A run that is only read needs to know it as well.
+            None => self.journal.resolved.system().ok()?.steerable(),
+        }
+    }
+
+    fn rollout_steered(
+        &mut self,
+        requests: &[Request],
+        steering: &dyn Steering,
+    ) -> Result<Vec<SteeredEpisode>, RolloutError> {
+        let journal = self.journal;
+        let requests: Vec<Request> = requests.iter().map(|request| self.numbered(request)).collect();
+        if let Some(request) = journal.sought_in(&requests) {
+            // What the question asks is completed by what the proposal chose.
+            let recorded = journal.recorded_steered(request).map_err(|error| journal.fail(error))?;
+            return Err(match recorded {
+                Some(SteeredEpisode { episode, .. }) => journal.find(episode.request),
+                None => journal.not_recorded(),
+            });
+        }
+        let mut answers = Vec::with_capacity(requests.len());
+        for request in &requests {
+            answers.push(journal.recorded_steered(request).map_err(|error| journal.fail(error))?);
+        }
+        let is_new = |(_, answer): &(&Request, &Option<SteeredEpisode>)| answer.is_none();
+        let new: Vec<Request> =
+            requests.iter().zip(&answers).filter(is_new).map(|(request, _)| request.clone()).collect();
+        let mut simulated = Vec::new().into_iter();
+        if !new.is_empty() {
+            let Some(system) = &mut self.system else {
+                return Err(journal.not_recorded());
+            };
+            let steered = system.rollout_steered(&new, steering)?;
+            simulated = journal.record_steered(steered).map_err(|error| journal.fail(error))?.into_iter();
+        }
+        let steered: Vec<SteeredEpisode> =
+            answers.into_iter().map_while(|answer| answer.or_else(|| simulated.next())).collect();
+        journal.answer(requests.len(), steered.iter().map(|steered| &steered.episode))?;
+        Ok(steered)
     }
 }
 

@@ -54,5 +54,6 @@ pub use result::{
     evaluation_result, falsification_result, margin_result, metamorphic_result, risk_result,
     screened_evaluation_result, screened_risk_result, simulation_result,
 };
+pub(crate) use risk::check_risk_method;
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use screening::{Device, ScreenedEvaluationOutcome, screening};

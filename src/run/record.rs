@@ -170,7 +170,7 @@ pub fn recorded_axis(record: &AxisRecord) -> Axis {
 pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWriter, MishandleError> {
     // What a question needs, before there is a file.
     if resolved.plan.risk.is_some() {
-        crate::run::risk_scenarios(resolved)?;
+        crate::run::check_risk_method(resolved)?;
     }
     if let Some(margin) = &resolved.plan.margin {
         mishandle_falsification::check_margin(margin.budget, &resolved.space)?;

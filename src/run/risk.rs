@@ -2,7 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_risk::{Disagreement, LARGEST_RATIO, Refusal, Report, Scenarios, Settings, Source};
+use mishandle_risk::{
+    Disagreement, FREQUENT, LARGEST_RATIO, Method, Refusal, Report, Scenarios, Settings, Source,
+};
 use mishandle_rollout::{Seed, System};
 
 use crate::error::MishandleError;
@@ -18,6 +20,20 @@ pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleErr
     let space = &resolved.space;
     let hours = resolved.target.episode_steps as f64 * resolved.target.control_dt / 3600.0;
     Ok(Scenarios::new(space, &table(resolved)?.marginals(hours)?, space_depends_on_seed(resolved))?)
+}
+
+/// Checks that the distribution of the scenarios of a plan fits, and its method the target.
+///
+/// # Errors
+/// If the plan has no table `[risk]`, nothing is random, or the method needs a target whose
+/// simulations can be steered.
+pub(crate) fn check_risk_method(resolved: &ResolvedPlan) -> Result<(), MishandleError> {
+    let scenarios = risk_scenarios(resolved)?;
+    if table(resolved)?.method()? == Method::Sequence {
+        let steerable = resolved.system()?.steerable();
+        mishandle_risk::check_steerable(steerable.as_ref(), &scenarios)?;
+    }
+    Ok(())
 }
 
 /// Estimates the probability that a simulation violates the requirement of a plan: see
@@ -114,5 +130,10 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
         ),
         false => importance,
     };
-    splitting.into_iter().chain(importance).collect()
+    let is_sequence = report.method == Method::Sequence && report.is_complete;
+    let unreached = is_sequence && report.importance.is_none() && report.monte_carlo.failures < FREQUENT;
+    let sequence = unreached.then(|| {
+        "importance sampling: the fit of the proposal reached no failure; a larger budget gives it larger rounds".to_string()
+    });
+    splitting.into_iter().chain(importance).chain(sequence).collect()
 }

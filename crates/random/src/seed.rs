@@ -52,6 +52,8 @@ pub enum Stream {
     Fault = 11,
     /// Choice of the scenario of a training episode.
     Scenario = 12,
+    /// Disturbances that a proposal of importance sampling chooses while the simulation runs.
+    Steering = 13,
 }
 
 impl Seed {

@@ -14,7 +14,7 @@ pub struct Risk {
     pub subject: Subject,
     /// The requirement.
     pub formula: String,
-    /// `auto`, `monte-carlo`, `importance` or `splitting`.
+    /// `auto`, `monte-carlo`, `importance`, `splitting` or `sequence`.
     pub method: String,
     /// The distribution of the scenarios.
     pub distribution: Vec<AxisDistribution>,

@@ -48,4 +48,10 @@ pub enum RiskError {
     /// Every axis of the space has a fixed value, and the target does not depend on the seed.
     #[error("nothing is random: every axis of the space is fixed; choose a space with axes that vary")]
     NothingRandom,
+    /// The method `sequence` has nothing to choose during a simulation.
+    #[error("the method `sequence` cannot be used here: {problem}")]
+    NotSteerable {
+        /// The reason.
+        problem: &'static str,
+    },
 }

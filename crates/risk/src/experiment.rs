@@ -3,7 +3,7 @@
 use mishandle_stl::is_violated;
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{Episode, Request, System};
+use mishandle_rollout::{Episode, Request, Steerable, SteeredEpisode, Steering, System};
 
 use crate::{Draw, RiskError, Scenarios};
 
@@ -92,21 +92,60 @@ impl<'a> Experiment<'a> {
             if episodes.len() != requests.len() {
                 return Err(RiskError::EpisodeCount { requested: requests.len(), returned: episodes.len() });
             }
-            let failed = |(draw, episode): (&Draw, &Episode)| {
-                let robustness = episode.robustness().filter(|rho| is_violated(*rho))?;
-                Some(Failure { draw: draw.clone(), number: episode.request.number, robustness })
-            };
-            self.failures.extend(batch.iter().zip(&episodes).filter_map(failed));
+            self.count(batch.iter().zip(&episodes));
             outcomes.extend(episodes.iter().map(|episode| Outcome {
                 robustness: episode.robustness(),
                 is_valid: episode.end.counts_in_rates(),
             }));
-            self.done += batch.len() as u64;
-            self.is_interrupted = (self.watch)(self.done).is_break();
         }
+        Ok(outcomes)
+    }
+
+    /// Counts a batch of simulations and keeps its failures.
+    fn count<'b>(&mut self, batch: impl ExactSizeIterator<Item = (&'b Draw, &'b Episode)>) {
+        self.done += batch.len() as u64;
+        let failed = |(draw, episode): (&Draw, &Episode)| {
+            let robustness = episode.robustness().filter(|rho| is_violated(*rho))?;
+            Some(Failure { draw: draw.clone(), number: episode.request.number, robustness })
+        };
+        self.failures.extend(batch.filter_map(failed));
         if self.failures.len() > 2 * KEPT {
             self.sort_failures();
             self.failures.truncate(KEPT);
+        }
+        self.is_interrupted = (self.watch)(self.done).is_break();
+    }
+
+    /// Returns what can be steered in the simulations.
+    pub(crate) fn steerable(&self) -> Option<Steerable> {
+        self.system.steerable()
+    }
+
+    /// Simulates draws with a steering. `complete` sets the latent numbers that it chose, from what
+    /// it remembers. Returns robustness, the worst possible one without a verdict, and memory.
+    pub(crate) fn steered(
+        &mut self,
+        draws: &mut [Draw],
+        steering: &dyn Steering,
+        complete: impl Fn(&mut Draw, &[f64]),
+    ) -> Result<Vec<(f64, Vec<f64>)>, Stop> {
+        let mut outcomes = Vec::with_capacity(draws.len());
+        for batch in draws.chunks_mut(self.batch) {
+            if self.is_interrupted {
+                return Err(Stop::Interrupted);
+            }
+            let request = |draw: &Draw| Request::new(self.scenarios.scenario(&draw.latent), draw.seed);
+            let requests: Vec<Request> = batch.iter().map(request).collect();
+            let steered = self.system.rollout_steered(&requests, steering)?;
+            if steered.len() != requests.len() {
+                let error = RiskError::EpisodeCount { requested: requests.len(), returned: steered.len() };
+                return Err(error.into());
+            }
+            batch.iter_mut().zip(&steered).for_each(|(draw, steered)| complete(draw, &steered.memory));
+            self.count(batch.iter().zip(steered.iter().map(|steered| &steered.episode)));
+            outcomes.extend(steered.into_iter().map(|SteeredEpisode { episode, memory }| {
+                (episode.robustness().unwrap_or(f64::INFINITY), memory)
+            }));
         }
         Ok(outcomes)
     }

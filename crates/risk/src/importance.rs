@@ -92,11 +92,24 @@ pub(crate) fn importance(
         largest = failures.iter().map(|(latent, _)| proposal.weight(latent)).fold(0.0, f64::max);
     }
     let fitting = experiment.done() - before;
-    let bound = if largest > 0.0 { (REACH * largest).min(1.0 / NOMINAL) } else { 1.0 / NOMINAL };
     let n = experiment.left();
     let values = simulate(experiment, &proposal, &mut Sequence::new(seed.0, ROUNDS), n)?;
     let all: Vec<f64> =
         values.iter().map(|failure| failure.as_ref().map_or(0.0, |(_, weight)| *weight)).collect();
+    let monte_carlo: Vec<f64> = failed.iter().map(|draw| proposal.weight(&draw.latent)).collect();
+    Ok(Some(Importance {
+        fitting,
+        components: proposal.components(),
+        ..regions(&all, largest, &monte_carlo)
+    }))
+}
+
+/// Estimates the probability of failures in the regions: where the weights of a frozen proposal,
+/// which are at most 1 / [`NOMINAL`], are not far above `largest`, the largest one of the failures
+/// in the last fit. `all` has the weight of each independent draw, 0 without a failure;
+/// `monte_carlo` those of the failures of Monte Carlo.
+pub(crate) fn regions(all: &[f64], largest: f64, monte_carlo: &[f64]) -> Importance {
+    let bound = if largest > 0.0 { (REACH * largest).min(1.0 / NOMINAL) } else { 1.0 / NOMINAL };
     let inside: Vec<f64> = all.iter().map(|weight| if *weight <= bound { *weight } else { 0.0 }).collect();
     let fractions: Vec<f64> = inside.iter().map(|value| value / bound).collect();
     let interval = |confidence| {
@@ -104,20 +117,19 @@ pub(crate) fn importance(
         let scaled = |fraction: Option<f64>| fraction.map(|fraction| fraction * bound);
         Estimate { value: scaled(value), low: scaled(low), high: scaled(high), n }
     };
-    let monte_carlo_inside =
-        failed.iter().filter(|draw| proposal.weight(&draw.latent) <= bound).count() as u64;
-    Ok(Some(Importance {
-        simulations: n,
+    let monte_carlo_inside = monte_carlo.iter().filter(|weight| **weight <= bound).count() as u64;
+    Importance {
+        simulations: all.len() as u64,
         failures: inside.iter().filter(|value| **value > 0.0).count() as u64,
-        fitting,
-        components: proposal.components(),
+        fitting: 0,
+        components: 0,
         effective_failures: effective_size(all.iter().copied()),
-        outside: mean(&all) - mean(&inside),
+        outside: mean(all) - mean(&inside),
         monte_carlo_inside,
-        monte_carlo_outside: failed.len() as u64 - monte_carlo_inside,
+        monte_carlo_outside: monte_carlo.len() as u64 - monte_carlo_inside,
         regions: interval(CONFIDENCE),
         wide: interval(0.5 + 0.5 * CONFIDENCE),
-    }))
+    }
 }
 
 /// Limits the largest √n of n weights to the least of them. A step from a poor proposal would
@@ -126,7 +138,7 @@ pub(crate) fn importance(
 /// # Reference
 /// Koblents and Míguez, "A population Monte Carlo scheme with transformed weights and its
 /// application to stochastic kinetic models", Statistics and Computing 25, 2015.
-fn clip(failures: &mut [(&[f64], f64)]) {
+pub(crate) fn clip<T>(failures: &mut [(T, f64)]) {
     let mut weights: Vec<f64> = failures.iter().map(|(_, weight)| *weight).collect();
     weights.sort_by(|a, b| b.total_cmp(a));
     let limit = weights.get(weights.len().isqrt().saturating_sub(1)).copied().unwrap_or(f64::INFINITY);

@@ -37,6 +37,7 @@ mod answer;
 mod error;
 mod experiment;
 mod explore;
+mod features;
 mod gaussian;
 mod importance;
 mod marginal;
@@ -44,10 +45,13 @@ mod method;
 mod monte_carlo;
 mod moves;
 mod normal;
+mod policy;
 mod proposal;
 mod risk;
 mod scenarios;
 mod screened;
+mod sequence;
+mod sequence_proposal;
 mod splitting;
 mod strata;
 
@@ -61,6 +65,7 @@ pub use monte_carlo::MonteCarlo;
 pub use risk::{FREQUENT, Report, Settings, risk};
 pub use scenarios::{Draw, Scenarios};
 pub use screened::{ScreenedReport, ScreenedSettings, screened_risk};
+pub use sequence::check_steerable;
 pub use splitting::{CHAINS, Disagreement, LARGEST_RATIO, Splitting};
 
 /// Confidence of intervals.

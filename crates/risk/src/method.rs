@@ -14,6 +14,8 @@ pub enum Method {
     Importance,
     /// Multilevel splitting.
     Splitting,
+    /// Importance sampling that chooses the disturbances of actions while a simulation runs.
+    Sequence,
 }
 
 /// Fractions of the simulations. What is left belongs to the last part.
@@ -28,11 +30,12 @@ pub(crate) struct Shares {
 
 impl Method {
     /// All methods with their names.
-    pub const ALL: [(Method, &'static str); 4] = [
+    pub const ALL: [(Method, &'static str); 5] = [
         (Method::Auto, "auto"),
         (Method::MonteCarlo, "monte-carlo"),
         (Method::Importance, "importance"),
         (Method::Splitting, "splitting"),
+        (Method::Sequence, "sequence"),
     ];
 
     /// Returns the name.
@@ -46,6 +49,7 @@ impl Method {
             Method::MonteCarlo => [1.0, 0.0, 0.0, 0.0, 0.0],
             Method::Importance => [0.25, 0.25, 0.0, 0.15, 0.35],
             Method::Splitting => [0.25, 0.0, 0.75, 0.0, 0.0],
+            Method::Sequence => [0.25, 0.0, 0.0, 0.35, 0.4],
         };
         Shares { monte_carlo, exploration, splitting, fitting, importance }
     }

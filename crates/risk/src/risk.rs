@@ -8,8 +8,10 @@ use mishandle_rollout::System;
 use crate::experiment::{Experiment, Failure, Stop};
 use crate::explore::explore;
 use crate::importance::{Importance, importance};
+use crate::method::Shares;
+use crate::sequence::{check_steerable, sequence};
 use crate::splitting::{self, Splitting, split};
-use crate::{Answer, Method, MonteCarlo, Refusal, RiskError, Scenarios};
+use crate::{Answer, Draw, Method, MonteCarlo, Refusal, RiskError, Scenarios};
 
 /// Monte Carlo alone answers if its part of the budget has this many failures. The other
 /// simulations are then Monte Carlo, too.
@@ -34,6 +36,8 @@ pub struct Settings {
 /// Results of an estimation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
+    /// The method.
+    pub method: Method,
     /// The answer.
     pub answer: Answer,
     /// The plain Monte Carlo part.
@@ -69,6 +73,9 @@ pub struct Report {
 /// 4. Importance sampling with a mixture that is fitted to the failures of 2 and 3, but not to
 ///    those of 1, which test it.
 ///
+/// [`Method::Sequence`] has, after 1, importance sampling with a proposal that chooses disturbances
+/// of actions from what it sees while the simulation runs.
+///
 /// Simulations that a part does not spend go to the later ones, and to Monte Carlo if no failure
 /// was found. The number of simulations is exactly that of the settings. `watch` gets it after each
 /// batch, and can interrupt the estimation. Then the answer is that of the finished parts and of
@@ -97,6 +104,7 @@ pub fn risk(
         answer.splitting_refusal = splitting_refusal.or(answer.splitting_refusal);
     }
     Ok(Report {
+        method: settings.method,
         answer,
         monte_carlo,
         exploration,
@@ -122,28 +130,23 @@ impl Parts {
     fn run(&mut self, experiment: &mut Experiment<'_>, settings: &Settings) -> Result<(), Stop> {
         let Settings { simulations, method, seed, .. } = *settings;
         let of = |share: f64| (share * simulations as f64) as u64;
+        if method == Method::Sequence {
+            check_steerable(experiment.steerable().as_ref(), experiment.scenarios)?;
+        }
         // Without axes there is nothing to search or to move.
         let is_fixed = experiment.scenarios.dimension() == 0;
         let shares = if is_fixed { Method::MonteCarlo.shares() } else { method.shares() };
         let mut random = Sequence::new(seed.child(0).0, 0);
         self.monte_carlo.run(experiment, &mut random, of(shares.monte_carlo))?;
         if !self.monte_carlo.decide() {
-            let before = experiment.done();
-            let found = explore(experiment, seed.child(1), of(shares.exploration));
-            self.exploration = experiment.done() - before;
-            let mut found = found?;
-            if of(shares.splitting) >= splitting::FEWEST {
-                let (result, failing) = split(experiment, seed.child(2), of(shares.splitting))?;
-                self.splitting = Some(result);
-                found.extend(failing);
-            }
-            if shares.splitting > 0.0 && of(shares.splitting) < splitting::FEWEST_FOR_ESTIMATE {
-                let needed = (splitting::FEWEST_FOR_ESTIMATE as f64 / shares.splitting).ceil() as u64;
-                self.splitting_refusal = Some(Refusal::Budget { simulations: of(shares.splitting), needed });
-            }
-            if shares.importance > 0.0 {
-                let (fitting, failed) = (of(shares.fitting), &self.monte_carlo.failed);
-                self.importance = importance(experiment, seed.child(3), &found, fitting, failed)?;
+            let (fitting, failed) = (of(shares.fitting), self.monte_carlo.failed.clone());
+            if method == Method::Sequence {
+                self.importance = sequence(experiment, seed.child(4), fitting, &failed)?;
+            } else {
+                let found = self.search(experiment, settings, &shares)?;
+                if shares.importance > 0.0 {
+                    self.importance = importance(experiment, seed.child(3), &found, fitting, &failed)?;
+                }
             }
         }
         if self.importance.is_none() {
@@ -151,5 +154,30 @@ impl Parts {
             self.monte_carlo.run(experiment, &mut random, left)?;
         }
         Ok(())
+    }
+
+    /// Searches for failures, and splits.
+    fn search(
+        &mut self,
+        experiment: &mut Experiment<'_>,
+        settings: &Settings,
+        shares: &Shares,
+    ) -> Result<Vec<Draw>, Stop> {
+        let Settings { simulations, seed, .. } = *settings;
+        let of = |share: f64| (share * simulations as f64) as u64;
+        let before = experiment.done();
+        let found = explore(experiment, seed.child(1), of(shares.exploration));
+        self.exploration = experiment.done() - before;
+        let mut found = found?;
+        if of(shares.splitting) >= splitting::FEWEST {
+            let (result, failing) = split(experiment, seed.child(2), of(shares.splitting))?;
+            self.splitting = Some(result);
+            found.extend(failing);
+        }
+        if shares.splitting > 0.0 && of(shares.splitting) < splitting::FEWEST_FOR_ESTIMATE {
+            let needed = (splitting::FEWEST_FOR_ESTIMATE as f64 / shares.splitting).ceil() as u64;
+            self.splitting_refusal = Some(Refusal::Budget { simulations: of(shares.splitting), needed });
+        }
+        Ok(found)
     }
 }

@@ -96,9 +96,27 @@ impl Scenarios {
     pub fn scenario(&self, latent: &[f64]) -> Scenario {
         let mut values: Vec<f64> = self.space.axes().iter().map(|axis| axis.low).collect();
         for (index, z) in self.free.iter().zip(latent) {
-            values[*index] = self.marginals[*index].value(&self.space.axes()[*index], *z);
+            values[*index] = self.value(*index, *z);
         }
         self.space.canonical(values.into())
+    }
+
+    /// Returns the indices of the free axes in the space, in the order of the latent numbers.
+    pub(crate) fn free(&self) -> &[usize] {
+        &self.free
+    }
+
+    /// Returns whether the value of an axis can be chosen after that of all others: it has real
+    /// numbers, and no condition reads or restricts it.
+    pub(crate) fn is_independent(&self, index: usize) -> bool {
+        let axis = &self.space.axes()[index];
+        let is_read = |other: &Axis| other.conditions.iter().any(|condition| condition.axis == axis.name);
+        axis.levels().is_none() && axis.conditions.is_empty() && !self.space.axes().iter().any(is_read)
+    }
+
+    /// Returns the value of an axis with a latent number.
+    pub(crate) fn value(&self, index: usize, z: f64) -> f64 {
+        self.marginals[index].value(&self.space.axes()[index], z)
     }
 
     /// Returns the types of the coordinates of a search in the unit cube of quantiles.

@@ -91,7 +91,8 @@ fn a_needle_that_no_search_finds_has_bounds_and_no_estimate() {
 #[test]
 fn the_budget_is_spent_exactly_and_batches_do_not_matter() {
     let known = &systems()[4];
-    for (method, _) in Method::ALL {
+    // Functions cannot be steered.
+    for method in Method::ALL.map(|(method, _)| method).into_iter().filter(|own| *own != Method::Sequence) {
         for simulations in [100, 101, 999, 17_000] {
             let run = |batch| {
                 let (mut system, scenarios) = known.system();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::delay::{DelayLine, Lateness};
 use crate::fault::{ActiveFault, FaultSite, Fill, Parameter, Side};
-use crate::memory::{Memory, Saved};
+use crate::memory::Memory;
 use crate::real::Real;
 use crate::{Axis, Noise, RolloutError, Scenario, Seed, Space, Stream};
 
@@ -88,10 +88,7 @@ impl Effect {
     /// Returns the control step before which no value has an effect.
     pub fn first_step(&self) -> usize {
         match self {
-            Effect::Observation { profile, .. } | Effect::Action { profile, .. } => match profile {
-                TimeProfile::Constant(steps) => steps.start,
-                TimeProfile::Linear { before, .. } => *before,
-            },
+            Effect::Observation { profile, .. } | Effect::Action { profile, .. } => profile.begin(),
             Effect::ActionDraw { steps, .. } => steps.start,
             _ => 0,
         }
@@ -199,6 +196,11 @@ impl AxisRouting {
         &self.effects
     }
 
+    /// Returns whether the environment also reads the value at this index of a scenario.
+    pub(crate) fn is_of_environment(&self, place: usize) -> bool {
+        self.environment.contains(&place)
+    }
+
     /// Returns whether the space has an axis of a disturbance.
     pub(crate) fn has_effects(&self) -> bool {
         !self.effects.is_empty()
@@ -213,16 +215,14 @@ impl AxisRouting {
 /// Disturbances of one simulation, with its delayed observations and actions.
 #[derive(Debug)]
 pub(crate) struct ActiveDisturbances {
-    /// Entry, profile and value of each offset.
-    observation: Vec<(usize, TimeProfile, f64)>,
-    action: Vec<(usize, TimeProfile, f64)>,
+    observation: Vec<Offset>,
+    action: Vec<Offset>,
     /// Entry and standard deviation of the sensor noise.
     sensor_noise: Vec<(usize, f64)>,
     /// Scratch buffer of the draws of the sensor noise.
     sensor_draws: Vec<f64>,
     seed: Seed,
-    /// Entry, control steps and offset of the draws.
-    draws: Vec<(usize, Range<usize>, f64)>,
+    draws: Vec<Shift>,
     observation_lateness: Lateness,
     action_lateness: Lateness,
     past_observations: DelayLine,
@@ -231,9 +231,37 @@ pub(crate) struct ActiveDisturbances {
     faults: Vec<ActiveFault>,
 }
 
+/// An offset of an entry of the observation or of the action.
+#[derive(Debug, Clone, PartialEq)]
+struct Offset {
+    /// Index in the scenario of its axis.
+    place: usize,
+    entry: usize,
+    factor: f64,
+    profile: TimeProfile,
+    /// Its value, with the factor.
+    value: f64,
+}
+
+/// A shift of the draws of the action noise of an entry in some control steps.
+#[derive(Debug, Clone, PartialEq)]
+struct Shift {
+    /// Index in the scenario of its axis.
+    place: usize,
+    entry: usize,
+    steps: Range<usize>,
+    shift: f64,
+}
+
 /// Indices of the random numbers of late observations and actions in their stream.
 const LATE_OBSERVATIONS: (Stream, u32) = (Stream::Delay, 0);
 const LATE_ACTIONS: (Stream, u32) = (Stream::Delay, 1);
+
+impl Offset {
+    fn acts(&self) -> bool {
+        self.value != 0.0
+    }
+}
 
 impl ActiveDisturbances {
     /// Returns the disturbances of a scenario. Nominal values have no effect.
@@ -261,9 +289,9 @@ impl ActiveDisturbances {
             let Some(value) = scenario.get(*place) else { continue };
             match effect {
                 Effect::ActionDraw { entry, steps } => {
-                    let count = steps.len() as f64;
-                    let mean = mean_draw(seed, *entry, steps, action_size);
-                    disturbed.draws.push((*entry, steps.clone(), value / count.sqrt() - mean));
+                    let shift = draw_shift(seed, *entry, steps, (value, action_size));
+                    let (place, entry, steps) = (*place, *entry, steps.clone());
+                    disturbed.draws.push(Shift { place, entry, steps, shift });
                 }
                 Effect::Fault { site, parameter } => {
                     let index = faults.iter().position(|(known, _)| Arc::ptr_eq(known, site));
@@ -273,16 +301,22 @@ impl ActiveDisturbances {
                     });
                     faults[index].1[*parameter as usize] = value;
                 }
-                _ if value == 0.0 => {}
+                // An offset of 0 may be replaced while the simulation runs.
                 Effect::Observation { entry, factor, profile } => {
-                    disturbed.observation.push((*entry, profile.clone(), factor * value));
+                    let (place, entry, factor, profile) = (*place, *entry, *factor, profile.clone());
+                    let value = factor * value;
+                    disturbed.observation.push(Offset { place, entry, factor, profile, value });
                 }
+                Effect::Action { entry, profile } => {
+                    let (place, entry, profile) = (*place, *entry, profile.clone());
+                    disturbed.action.push(Offset { place, entry, factor: 1.0, profile, value });
+                }
+                _ if value == 0.0 => {}
                 Effect::ObservationNoise { entries } => {
                     disturbed
                         .sensor_noise
                         .extend(entries.iter().map(|(entry, factor)| (*entry, factor * value)));
                 }
-                Effect::Action { entry, profile } => disturbed.action.push((*entry, profile.clone(), value)),
                 Effect::ObservationDelay => disturbed.observation_lateness.delay = value as usize,
                 Effect::ObservationJitter => disturbed.observation_lateness.jitter = value as usize,
                 Effect::ObservationPeriod => disturbed.observation_lateness.skipped = value as usize - 1,
@@ -296,19 +330,16 @@ impl ActiveDisturbances {
         disturbed
     }
 
-    /// Returns the disturbances of another scenario, which differs in values that had no effect so
-    /// far. What earlier control steps left behind stays.
-    pub(crate) fn with_scenario(
-        &mut self,
-        routing: &AxisRouting,
-        scenario: &Scenario,
-        action_size: usize,
-    ) -> ActiveDisturbances {
-        let mut memory = Vec::new();
-        self.visit_memory(&mut memory);
-        let mut changed = ActiveDisturbances::new(routing, scenario, self.seed, action_size);
-        changed.visit_memory(&mut Saved(&memory));
-        changed
+    /// Replaces the value at index `place` of the scenario, which offsets observations or actions or
+    /// shifts draws, from this control step on.
+    pub(crate) fn set(&mut self, place: usize, value: f64, action_size: usize) {
+        let offsets = self.observation.iter_mut().chain(&mut self.action);
+        offsets
+            .filter(|offset| offset.place == place)
+            .for_each(|offset| offset.value = offset.factor * value);
+        for Shift { entry, steps, shift, .. } in self.draws.iter_mut().filter(|draw| draw.place == place) {
+            *shift = draw_shift(self.seed, *entry, steps, (value, action_size));
+        }
     }
 
     /// Replaces `observation` by the observation of control step `step` with its disturbances, but
@@ -323,7 +354,7 @@ impl ActiveDisturbances {
                 *value = T::nearest(*late);
             }
         }
-        for (entry, profile, value) in &self.observation {
+        for Offset { entry, profile, value, .. } in self.observation.iter().filter(|offset| offset.acts()) {
             let added = value * profile.weight(step);
             if added != 0.0 {
                 observation[*entry] = observation[*entry].plus(added);
@@ -353,7 +384,7 @@ impl ActiveDisturbances {
                 }
             }
         }
-        for (entry, profile, value) in &self.action {
+        for Offset { entry, profile, value, .. } in self.action.iter().filter(|offset| offset.acts()) {
             let added = value * profile.weight(step);
             if added != 0.0 {
                 action[*entry] += added;
@@ -371,7 +402,7 @@ impl ActiveDisturbances {
 
     /// Returns whether actions are late or have offsets.
     pub(crate) fn disturbs_actions(&self) -> bool {
-        !self.action_lateness.is_none() || !self.action.is_empty()
+        !self.action_lateness.is_none() || self.action.iter().any(Offset::acts)
     }
 
     /// Returns whether the controller can pause in any control step.
@@ -393,7 +424,7 @@ impl ActiveDisturbances {
 
     /// Shifts the standard normal draws of control step `step` to their explicit mean.
     fn draw(&self, step: usize, draws: &mut [f64]) {
-        for (entry, steps, shift) in &self.draws {
+        for Shift { entry, steps, shift, .. } in &self.draws {
             if steps.contains(&step) {
                 draws[*entry] += shift;
             }
@@ -421,6 +452,13 @@ pub(crate) fn command(
         disturbed.fail(Side::Actuation, step, action);
     }
     has_arrived
+}
+
+/// Returns what is added to the action noise's standard normal draws of one entry over some control
+/// steps, so that their mean is `value` standard deviations of a mean.
+fn draw_shift(seed: Seed, entry: usize, steps: &Range<usize>, (value, action_size): (f64, usize)) -> f64 {
+    let count = steps.len() as f64;
+    value / count.sqrt() - mean_draw(seed, entry, steps, action_size)
 }
 
 /// Returns the mean of the action noise's standard normal draws of one entry over some control
@@ -506,6 +544,22 @@ mod tests {
         assert!(segment.iter().all(|(before, after)| (after - before - shift).abs() < 1e-12));
         let (before, after) = draws(19);
         assert_eq!(before.to_bits(), after.to_bits());
+    }
+
+    #[test]
+    fn a_value_that_is_set_later_is_that_of_the_scenario() {
+        let profile = TimeProfile::Constant(10..19);
+        for effect in [
+            Effect::ActionDraw { entry: 1, steps: 10..19 },
+            Effect::Action { entry: 1, profile: profile.clone() },
+            Effect::Observation { entry: 1, factor: 0.5, profile },
+        ] {
+            let (mut set, given) = (disturbed(effect.clone(), 0.0), disturbed(effect.clone(), 1.5));
+            set.set(0, 1.5, 2);
+            assert_eq!(set.action, given.action, "{effect:?}");
+            assert_eq!((&set.observation, &set.draws), (&given.observation, &given.draws), "{effect:?}");
+            assert_eq!(set.disturbs_actions(), given.disturbs_actions());
+        }
     }
 
     #[test]

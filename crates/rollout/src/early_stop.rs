@@ -72,6 +72,11 @@ impl EarlyStop {
         self.len >= self.monitor.needed_samples(0).0
     }
 
+    /// Returns the largest robustness that the requirement can still have, whatever follows.
+    pub fn bound(&mut self) -> f64 {
+        if self.has_failed || self.len == 0 { f64::INFINITY } else { self.monitor.bounds(0).high }
+    }
+
     /// Returns whether the samples, which are not the whole episode, determine the robustness of
     /// the requirement at time 0, or show that it is above `threshold`, which is at least 0.
     pub fn can_stop(&mut self, threshold: f64) -> bool {

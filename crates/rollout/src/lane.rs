@@ -7,8 +7,8 @@ use crate::disturbance::{ActiveDisturbances, command};
 use crate::fault::Side;
 use crate::rollout::Rollout;
 use crate::{
-    ControllerWorker, EarlyStop, EpisodeEnd, Request, RolloutError, Sample, Scenario, Seed,
-    SpecificationMonitor, StepStatus, Verdict,
+    ControllerWorker, EarlyStop, EpisodeEnd, Request, RolloutError, Sample, Seed, Seen, SpecificationMonitor,
+    Steerable, Steering, StepStatus, Verdict,
 };
 
 /// Maximum number of rows that one thread steps in lockstep. Sixteen rows share each read of the
@@ -42,6 +42,14 @@ impl Progress {
     }
 }
 
+/// The steering of a simulation, what it remembers, and the values of the scenario so far.
+pub(crate) struct SteeredRow<'a> {
+    pub steering: &'a dyn Steering,
+    pub steerable: &'a Steerable,
+    pub memory: &'a mut [f64],
+    pub values: &'a mut [Option<f64>],
+}
+
 /// State of up to 16 rows between two control steps, besides that of their environment.
 pub(crate) struct LaneRows {
     controller_states: Vec<f64>,
@@ -69,11 +77,11 @@ impl LaneRows {
         }
     }
 
-    /// Replaces the scenario of a row that runs, in values that had no effect so far.
-    pub(crate) fn set_scenario(&mut self, rollout: &Rollout, row: usize, scenario: &Scenario) {
-        let size = rollout.environment.action_size();
+    /// Replaces the value of an axis in the scenario of a row that runs: see
+    /// [`ActiveDisturbances::set`].
+    pub(crate) fn set(&mut self, rollout: &Rollout, row: usize, axis: usize, value: f64) {
         if let Some(disturbed) = &mut self.disturbances[row] {
-            *disturbed = disturbed.with_scenario(&rollout.routing, scenario, size);
+            disturbed.set(axis, value, rollout.environment.action_size());
         }
     }
 
@@ -160,7 +168,39 @@ impl Lane {
         let action = vec![0.0; if can_pause { self.action.len() } else { 0 }];
         rows.answers[row] = can_pause.then(|| Answer { action, state: state.to_vec() });
         if request.stop_threshold.is_some() {
-            rows.stops[row].get_or_insert_with(|| self.stop.clone()).start();
+            self.watch(rows, row);
+        }
+    }
+
+    /// Starts the requirement of a row's running episode.
+    pub(crate) fn watch(&self, rows: &mut LaneRows, row: usize) {
+        rows.stops[row].get_or_insert_with(|| self.stop.clone()).start();
+    }
+
+    /// Shows a steering the observation of a row and its signals, of which the buffer contains the
+    /// last ones, and replaces the values of the axes that begin to act in this control step.
+    pub(crate) fn steer(
+        &mut self,
+        rows: &mut LaneRows,
+        row: usize,
+        (progress, signals): (&Progress, &[f64]),
+        steered: &mut SteeredRow<'_>,
+    ) {
+        let axes = steered.steerable.beginning(progress.steps);
+        let (Some(disturbed), false) = (&mut rows.disturbances[row], axes.is_empty()) else { return };
+        let size = self.observations.len() / ROWS;
+        let seen = Seen {
+            seed: progress.seed,
+            step: progress.steps,
+            observation: &self.observations[row * size..][..size],
+            signals,
+            bound: rows.stops[row].as_mut().map_or(f64::INFINITY, EarlyStop::bound),
+        };
+        let mut values: Vec<f64> = axes.iter().map(|axis| steered.values[axis.axis].unwrap_or(0.0)).collect();
+        steered.steering.steer(seen, axes, steered.memory, &mut values);
+        for (axis, value) in axes.iter().zip(values) {
+            steered.values[axis.axis] = Some(value);
+            disturbed.set(axis.axis, value, self.action.len());
         }
     }
 
@@ -284,7 +324,14 @@ impl Lane {
 
     /// Adds the sample in the buffers to the requirement of a row, if its episode may stop early.
     pub(crate) fn record(&self, rows: &mut LaneRows, row: usize, request: &Request) {
-        if let (Some(_), Some(stop)) = (request.stop_threshold, &mut rows.stops[row]) {
+        if request.stop_threshold.is_some() {
+            self.record_watched(rows, row);
+        }
+    }
+
+    /// Adds the sample in the buffers to the requirement of a row.
+    pub(crate) fn record_watched(&self, rows: &mut LaneRows, row: usize) {
+        if let Some(stop) = &mut rows.stops[row] {
             stop.push(&self.signals);
         }
     }

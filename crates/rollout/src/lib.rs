@@ -17,6 +17,9 @@
 //! so any worker can step any simulation, and the results do not depend on the number of threads.
 //! This crate contains no physics.
 //!
+//! A [`Steering`] chooses disturbances of the actions while a simulation runs. The episode is that
+//! of the scenario with the chosen values, so it can be repeated without the steering.
+//!
 //! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its
 //! outcomes propose scenarios; they are neither [`Episode`]s nor evidence.
 //!
@@ -49,6 +52,7 @@ mod scenario_part;
 mod screening;
 mod space;
 mod specification;
+mod steering;
 mod supervisor;
 mod system;
 mod target;
@@ -80,6 +84,7 @@ pub use screening::{
 };
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
+pub use steering::{Seen, Steerable, SteeredAxis, SteeredEpisode, Steering};
 pub use supervisor::{Supervised, Supervisor, SupervisorWorker};
 pub use system::{DEFAULT_BATCH_SIZE, System};
 pub use target::{

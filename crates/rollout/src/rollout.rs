@@ -5,11 +5,11 @@ use mishandle_stl::Trace;
 use rayon::prelude::*;
 
 use crate::disturbance::AxisRouting;
-use crate::lane::{Lane, LaneRows, Progress, ROWS};
+use crate::lane::{Lane, LaneRows, Progress, ROWS, SteeredRow};
 use crate::{
     AdversaryEnvironment, Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd,
-    Noise, PerThread, Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, System,
-    Verdict,
+    Noise, PerThread, Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, Steerable,
+    SteeredEpisode, Steering, System, Verdict,
 };
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
@@ -123,23 +123,89 @@ impl System for Rollout {
     }
 
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
-        for request in requests {
-            self.space.check(&request.scenario)?;
-        }
-        let rows = requests.len().div_ceil(rayon::current_num_threads()).clamp(1, ROWS);
-        let this = &*self;
-        let chunks = requests
-            .par_chunks(rows)
-            .map(|chunk| {
-                let run = |worker: &mut RolloutWorker| worker.run(this, chunk);
-                this.workers.with(|| RolloutWorker::new(this), run).flatten()
-            })
-            .collect::<Result<Vec<Vec<Episode>>, RolloutError>>()?;
-        Ok(chunks.into_iter().flatten().collect())
+        self.simulate(requests, |worker, this, chunk| worker.run(this, chunk, None))
+    }
+
+    fn steerable(&self) -> Option<Steerable> {
+        let episode_steps = self.environment.episode_steps();
+        Some(Steerable {
+            axes: self.routing.steered(episode_steps),
+            observation_size: self.environment.observation_size(),
+            signals: self.signals.len(),
+            episode_steps,
+        })
+    }
+
+    fn rollout_steered(
+        &mut self,
+        requests: &[Request],
+        steering: &dyn Steering,
+    ) -> Result<Vec<SteeredEpisode>, RolloutError> {
+        let steerable = self.steerable().unwrap_or_default();
+        self.simulate(requests, |worker, this, chunk| {
+            let mut steered = SteeredRows::new(steering, &steerable, chunk);
+            let episodes = worker.run(this, chunk, Some(&mut steered))?;
+            Ok(episodes.into_iter().zip(steered.rows).map(|(episode, row)| row.finish(episode)).collect())
+        })
     }
 
     fn adversary(&self) -> Result<AdversaryEnvironment, RolloutError> {
         AdversaryEnvironment::new(self)
+    }
+}
+
+impl Rollout {
+    /// Runs chunks of requests on all threads.
+    fn simulate<T: Send>(
+        &self,
+        requests: &[Request],
+        run: impl Fn(&mut RolloutWorker, &Rollout, &[Request]) -> Result<Vec<T>, RolloutError> + Sync,
+    ) -> Result<Vec<T>, RolloutError> {
+        for request in requests {
+            self.space.check(&request.scenario)?;
+        }
+        let rows = requests.len().div_ceil(rayon::current_num_threads()).clamp(1, ROWS);
+        let chunks = requests
+            .par_chunks(rows)
+            .map(|chunk| {
+                let run = |worker: &mut RolloutWorker| run(worker, self, chunk);
+                self.workers.with(|| RolloutWorker::new(self), run).flatten()
+            })
+            .collect::<Result<Vec<Vec<T>>, RolloutError>>()?;
+        Ok(chunks.into_iter().flatten().collect())
+    }
+}
+
+/// The steering of the simulations that a worker steps.
+pub(crate) struct SteeredRows<'a> {
+    steering: &'a dyn Steering,
+    steerable: &'a Steerable,
+    rows: Vec<SteeredValues>,
+    /// Scratch buffer of the signals of a row.
+    signals: Vec<f64>,
+}
+
+/// The memory of a steering of a simulation, and the values of its scenario so far.
+struct SteeredValues {
+    memory: Vec<f64>,
+    values: Vec<Option<f64>>,
+}
+
+impl<'a> SteeredRows<'a> {
+    fn new(steering: &'a dyn Steering, steerable: &'a Steerable, requests: &[Request]) -> SteeredRows<'a> {
+        let row = |request: &Request| SteeredValues {
+            memory: vec![0.0; steering.memory_size()],
+            values: request.scenario.values().to_vec(),
+        };
+        let rows = requests.iter().map(row).collect();
+        SteeredRows { steering, steerable, rows, signals: vec![0.0; steerable.signals] }
+    }
+}
+
+impl SteeredValues {
+    fn finish(self, episode: Episode) -> SteeredEpisode {
+        let request = Request { scenario: Scenario::new(self.values), ..episode.request };
+        SteeredEpisode { episode: Episode { request, ..episode }, memory: self.memory }
     }
 }
 
@@ -163,9 +229,18 @@ impl RolloutWorker {
         })
     }
 
-    fn run(&mut self, rollout: &Rollout, requests: &[Request]) -> Result<Vec<Episode>, RolloutError> {
-        let mut episodes = self.start(rollout, requests);
-        self.advance(rollout, &mut episodes, rollout.environment.episode_steps());
+    fn run(
+        &mut self,
+        rollout: &Rollout,
+        requests: &[Request],
+        mut steered: Option<&mut SteeredRows<'_>>,
+    ) -> Result<Vec<Episode>, RolloutError> {
+        let mut episodes = self.start(rollout, requests, steered.is_some());
+        for _ in 0..rollout.environment.episode_steps() {
+            if !self.advance(rollout, &mut episodes, steered.as_deref_mut()) {
+                break;
+            }
+        }
         for (row, episode) in episodes.iter_mut().enumerate() {
             self.finish(rollout, row, episode)?;
         }
@@ -173,24 +248,38 @@ impl RolloutWorker {
     }
 
     /// Starts one episode in each of the first rows.
-    pub(crate) fn start(&mut self, rollout: &Rollout, requests: &[Request]) -> Vec<Episode> {
+    pub(crate) fn start(
+        &mut self,
+        rollout: &Rollout,
+        requests: &[Request],
+        is_steered: bool,
+    ) -> Vec<Episode> {
         self.progress.clear();
-        requests.iter().enumerate().map(|(row, request)| self.reset(rollout, row, request)).collect()
+        let reset = |(row, request)| self.reset(rollout, row, request, is_steered);
+        requests.iter().enumerate().map(reset).collect()
     }
 
-    /// Runs the next control steps of the episodes that have not ended, at most `steps`.
-    pub(crate) fn advance(&mut self, rollout: &Rollout, episodes: &mut [Episode], steps: usize) {
-        for _ in 0..steps {
-            if !self.progress.iter().any(Progress::is_running) {
-                break;
-            }
-            self.lane.act(rollout, &mut self.rows, &mut self.progress);
-            for (row, episode) in episodes.iter_mut().enumerate() {
-                if self.progress[row].is_running() {
-                    self.step(rollout, row, episode);
+    /// Runs the next control step of the episodes that have not ended. Returns whether there are
+    /// any.
+    pub(crate) fn advance(
+        &mut self,
+        rollout: &Rollout,
+        episodes: &mut [Episode],
+        mut steered: Option<&mut SteeredRows<'_>>,
+    ) -> bool {
+        if !self.progress.iter().any(Progress::is_running) {
+            return false;
+        }
+        self.lane.act(rollout, &mut self.rows, &mut self.progress);
+        for (row, episode) in episodes.iter_mut().enumerate() {
+            if self.progress[row].is_running() {
+                if let Some(steered) = &mut steered {
+                    self.steer(row, &episode.trace, steered);
                 }
+                self.step(rollout, row, episode, steered.is_some());
             }
         }
+        true
     }
 
     /// Sets an axis of an event, an index of the environment's space, in the state of a row.
@@ -214,12 +303,15 @@ impl RolloutWorker {
         Ok(())
     }
 
-    fn reset(&mut self, rollout: &Rollout, row: usize, request: &Request) -> Episode {
+    fn reset(&mut self, rollout: &Rollout, row: usize, request: &Request, is_steered: bool) -> Episode {
         let state_size = rollout.environment.state_size();
         let state = &mut self.states[row * state_size..][..state_size];
         let scenario = rollout.environment_scenario(request);
         let status = self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
         self.lane.start(rollout, &mut self.rows, row, request);
+        if is_steered {
+            self.lane.watch(&mut self.rows, row);
+        }
         self.lane.complete_sample(rollout, &mut self.rows, row);
         let mut progress = Progress::start(request);
         let samples = rollout.environment.episode_steps() + 1;
@@ -228,7 +320,7 @@ impl RolloutWorker {
             Some(end) => progress.end = end,
             None => {
                 trace.push(&self.lane.signals);
-                self.lane.record(&mut self.rows, row, request);
+                self.record(row, request, is_steered);
             }
         }
         self.progress.push(progress);
@@ -244,8 +336,26 @@ impl RolloutWorker {
         }
     }
 
+    /// Adds the last sample to the requirement of a row that may stop early or is steered.
+    fn record(&mut self, row: usize, request: &Request, is_steered: bool) {
+        match is_steered {
+            true => self.lane.record_watched(&mut self.rows, row),
+            false => self.lane.record(&mut self.rows, row, request),
+        }
+    }
+
+    /// Lets a steering choose values for the next control step of one episode.
+    fn steer(&mut self, row: usize, trace: &Trace, steered: &mut SteeredRows<'_>) {
+        let SteeredRows { steering, steerable, rows, signals } = steered;
+        let last = |index: usize| trace.column(index).last().copied().unwrap_or(f64::NAN);
+        signals.iter_mut().enumerate().for_each(|(index, signal)| *signal = last(index));
+        let SteeredValues { memory, values } = &mut rows[row];
+        let mut row_of = SteeredRow { steering: *steering, steerable, memory, values };
+        self.lane.steer(&mut self.rows, row, (&self.progress[row], signals), &mut row_of);
+    }
+
     /// Runs the next control step of one episode.
-    fn step(&mut self, rollout: &Rollout, row: usize, episode: &mut Episode) {
+    fn step(&mut self, rollout: &Rollout, row: usize, episode: &mut Episode, is_steered: bool) {
         let state_size = rollout.environment.state_size();
         let progress = &mut self.progress[row];
         let has_arrived = self.lane.action(rollout, &mut self.rows, row, progress);
@@ -264,9 +374,9 @@ impl RolloutWorker {
         episode.trace.push(&self.lane.signals);
         progress.steps = step;
         episode.total_reward += self.lane.rewards.iter().sum::<f64>();
-        self.lane.record(&mut self.rows, row, &episode.request);
+        self.record(row, &episode.request, is_steered);
         if self.rows.can_stop(row, &episode.request, step) {
-            progress.end = EpisodeEnd::Stopped { step };
+            self.progress[row].end = EpisodeEnd::Stopped { step };
         }
     }
 }

@@ -1,4 +1,7 @@
-use crate::{AdversaryEnvironment, Episode, Request, RolloutError, Space};
+use crate::steering::not_steerable;
+use crate::{
+    AdversaryEnvironment, Episode, Request, RolloutError, Space, Steerable, SteeredEpisode, Steering,
+};
 
 /// Default number of simulations per batch. It does not depend on the number of threads, so that a
 /// run has the same batches on every machine.
@@ -30,5 +33,25 @@ pub trait System {
         Err(RolloutError::NoAdversary {
             what: "the target runs whole simulations and cannot ask for a disturbance in between",
         })
+    }
+
+    /// Returns what a [`Steering`] can choose while a simulation runs; `None` if the simulations
+    /// cannot be steered.
+    fn steerable(&self) -> Option<Steerable> {
+        None
+    }
+
+    /// Runs the requested simulations, in which `steering` replaces the values of the steered axes.
+    /// A request has values for them, too, which later ones keep if the simulation ends before.
+    ///
+    /// # Errors
+    /// As [`rollout`](Self::rollout), or if the simulations cannot be steered.
+    fn rollout_steered(
+        &mut self,
+        requests: &[Request],
+        steering: &dyn Steering,
+    ) -> Result<Vec<SteeredEpisode>, RolloutError> {
+        let _ = (requests, steering);
+        Err(not_steerable())
     }
 }

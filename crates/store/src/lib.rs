@@ -117,6 +117,7 @@ mod error;
 mod header;
 mod header_table;
 mod json;
+mod memory;
 #[cfg(feature = "parquet")]
 mod parquet;
 #[cfg(not(feature = "parquet"))]

@@ -8,8 +8,8 @@ use crate::database::Database;
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
 use crate::{
-    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, reason,
-    row, schema, screened, trace_blob, version,
+    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, memory,
+    reason, row, schema, screened, trace_blob, version,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -323,6 +323,7 @@ impl RunFile {
         self.trials_between(0, u32::MAX)?;
         screened::feed(self, &mut Digest::of("check"))?;
         reason::check(self)?;
+        memory::check(self)?;
         Simulations::between(self, 0, u32::MAX).try_for_each(|simulation| simulation.map(drop))
     }
 

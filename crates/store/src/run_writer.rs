@@ -12,8 +12,8 @@ use crate::error::{InFile, StoreError};
 use crate::run_file::RunFile;
 use crate::version::{APPLICATION_ID, FORMAT_VERSION};
 use crate::{
-    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, reason, row,
-    schema, screened, trace_blob, version,
+    Result, RunHeader, ScreenedChunk, Simulation, TrialRecord, TrialStatus, header_table, memory, reason,
+    row, schema, screened, trace_blob, version,
 };
 
 /// Behavior of [`RunWriter::create`] if the file exists.
@@ -199,6 +199,23 @@ impl RunWriter {
             return Ok(());
         }
         self.transact(|file| simulations.iter().try_for_each(|simulation| insert(file, simulation)))
+    }
+
+    /// Records steered simulations as [`record`](Self::record) does, and what their proposal
+    /// remembers of each of them.
+    ///
+    /// # Errors
+    /// Those of [`record`](Self::record).
+    pub fn record_steered(&mut self, simulations: &[(Simulation, Vec<f64>)]) -> Result<()> {
+        for (simulation, _) in simulations {
+            row::guard(simulation, self.file.header())?;
+        }
+        self.transact(|file| {
+            simulations.iter().try_for_each(|(simulation, memory)| {
+                insert(file, simulation)?;
+                memory::insert(file, (simulation.trial, simulation.number), memory)
+            })
+        })
     }
 
     /// Records the outcomes of another physics engine in one transaction.

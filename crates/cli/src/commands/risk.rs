@@ -19,6 +19,7 @@ use crate::show::{output, risk};
   mishandle risk toy/hidden-corner
   mishandle risk ball-balancing --controller ppo --simulations 100000
   mishandle risk ball-balancing --controller ppo --distribution ball_x=normal:0.35:0.05
+  mishandle risk ball-balancing --controller ppo --action-noise 0.1 --space starts+noise --method sequence
   mishandle risk --resume runs/RUN.sqlite
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
@@ -39,8 +40,9 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS), conflicts_with = "resume")]
     pub simulations: Option<u64>,
-    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance or
-    /// splitting [default: auto]
+    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance,
+    /// splitting, or sequence, which chooses disturbances of actions from the state while a
+    /// simulation runs, for 37 axes and more [default: auto]
     #[arg(long, value_name = "METHOD", conflicts_with = "resume")]
     pub method: Option<String>,
     #[command(flatten)]

@@ -126,7 +126,7 @@ impl EnvironmentBatch for AdversaryBatch {
         });
         for chunk in &mut self.chunks {
             let requests: Vec<Request> = requests.by_ref().take(chunk.rows.len()).collect();
-            chunk.episodes = chunk.worker.start(&shared.rollout, &requests);
+            chunk.episodes = chunk.worker.start(&shared.rollout, &requests, false);
             for (request, progress) in requests.iter().zip(&mut chunk.worker.progress) {
                 if request.number > budget {
                     *progress = Progress::IDLE;
@@ -145,7 +145,11 @@ impl EnvironmentBatch for AdversaryBatch {
         self.for_chunks(actions, |shared, chunk, actions, observations, rewards| {
             chunk.decide(shared, decision, actions);
             let steps = shared.decisions.steps_after(decision, shared.rollout.environment.episode_steps());
-            chunk.worker.advance(&shared.rollout, &mut chunk.episodes, steps);
+            for _ in 0..steps {
+                if !chunk.worker.advance(&shared.rollout, &mut chunk.episodes, None) {
+                    break;
+                }
+            }
             chunk.observe(shared, observations, rewards, decision == last)
         })?;
         self.decision += 1;
@@ -192,7 +196,9 @@ impl Chunk {
             let chosen = |channel: usize, axis: usize| space.axes()[axis].at(0.5 + 0.5 * action(channel));
             let Decision { step, axes } = &shared.decisions.all()[decision];
             for (channel, axis) in axes {
-                values[*axis] = Some(chosen(*channel, *axis));
+                let value = chosen(*channel, *axis);
+                values[*axis] = Some(value);
+                self.worker.rows.set(&shared.rollout, row, *axis, value);
             }
             for (event, has_event) in shared.decisions.events().iter().zip(&mut self.rows[row].has_event) {
                 // In the middle of the step: rounding cannot move it to the one before.
@@ -209,7 +215,6 @@ impl Chunk {
                 }
             }
             episode.request.scenario = Scenario::new(values);
-            self.worker.rows.set_scenario(&shared.rollout, row, &episode.request.scenario);
         }
     }
 
