@@ -137,7 +137,7 @@ pub struct ResolvedPlan {
     /// Number of parts of the robustness that are stored. Some searches need them; a resumed run
     /// reads them from the run file. Zero for the other searches.
     pub stored_parts: usize,
-    /// What a search may know of the space.
+    /// The space as a search sees it, without units.
     pub search_space: SearchSpace,
     /// Where the adversary of a falsification acts; `None` if a search proposes scenarios.
     pub adversary: Option<AdversaryEnvironment>,

@@ -1,5 +1,5 @@
-//! What a search knows of its space: coordinates, the times at which they begin to act, and the
-//! parts of the robustness.
+//! The space of a search: coordinates, the times at which they begin to act, and the parts of the
+//! robustness.
 
 use crate::{Coordinate, SearchError, coordinate};
 

@@ -232,8 +232,8 @@ impl Decomposition {
         &self.composition
     }
 
-    /// Returns for each part the number of its sub-formula. Parts of one sub-formula are its extrema
-    /// in several windows.
+    /// Returns for each part the number of its sub-formula. Parts of one sub-formula are its
+    /// extrema in several windows.
     pub fn leaves(&self) -> impl ExactSizeIterator<Item = usize> {
         self.parts.iter().map(|part| part.leaf)
     }

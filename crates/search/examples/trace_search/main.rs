@@ -53,7 +53,7 @@ fn evaluations(
     for count in 1..=BUDGET {
         let u = search.ask().expect("portfolio never ends");
         let observation = observe(&u);
-        if observation.robustness < 0.0 {
+        if observation.robustness.is_sign_negative() {
             return count;
         }
         search.tell(&u, &observation).expect("a pending point");

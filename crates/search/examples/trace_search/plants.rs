@@ -143,9 +143,9 @@ fn switching(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
         vec![0.0, 0.0],
         |x, u| {
             wait = (wait - 1).max(0);
-            let wanted = usize::from(x[0] > shift) + usize::from(x[0] > 2.0 * shift);
-            if wanted != gear && wait == 0 {
-                (gear, wait) = (wanted, 8);
+            let required = usize::from(x[0] > shift) + usize::from(x[0] > 2.0 * shift);
+            if required != gear && wait == 0 {
+                (gear, wait) = (required, 8);
             }
             let ratio = [2.0, 1.2, 0.8][gear];
             let torque = ratio * (u[0] + 0.2) - 0.25 * x[0] - 1.5 * u[1] * u[1];

@@ -124,7 +124,7 @@ impl Problem {
     }
 }
 
-/// What a search observes.
+/// The observations of a search.
 #[derive(Clone, Copy)]
 pub struct Variant {
     pub name: &'static str,

@@ -138,8 +138,8 @@ impl CandidateGenerator {
         candidates
     }
 
-    /// Returns `n` points near `point`: each differs from it in a random subset of the coordinates, by
-    /// normal steps, or is on a face.
+    /// Returns `n` points near `point`: each differs from it in a random subset of the coordinates,
+    /// by normal steps, or is on a face.
     pub(crate) fn around(&mut self, history: &History, point: &[f64], step: f64, n: usize) -> Candidates {
         let d = self.space.dimension();
         let mut candidates = Candidates::new(d);

@@ -130,8 +130,8 @@ options! {
 ///   most 0.9 in total. When a Sobol point or corner finds one, they start again, because the
 ///   values around it are unknown.
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
-///   and that of the others. It is 0 if the space has no [parts](crate::Parts), more than 8, or those
-///   of one signal only.
+///   and that of the others. It is 0 if the space has no [parts](crate::Parts), more than 8, or
+///   those of one signal only.
 ///
 /// Ripple is the spread of the leave-one-out residuals at the quarter of the points with the lowest
 /// predictions. Where it makes a violation more probable than the model alone, the model shows the
@@ -153,9 +153,10 @@ options! {
 /// region has the rules of TuRBO-1. When it collapses, a new one starts at the best point that is
 /// not near the centers of collapsed ones; the model keeps all evaluations.
 ///
-/// For the source trace, each part has a model of its own, which sees the coordinates that act before
-/// the end of the part. Of maxima, probabilities are multiplied, as if the parts were independent;
-/// of minima, and of several windows of one signal, one of them counts. So the parts may have units that differ by any factor.
+/// For the source trace, each part has a model of its own, which sees the coordinates that act
+/// before the end of the part. Of maxima, probabilities are multiplied, as if the parts were
+/// independent; of minima, and of several windows of one signal, one of them counts. So the parts
+/// may have units that differ by any factor.
 ///
 /// Values above the 75 % quantile of the earlier ones count as this quantile, so simulations of
 /// such points can end early, unless the search models parts.

@@ -76,9 +76,9 @@ impl PartModel {
 }
 
 impl Trace {
-    /// Returns the source; `None` if the parts are windows of one signal, which say little more than
-    /// the robustness, if there are more parts than there can be models, or if nothing changes a
-    /// part.
+    /// Returns the source; `None` if the parts are windows of one signal, which say little more
+    /// than the robustness, if there are more parts than there can be models, or if nothing changes
+    /// a part.
     pub(super) fn new(space: &SearchSpace, seed: u64) -> Option<Trace> {
         let parts = space.parts.as_ref()?;
         let models: Vec<PartModel> = parts.ends.iter().map(|end| PartModel::new(space, *end)).collect();
