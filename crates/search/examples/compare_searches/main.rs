@@ -100,7 +100,7 @@ impl Comparison {
                     comparison.axes = list.split(',').map(|d| d.parse().expect("a number of axes")).collect();
                 }
                 Some(("problems", list)) => {
-                    comparison.problems = list.split(',').flat_map(problems).collect()
+                    comparison.problems = list.split(',').flat_map(problems).collect();
                 }
                 Some(("seeds", range)) => {
                     let (first, end) = range.split_once("..").expect("seeds=A..B");
