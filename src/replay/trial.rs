@@ -6,7 +6,6 @@ use mishandle_rollout::Request;
 use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
-use crate::plan::FalsifyPlan;
 use crate::resolve::ResolvedPlan;
 use crate::run::{adversary, asked, evaluate, falsify, record};
 
@@ -91,7 +90,7 @@ fn of_falsification(
     }
     let plan = resolved.plan.falsify.clone().unwrap_or_default();
     if plan.has_adversary() {
-        return of_adversary(&plan, (recorded, simulation), resolved);
+        return of_adversary((recorded, simulation), resolved);
     }
     let Some(mut trial) = falsify::new_trial(resolved, number)? else {
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
@@ -141,13 +140,12 @@ fn of_falsification(
 /// Compares a simulation that an adversary disturbed with what the plan implies of it: seed, and
 /// the values of the axes that the adversary did not decide. What it decided is in the record only.
 fn of_adversary(
-    plan: &FalsifyPlan,
     (trial, recorded): (&TrialRecord, &Simulation),
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
     let mut found: Vec<String> = falsify::seed_difference(resolved, trial).into_iter().collect();
     let request = record::request(recorded, false);
-    match adversary::expected_request(resolved, plan, &request)? {
+    match adversary::expected_request(resolved, &request)? {
         Some(expected) => found.extend(request_differences(recorded, &expected)),
         None => found.push(format!(
             "simulation {} of trial {}: the plan has no such simulation",

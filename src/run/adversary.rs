@@ -167,9 +167,9 @@ fn settings(decisions: usize, budget: u32) -> PpoSettings {
 /// record.
 pub(crate) fn expected_request(
     resolved: &ResolvedPlan,
-    plan: &FalsifyPlan,
     recorded: &Request,
 ) -> Result<Option<Request>, MishandleError> {
+    let plan = resolved.plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
     let Request { trial, number, .. } = *recorded;
     if !(1..=plan.trials).contains(&trial) || !(1..=plan.budget).contains(&number) {
         return Ok(None);

@@ -62,7 +62,7 @@ pub trait EnvironmentWorker: Send {
     /// After [`StepStatus::Diverged`] the contents of `state` and `sample` are meaningless.
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
 
-    /// Sets the value of an axis of one of the [events](Environment::events), which has not begun,
+    /// Sets the value of an axis of one of the [events](Environment::events), which has not started,
     /// in a state row: the future is that of a reset with this value.
     fn set_event(&mut self, _axis: usize, _value: f64, _state: &mut [f64]) {}
 

@@ -24,8 +24,8 @@
 //! outcomes propose scenarios; they are neither [`Episode`]s nor evidence.
 //!
 //! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the
-//! CPU. Other implementations may run on a GPU or in another process. An [`AdversaryEnvironment`] is
-//! a [`Rollout`] whose disturbances another policy decides.
+//! CPU. Other implementations may run on a GPU or in another process. An [`AdversaryEnvironment`]
+//! is a [`Rollout`] whose disturbances another policy decides.
 
 mod adversary;
 mod batch;

@@ -166,8 +166,8 @@ fn system(noise: Noise) -> Rollout {
 
 const NOISE: Noise = Noise { action_std: 0.05, observation_std: 0.02 };
 
-/// Rows of the batch, and decisions of an episode: at the begin of each third and of the second half
-/// for offsets, and every 0.5 s, which are 5 steps, for the push.
+/// Rows of the batch, and decisions of an episode: at the begin of each third and of the second
+/// half for offsets, and every 0.5 s, which are 5 steps, for the push.
 const ROWS: usize = 21;
 const DECISIONS: [usize; 8] = [0, 5, 8, 10, 12, 15, 16, 20];
 

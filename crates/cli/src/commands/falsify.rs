@@ -38,8 +38,9 @@ pub struct Arguments {
     /// offsets of actions and observations
     #[arg(long, conflicts_with_all = ["resume", "search", "search_options", "keep_going", "screening"])]
     pub adversary: bool,
-    /// What the adversary disturbs (repeatable): actions, observations or push. Adds the spaces
-    /// disturbance, drift and events of the target to the space [default without a space: actions]
+    /// Signals that the adversary disturbs (repeatable): actions, observations or push. Adds the
+    /// spaces disturbance, drift and events of the target to the space [default without a space:
+    /// actions]
     #[arg(long, value_name = "WHAT", requires = "adversary")]
     pub disturb: Vec<Disturbed>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
@@ -93,7 +94,7 @@ pub struct Arguments {
     pub run: flags::Run,
 }
 
-/// What an adversary disturbs.
+/// Target of an adversary's disturbances.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Disturbed {
     Actions,

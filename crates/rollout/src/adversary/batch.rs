@@ -40,7 +40,7 @@ struct Chunk {
     rows: Vec<Row>,
 }
 
-/// What the adversary sees of a simulation besides its last sample.
+/// State of a simulation for the adversary, besides its last sample.
 struct Row {
     monitor: OnlineMonitor,
     /// Number of samples that the monitor has.

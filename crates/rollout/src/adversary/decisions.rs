@@ -43,7 +43,7 @@ pub(crate) struct Event {
     pub axes: Vec<(usize, (usize, usize))>,
 }
 
-/// What an offset is added to: whether to the action, and the index of the number there.
+/// Place of an offset: whether in the action, and the index of the number there.
 type Place = (bool, usize);
 
 /// The control step in which an offset begins, its place, and its axis.

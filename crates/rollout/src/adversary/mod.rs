@@ -54,7 +54,7 @@ impl fmt::Debug for AdversaryEnvironment {
     }
 }
 
-/// What all batches share.
+/// Facts that all batches share.
 struct Shared {
     rollout: Rollout,
     decisions: Decisions,
