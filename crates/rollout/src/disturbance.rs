@@ -330,8 +330,8 @@ impl ActiveDisturbances {
         disturbed
     }
 
-    /// Replaces the value at index `place` of the scenario, which offsets observations or actions or
-    /// shifts draws, from this control step on.
+    /// Replaces the value at index `place` of the scenario, which offsets observations or actions
+    /// or shifts draws, from this control step on.
     pub(crate) fn set(&mut self, place: usize, value: f64, action_size: usize) {
         let offsets = self.observation.iter_mut().chain(&mut self.action);
         offsets
