@@ -46,7 +46,8 @@ const RELATION: &str =
     "a table of texts, such as change = { ball_x = \"+0.02\" } and holds = \"same-verdict\"";
 
 /// Allowed settings of an axis.
-const AXIS: &str = "a number, a list of two numbers, or the name of a category in quotes";
+const AXIS: &str =
+    "a number, a list of two numbers, an interval such as \"[0, 1)\", or the name of a category in quotes";
 
 /// A key of a plan.
 struct Key {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::error::MishandleError;
 use crate::plan::AxisSetting;
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Interval, RolloutError, Space};
+use mishandle_text::number_text;
 
 /// Returns a space with these settings. A set axis that the space lacks is added.
 ///
@@ -84,7 +85,7 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     if let Some(value) = outside {
         return Err(MishandleError::AxisSetting {
             axis: axis.name.clone(),
-            setting: value.to_string(),
+            setting: number_text(value),
             expected: values_text(axis),
         });
     }
@@ -118,7 +119,7 @@ fn interval(axis: &Axis, text: &str) -> Result<[f64; 2], MishandleError> {
 
 /// Describes the values that an axis may be set to.
 fn values_text(axis: &Axis) -> String {
-    let Axis { low, high, .. } = axis;
+    let [low, high] = [axis.low, axis.high].map(number_text);
     match (&axis.values, axis.kind) {
         (AxisValues::Categorical(names), _) => format!("one of the categories {}", names.join(", ")),
         (AxisValues::Integer, _) => format!("a whole number from {low} to {high}"),

@@ -312,11 +312,13 @@ pub(crate) fn with_needed_trace(
 
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 %
 /// confidence: see [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws
-/// independent uniform samples, because the points of other searches are not a random sample.
+/// independent uniform samples, because the points of other searches are not a random sample, or if
+/// a random target has the same seed in all of them.
 pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.search_space)(0).ok()?;
-    outcome.failure_rate_bound().filter(|_| search.samples_uniformly())
+    let is_one_draw = falsify.fixed_seed.is_some() && resolve::space_depends_on_seed(resolved);
+    outcome.failure_rate_bound().filter(|_| search.samples_uniformly() && !is_one_draw)
 }
 
 /// Returns the recorded status of a trial.

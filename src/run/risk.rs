@@ -133,7 +133,9 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
     let is_sequence = report.method == Method::Sequence && report.is_complete;
     let unreached = is_sequence && report.importance.is_none() && report.monte_carlo.failures < FREQUENT;
     let sequence = unreached.then(|| {
-        "importance sampling: the fit of the proposal reached no failure; a larger budget gives it larger rounds".to_string()
+        "importance sampling: the fit of the proposal reached no failure, or too few of them to aim at; a larger budget \
+         gives it larger rounds. Failures that the fit met count in no estimate"
+            .to_string()
     });
     splitting.into_iter().chain(importance).chain(sequence).collect()
 }

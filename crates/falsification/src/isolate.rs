@@ -11,8 +11,6 @@ use crate::repeat::repeat_seeds;
 
 /// Simulations of the result with other seeds, if the target is random.
 const FRESH: u64 = 10;
-/// The largest number of axes on a bound that are moved inside alone.
-const ON_BOUNDS: usize = 4;
 
 /// Returns the largest number of simulations of [`isolate`] for a trial with this budget: 30, or a
 /// tenth of a large budget.
@@ -37,10 +35,10 @@ pub fn isolation_budget(budget: u32) -> u64 {
 /// 4. The rest moves toward nominal as in [`minimize`](crate::minimize()).
 ///
 /// Steps 1 and 2 are left out if they take more than the budget. If the result is exactly on
-/// bounds of axes, one to five more simulations move them inside by a millionth of their width,
-/// which shows whether the failure holds only there. All simulations have the seed of the failure.
-/// If the target `is_random`, a part of the budget repeats the result with other seeds. The
-/// simulations are the result: a journal of the system keeps them.
+/// bounds of axes, a few more simulations move them inside by a millionth of their width, together
+/// and then one by one, which shows whether the failure holds only there. All simulations have the
+/// seed of the failure. If the target `is_random`, a part of the budget repeats the result with
+/// other seeds. The simulations are the result: a journal of the system keeps them.
 ///
 /// `watch` gets the number of simulations after each batch, and can end them. Returns whether they
 /// came to their end.
@@ -75,8 +73,8 @@ pub fn isolate(
     Ok(true)
 }
 
-/// Simulates a failure on bounds with these axes moved inside: all of them, and if that passes, up
-/// to [`ON_BOUNDS`] of them alone. Returns the number of simulations.
+/// Simulates a failure on bounds with these axes moved inside: all of them, and if that passes,
+/// each of them alone. Returns the number of simulations.
 fn try_inside(system: &mut dyn System, failure: &Episode) -> Result<u64, FalsificationError> {
     let space = system.space().clone();
     let axes = on_bounds(&space, &failure.request.scenario);
@@ -89,7 +87,7 @@ fn try_inside(system: &mut dyn System, failure: &Episode) -> Result<u64, Falsifi
         ..failure.request.clone()
     };
     let together = system.rollout(&[request(&axes)])?;
-    if together.iter().any(Episode::is_violated) || !(2..=ON_BOUNDS).contains(&axes.len()) {
+    if together.iter().any(Episode::is_violated) || axes.len() == 1 {
         return Ok(1);
     }
     let alone: Vec<Request> = axes.iter().map(|axis| request(&[*axis])).collect();
@@ -157,7 +155,7 @@ mod tests {
         let failure = system.rollout(&[Request::new(Scenario::from(at), Seed(3))]).unwrap().remove(0);
         rows.borrow_mut().clear();
         let is_complete = isolate(&mut system, &failure, 30, false, |_| ControlFlow::Continue(())).unwrap();
-        assert!(is_complete && rows.borrow().len() <= 30 + 1 + ON_BOUNDS);
+        assert!(is_complete && rows.borrow().len() <= 30 + 1 + at.len());
         rows.take()
     }
 
@@ -200,6 +198,15 @@ mod tests {
         assert_eq!(inside(&rows), [1], "the other axis is no longer on its bound");
         let corner = |x: &[f64]| if x[3] >= 1.0 && x[7] >= 1.0 { -1.0 } else { 1.0 };
         assert_eq!(inside(&simulated(two, corner)), [2, 1, 1]);
+        // Five axes stay on their bounds, and only one of them decides.
+        let far = |x: &[f64]| x[4..8].iter().sum::<f64>() > 3.99;
+        let five = std::array::from_fn(|axis| if (3..8).contains(&axis) { 1.0 } else { 0.0 });
+        let rows = simulated(five, move |x: &[f64]| if x[3] >= 1.0 && far(x) { -1.0 } else { 1.0 });
+        let found = inside(&rows);
+        assert!(
+            found[0] == found.len() - 1 && found[1..].iter().all(|n| *n == 1),
+            "all together, then each alone"
+        );
         assert_eq!(inside(&simulated([0.9; 10], |x| 0.5 - x[3])), Vec::<usize>::new());
     }
 }

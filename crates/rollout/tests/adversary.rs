@@ -167,9 +167,9 @@ fn system(noise: Noise) -> Rollout {
 const NOISE: Noise = Noise { action_std: 0.05, observation_std: 0.02 };
 
 /// Rows of the batch, and decisions of an episode: at the begin of each third and of the second
-/// half for offsets, and every 0.5 s, which are 5 steps, for the push.
+/// half for offsets, and every 0.5 s, which are 5 steps, for the push, which begins until 1.7 s.
 const ROWS: usize = 21;
-const DECISIONS: [usize; 8] = [0, 5, 8, 10, 12, 15, 16, 20];
+const DECISIONS: [usize; 7] = [0, 5, 8, 10, 12, 15, 16];
 
 /// Channel that asks for the push.
 const TRIGGER: usize = 4;

@@ -75,7 +75,8 @@ pub struct Arguments {
     #[arg(long, value_name = "RATE", allow_negative_numbers = true, conflicts_with = "resume")]
     pub new_mode_rate: Option<f64>,
     /// Do not move the counterexample of each trial toward nominal to find the axes that cause it
-    /// (at most 30 simulations, or a tenth of a larger budget) [default with --keep-going]
+    /// (at most 30 simulations, or a tenth of a larger budget, and some more if it is on a bound)
+    /// [default with --keep-going]
     #[arg(long, conflicts_with_all = ["resume", "isolate"])]
     pub no_isolate: bool,
     /// With --keep-going, move the first counterexample of each trial toward nominal

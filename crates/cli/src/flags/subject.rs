@@ -88,7 +88,7 @@ impl Axes {
         let mut settings = BTreeMap::new();
         for (name, setting) in self.axis.iter().chain(&self.set) {
             let earlier = settings.insert(name.clone(), setting.clone());
-            ensure!(earlier.is_none(), "the axis {name} is set twice by --axis and --set");
+            ensure!(earlier.is_none(), "the axis {name} is set twice; give one --axis or one --set for it");
         }
         Ok(settings)
     }

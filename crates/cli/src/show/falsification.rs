@@ -125,12 +125,18 @@ fn trials_text(found: &Falsification) -> String {
     );
     if let Some(Adversary { axes, decisions, rows }) = &found.adversary {
         text.push_str(&format!(
-            "\nadversary: decides {} at {} of an episode, and learns after each {rows} simulations; its training is these {} with {}",
+            "\nadversary: decides {} at {} of an episode; its training is these {} with {}, in which it learned after each \
+             {rows} of a trial",
             if *axes == 1 { "1 axis".to_string() } else { format!("{axes} axes") },
             plural(*decisions, "time"),
             plural(found.simulations, "simulation"),
             plural(found.control_steps, "control step"),
         ));
+        if found.trials.iter().all(|trial| trial.simulations <= *rows) {
+            text.push_str(
+                "\nevery trial ended before the first update, so the adversary is an untrained policy",
+            );
+        }
     }
     if found.early_stopping && found.simulations > 0 && found.screening.is_none() {
         let whole = found.simulations * found.subject.episode_steps;
@@ -206,7 +212,9 @@ fn cause_text(found: &Falsification, cause: &Cause) -> String {
         [] => "none".to_string(),
         names => names.iter().map(|name| escape::name(name)).collect::<Vec<_>>().join(", "),
     };
-    if let (Some(sufficient), Some(necessary)) = (&cause.sufficient, &cause.necessary) {
+    if let (Some(sufficient), Some(necessary), false) =
+        (&cause.sufficient, &cause.necessary, cause.axes.is_empty())
+    {
         text.push_str(&format!(
             "\naxes that cause it alone: {}; axes that remove it alone if set to nominal: {}",
             list(sufficient),

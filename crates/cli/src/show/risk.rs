@@ -4,7 +4,7 @@ use mishandle::results::{
     AxisDistribution, Estimate, Importance, Probability, Risk, RiskFailure, Screening, Splitting,
 };
 use mishandle::risk::{FREQUENT, Method};
-use mishandle_text::{decimal, plural, probability_text as probability};
+use mishandle_text::{decimal, number_text, plural, probability_text as probability};
 
 use super::{escape, output, reasons, scenario, screening, simulation, subject};
 
@@ -114,7 +114,12 @@ fn distribution(found: &Risk) -> String {
     let mut groups: Vec<(String, Vec<&AxisDistribution>)> = Vec::new();
     for axis in found.distribution.iter().filter(|axis| axis.low != axis.high) {
         let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
-        let text = format!("{} from {} to {}{unit}", axis.distribution, axis.low, axis.high);
+        let text = format!(
+            "{} from {} to {}{unit}",
+            axis.distribution,
+            number_text(axis.low),
+            number_text(axis.high)
+        );
         match groups.iter_mut().find(|(other, _)| *other == text) {
             Some((_, axes)) => axes.push(axis),
             None => groups.push((text, vec![axis])),

@@ -1,6 +1,7 @@
 //! Target and settings of a question.
 
 use mishandle::results::{GuardFacts, Subject};
+use mishandle_text::number_text;
 
 use super::escape;
 use super::scenario::{axes, axis_text};
@@ -23,7 +24,8 @@ pub fn heading(subject: &Subject) -> String {
             true => format!(", {}", axis_text(axis, Some(axis.low))),
             false => {
                 let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
-                format!(", {} from {} to {}{unit}", axis.name, axis.low, axis.high)
+                let [low, high] = [axis.low, axis.high].map(number_text);
+                format!(", {} from {low} to {high}{unit}", axis.name)
             }
         });
     }

@@ -53,9 +53,11 @@ impl Decisions {
     /// Returns the decisions for the axes of a system's space that are offsets of observations and
     /// actions, and for the events that can begin at any time.
     pub(crate) fn new(rollout: &Rollout) -> Decisions {
-        let period = (EVENT_PERIOD / rollout.environment.control_dt()).round().max(1.0) as usize;
-        let asked = (0..rollout.environment.episode_steps()).step_by(period);
-        Decisions::of(&offsets(rollout), events(rollout), asked)
+        let mut events = events(rollout);
+        let steps_of = |event: &Event| asked(rollout, event.time.0);
+        events.retain(|event| !steps_of(event).is_empty());
+        let asked: Vec<usize> = events.iter().flat_map(steps_of).collect();
+        Decisions::of(&offsets(rollout), events, asked.into_iter())
     }
 
     /// Returns the decisions for these offsets and events. `asked` has the control steps in which
@@ -128,6 +130,16 @@ impl Decisions {
 fn is_free(space: &Space, axis: usize) -> bool {
     let axis = &space.axes()[axis];
     axis.values == AxisValues::Continuous && !axis.is_fixed() && axis.conditions.is_empty()
+}
+
+/// Returns the control steps in which an event can begin: in the middle of a step, within the
+/// bounds of the axis that is its time.
+fn asked(rollout: &Rollout, time: usize) -> Vec<usize> {
+    let (axis, dt) = (&rollout.space.axes()[time], rollout.environment.control_dt());
+    let period = (EVENT_PERIOD / dt).round().max(1.0) as usize;
+    let first = (axis.low / dt - 0.5).ceil().max(0.0) as usize;
+    let within = |step: &usize| (*step as f64 + 0.5) * dt <= axis.high;
+    (first..rollout.environment.episode_steps()).step_by(period).take_while(within).collect()
 }
 
 /// Returns the offsets of a system.

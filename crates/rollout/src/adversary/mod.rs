@@ -84,8 +84,8 @@ impl AdversaryEnvironment {
         let rollout = rollout.without_workers();
         let decisions = Decisions::new(&rollout);
         if decisions.channels() == 0 {
-            let what = "the space has no axis that offsets an observation or an action and no push, such as those of \
-                        the spaces `disturbance`, `drift` and `events`";
+            let what = "no free axis of the space offsets an observation or an action, and none is the time of a push \
+                        that can begin; tasks have such axes in the spaces `disturbance`, `drift` and `events`";
             return Err(RolloutError::NoAdversary { what });
         }
         let places: Vec<usize> =
