@@ -3,6 +3,7 @@
 
 mod corners;
 mod polish;
+mod restarts;
 mod shares;
 mod steps;
 mod trace;
@@ -26,6 +27,7 @@ use crate::sobol::SobolPoints;
 use crate::{AskTell, RoundBased, SearchEnd, SearchError, SearchSpace};
 use corners::{RemainingCorners, corners};
 use polish::Polish;
+use restarts::Restarts;
 use shares::{Credits, EXPLORATION, Evidence, N_SOURCES, Source, exploration};
 use steps::{SuccessRate, changed_coordinate};
 use trace::Trace;
@@ -90,6 +92,9 @@ options! {
         pub single_coordinates: bool = true, in ANY;
         /// Tries points where the model is low and the differences from it may decide.
         pub ripple: bool = true, in ANY;
+        /// Starts again elsewhere, from evaluation 301 on, with more than ten coordinates while no
+        /// lower values are found.
+        pub restarts: bool = true, in ANY;
         /// Gives points of the model to the other sources while it is of no use.
         pub exploration: bool = true, in ANY;
         /// Minimizes the lower confidence bound with gradients.
@@ -108,9 +113,9 @@ options! {
 /// region, beside exploration.
 ///
 /// The first round is corners (all 2^d for d ≤ 4, otherwise a balanced sample of 8), the center and
-/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of eight sources, in
-/// proportion to their shares. With the share t of the source trace, those of the others are
-/// multiplied by 1 - t:
+/// 2 to 8 scrambled Sobol points. Each point of a further round comes from one of nine sources, in
+/// proportion to their shares. With the share t of the source trace, those of the sources above it
+/// are multiplied by 1 - t; with the share u of restarts, all others by 1 - u:
 ///
 /// | source | point | share |
 /// |---|---|---|
@@ -122,6 +127,7 @@ options! {
 /// | corners | next corner, as long as there are any | e (1 - s - s') / 4 |
 /// | Sobol | next Sobol point | the rest of e |
 /// | trace | highest probability of a violation, composed of those of the parts | t |
+/// | restart | runs of coordinates of the best point of a start elsewhere with one new value each | u |
 ///
 /// - The share e = 0.1 to 0.95 rises when the model is of no use: its leave-one-out predictions do
 ///   not correlate with the values, or it finds no lower values and believes in a violation less
@@ -132,6 +138,8 @@ options! {
 /// - The share t is 0.1 to 0.8: the rate of success of this source, divided by the sum of this rate
 ///   and that of the others. It is 0 if the space has no [parts](crate::Parts), more than 8, or
 ///   those of one signal only.
+/// - The share u is 0 up to evaluation 300. Then it is (d - 10) / 30, from 0 to 0.8, as far as the
+///   search finds no lower values.
 ///
 /// Ripple is the spread of the leave-one-out residuals at the quarter of the points with the lowest
 /// predictions. Where it makes a violation more probable than the model alone, the model shows the
@@ -185,6 +193,7 @@ pub struct Portfolio {
     since_improvement: usize,
     corners: RemainingCorners,
     trace: Option<Trace>,
+    restarts: Restarts,
     generator: CandidateGenerator,
     sobol: SobolPoints,
     stream: Sequence,
@@ -216,6 +225,7 @@ impl Portfolio {
             since_improvement: 0,
             corners: RemainingCorners::new(&facts.coordinates, seed),
             trace: if options.trace { Trace::new(facts, seed) } else { None },
+            restarts: Restarts::new(seed),
             generator: CandidateGenerator::new(space.clone(), seed, 1),
             sobol: SobolPoints::new(d, seed),
             stream: Sequence::new(seed, 2),
@@ -291,9 +301,12 @@ impl Portfolio {
         self.round.push(point);
     }
 
+    fn n_evaluations(&self) -> usize {
+        self.history.n_dropped() + self.history.len()
+    }
+
     fn round_size(&self) -> usize {
-        let n = self.history.n_dropped() + self.history.len();
-        self.options.round_size.unwrap_or((n / EVALUATIONS_PER_POINT).clamp(1, MAX_ROUND))
+        self.options.round_size.unwrap_or((self.n_evaluations() / EVALUATIONS_PER_POINT).clamp(1, MAX_ROUND))
     }
 
     /// Returns a point of a source that needs no model. `None` if it leads to an evaluated point,
@@ -305,6 +318,7 @@ impl Portfolio {
             Source::Corner => self.corners.next(space, &self.history)?,
             Source::Coordinate => changed_coordinate(best, space, &mut self.stream),
             Source::Polish => self.polish.propose(best, space, &mut self.stream),
+            Source::Restart => self.restarts.propose(space),
             Source::Sobol | Source::Ripple | Source::Global | Source::Local | Source::Trace => return None,
         };
         Some(point).filter(|point| !self.history.contains(point))
@@ -351,7 +365,15 @@ impl Portfolio {
         let (global, local) = (model * (1.0 - local), model * local);
         let [sobol, corner, coordinate, polish, ripple, global, local] =
             [sobol, corner, coordinate, polish, ripple, global, local].map(|share| (1.0 - trace) * share);
-        [sobol, corner, coordinate, polish, ripple, global, local, trace]
+        let restart = if self.options.restarts {
+            Restarts::share(self.n_evaluations(), evidence[0].dimension, evidence[0].stalled())
+        } else {
+            0.0
+        };
+        let others = [sobol, corner, coordinate, polish, ripple, global, local, trace];
+        let [sobol, corner, coordinate, polish, ripple, global, local, trace] =
+            others.map(|share| (1.0 - restart) * share);
+        [sobol, corner, coordinate, polish, ripple, global, local, trace, restart]
     }
 
     /// Returns the index of the best point that is not near a collapsed trust region; of the best
@@ -367,13 +389,14 @@ impl Portfolio {
     }
 
     /// Adapts shares, steps and trust region to the values of a round.
-    fn adapt(&mut self, values: &[f64]) {
+    fn adapt(&mut self, round: &[Vec<f64>], values: &[f64]) {
         let mut best = self.history.values()[self.history.by_value()[0]];
         let (mut lowest, mut n_local) = (f64::INFINITY, 0);
-        for (source, &value) in mem::take(&mut self.sources).into_iter().zip(values) {
+        let sources = mem::take(&mut self.sources);
+        for ((source, point), &value) in sources.into_iter().zip(round).zip(values) {
             let is_success = is_success(value, best);
             best = best.min(value);
-            if let Some(trace) = &mut self.trace {
+            if let Some(trace) = self.trace.as_mut().filter(|_| source != Source::Restart) {
                 trace.adapt(source == Source::Trace, is_success);
             }
             self.since_improvement = if is_success { 0 } else { self.since_improvement + 1 };
@@ -387,6 +410,7 @@ impl Portfolio {
                     self.step_rates[1].receive(is_success);
                     self.polish.receive(is_success);
                 }
+                Source::Restart => self.restarts.receive(point, value),
                 Source::Local => (lowest, n_local) = (value.min(lowest), n_local + 1),
                 Source::Sobol | Source::Corner | Source::Ripple | Source::Global | Source::Trace => (),
             }
@@ -422,7 +446,7 @@ impl RoundBased for Portfolio {
         let round = mem::take(&mut self.round);
         let values = self.history.capped(values);
         if self.history.len() > 0 {
-            self.adapt(&values);
+            self.adapt(&round, &values);
         } else {
             let best = (0..values.len()).min_by(|&i, &j| values[i].total_cmp(&values[j])).unwrap_or_default();
             self.since_improvement = values.len() - 1 - best;

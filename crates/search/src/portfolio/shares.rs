@@ -21,10 +21,12 @@ pub(super) enum Source {
     Local,
     /// The models of the parts of the robustness.
     Trace,
+    /// A start elsewhere.
+    Restart,
 }
 
 /// The number of sources.
-pub(super) const N_SOURCES: usize = 8;
+pub(super) const N_SOURCES: usize = 9;
 const SOURCES: [Source; N_SOURCES] = [
     Source::Sobol,
     Source::Corner,
@@ -34,6 +36,7 @@ const SOURCES: [Source; N_SOURCES] = [
     Source::Global,
     Source::Local,
     Source::Trace,
+    Source::Restart,
 ];
 
 /// Divides points among the sources in proportion to shares that may change from round to round.
@@ -110,13 +113,13 @@ mod tests {
 
     #[test]
     fn credits_follow_the_shares_for_any_round_size() {
-        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0, 0.0625, 0.0625];
+        let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0, 0.0625, 0.0625, 0.0];
         for n in [1, 3, 16] {
             let (mut credits, mut counts) = (Credits::default(), [0; N_SOURCES]);
             for _ in 0..960 / n {
                 credits.divide(n, &shares).iter().for_each(|source| counts[*source as usize] += 1);
             }
-            assert_eq!(counts, [480, 0, 120, 120, 120, 0, 60, 60], "rounds of {n}");
+            assert_eq!(counts, [480, 0, 120, 120, 120, 0, 60, 60, 0], "rounds of {n}");
         }
     }
 
