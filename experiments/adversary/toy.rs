@@ -7,6 +7,7 @@
 //!
 //! Arguments: `known` or `drawn` frequency, the limit of the position, the budget, the number of
 //! trials, and the seed.
+#![allow(clippy::print_stdout, reason = "an experiment prints its results")]
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -74,7 +75,7 @@ struct OscillatorWorker {
 }
 
 impl OscillatorWorker {
-    fn show(state: &[f64], sample: Sample<'_>) -> StepStatus {
+    fn show(state: &[f64], sample: &mut Sample<'_>) -> StepStatus {
         sample.observation.copy_from_slice(&[state[0] as f32, state[1] as f32]);
         sample.signals[0] = state[0].abs();
         StepStatus::Running
@@ -82,16 +83,16 @@ impl OscillatorWorker {
 }
 
 impl EnvironmentWorker for OscillatorWorker {
-    fn reset(&mut self, _: &Scenario, seed: Seed, state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+    fn reset(&mut self, _: &Scenario, seed: Seed, state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         let frequency = if self.is_drawn { 0.6 + 0.8 * seed.uniform(Stream::Reset, 0, 0) } else { 1.0 };
         state.copy_from_slice(&[0.0, 0.0, frequency]);
-        OscillatorWorker::show(state, sample)
+        OscillatorWorker::show(state, &mut sample)
     }
 
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
+    fn step(&mut self, action: &[f64], state: &mut [f64], mut sample: Sample<'_>) -> StepStatus {
         state[1] += DT * (action[0] - state[2] * state[2] * state[0]);
         state[0] += DT * state[1];
-        OscillatorWorker::show(state, sample)
+        OscillatorWorker::show(state, &mut sample)
     }
 }
 

@@ -310,6 +310,7 @@ def falsify(
     trials: int,
     budget: int,
     batch: int,
+    fixed_seed: int | None,
     early_stopping: bool,
     keep_going: bool,
     new_mode_rate: float,

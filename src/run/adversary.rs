@@ -39,7 +39,8 @@ pub(super) fn search(
     resolved: &ResolvedPlan,
     plan: &FalsifyPlan,
     run: &mut RunWriter,
-    (progress, watch): (&mut Progress, &mut dyn FnMut(&Progress) -> ControlFlow<()>),
+    progress: &mut Progress,
+    watch: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<FalsificationOutcome, MishandleError> {
     let mut trials = recorded_trials(resolved, plan, run)?;
     for trial in trials.iter().filter(|trial| trial.simulations > 0) {

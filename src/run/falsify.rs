@@ -40,8 +40,8 @@ pub fn falsify(
     let mut progress =
         Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
     let mut outcome = match falsify.has_adversary() {
-        true => adversary::search(resolved, falsify, &mut run, (&mut progress, &mut watch))?,
-        false => search(resolved, falsify, &mut run, (&mut progress, &mut watch))?,
+        true => adversary::search(resolved, falsify, &mut run, &mut progress, &mut watch)?,
+        false => search(resolved, falsify, &mut run, &mut progress, &mut watch)?,
     };
     if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
         let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
@@ -59,7 +59,8 @@ fn search(
     resolved: &ResolvedPlan,
     falsify: &FalsifyPlan,
     run: &mut RunWriter,
-    (progress, watch): (&mut Progress, &mut dyn FnMut(&Progress) -> ControlFlow<()>),
+    progress: &mut Progress,
+    watch: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<FalsificationOutcome, MishandleError> {
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let settings = settings(plan, falsify);
