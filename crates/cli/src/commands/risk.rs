@@ -19,7 +19,7 @@ use crate::show::{output, risk};
   mishandle risk toy/hidden-corner
   mishandle risk ball-balancing --controller ppo --simulations 100000
   mishandle risk ball-balancing --controller ppo --distribution ball_x=normal:0.35:0.05
-  mishandle risk ball-balancing --controller ppo --action-noise 0.1 --space starts+noise --method sequence
+  mishandle risk ball-balancing --controller ppo --action-noise 0.1 --space noise --method sequence
   mishandle risk --resume runs/RUN.sqlite
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
