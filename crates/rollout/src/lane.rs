@@ -48,6 +48,8 @@ pub(crate) struct SteeredRow<'a> {
     pub steerable: &'a Steerable,
     pub memory: &'a mut [f64],
     pub values: &'a mut [Option<f64>],
+    /// Scratch buffer of the values that are chosen in one control step.
+    pub chosen: &'a mut Vec<f64>,
 }
 
 /// State of up to 16 rows between two control steps, besides that of their environment.
@@ -196,9 +198,10 @@ impl Lane {
             signals,
             bound: rows.stops[row].as_mut().map_or(f64::INFINITY, EarlyStop::bound),
         };
-        let mut values: Vec<f64> = axes.iter().map(|axis| steered.values[axis.axis].unwrap_or(0.0)).collect();
-        steered.steering.steer(seen, axes, steered.memory, &mut values);
-        for (axis, value) in axes.iter().zip(values) {
+        steered.chosen.clear();
+        steered.chosen.extend(axes.iter().map(|axis| steered.values[axis.axis].unwrap_or(0.0)));
+        steered.steering.steer(seen, axes, steered.memory, steered.chosen);
+        for (axis, &value) in axes.iter().zip(&*steered.chosen) {
             steered.values[axis.axis] = Some(value);
             disturbed.set(axis.axis, value, self.action.len());
         }

@@ -181,8 +181,9 @@ pub(crate) struct SteeredRows<'a> {
     steering: &'a dyn Steering,
     steerable: &'a Steerable,
     rows: Vec<SteeredValues>,
-    /// Scratch buffer of the signals of a row.
+    /// Scratch buffers of the signals of a row, and of the values that are chosen for it.
     signals: Vec<f64>,
+    chosen: Vec<f64>,
 }
 
 /// The memory of a steering of a simulation, and the values of its scenario so far.
@@ -198,7 +199,7 @@ impl<'a> SteeredRows<'a> {
             values: request.scenario.values().to_vec(),
         };
         let rows = requests.iter().map(row).collect();
-        SteeredRows { steering, steerable, rows, signals: vec![0.0; steerable.signals] }
+        SteeredRows { steering, steerable, rows, signals: vec![0.0; steerable.signals], chosen: Vec::new() }
     }
 }
 
@@ -346,11 +347,11 @@ impl RolloutWorker {
 
     /// Lets a steering choose values for the next control step of one episode.
     fn steer(&mut self, row: usize, trace: &Trace, steered: &mut SteeredRows<'_>) {
-        let SteeredRows { steering, steerable, rows, signals } = steered;
+        let SteeredRows { steering, steerable, rows, signals, chosen } = steered;
         let last = |index: usize| trace.column(index).last().copied().unwrap_or(f64::NAN);
         signals.iter_mut().enumerate().for_each(|(index, signal)| *signal = last(index));
         let SteeredValues { memory, values } = &mut rows[row];
-        let mut row_of = SteeredRow { steering: *steering, steerable, memory, values };
+        let mut row_of = SteeredRow { steering: *steering, steerable, memory, values, chosen };
         self.lane.steer(&mut self.rows, row, (&self.progress[row], signals), &mut row_of);
     }
 

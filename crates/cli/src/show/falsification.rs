@@ -124,19 +124,20 @@ fn trials_text(found: &Falsification) -> String {
         summary(found),
     );
     if let Some(Adversary { axes, decisions, rows }) = &found.adversary {
+        let is_trained = found.trials.iter().any(|trial| trial.simulations > *rows);
         text.push_str(&format!(
-            "\nadversary: decides {} at {} of an episode; its training is these {} with {}, in which it learned after each \
-             {rows} of a trial",
+            "\nadversary: decides {} at {} of an episode; its training is these {} with {}; {}",
             if *axes == 1 { "1 axis".to_string() } else { format!("{axes} axes") },
             plural(*decisions, "time"),
             plural(found.simulations, "simulation"),
             plural(found.control_steps, "control step"),
+            match is_trained {
+                true => format!("it learned after each {rows} of a trial"),
+                false => format!(
+                    "every trial ended before its first update, after {rows}, so the policy is untrained"
+                ),
+            },
         ));
-        if found.trials.iter().all(|trial| trial.simulations <= *rows) {
-            text.push_str(
-                "\nevery trial ended before the first update, so the adversary is an untrained policy",
-            );
-        }
     }
     if found.early_stopping && found.simulations > 0 && found.screening.is_none() {
         let whole = found.simulations * found.subject.episode_steps;
