@@ -171,7 +171,7 @@ class Target:
     name: str
     """Name."""
     kind: str
-    """Kind: ``task`` or ``toy``."""
+    """Kind: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     deterministic: bool
     """Whether the same scenario and seed give the same episode."""
     control_dt: float
@@ -894,7 +894,7 @@ class Evaluation:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -1229,7 +1229,7 @@ class Falsification:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -1405,7 +1405,7 @@ class Margin:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -1594,7 +1594,7 @@ class Metamorphic:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -1787,7 +1787,7 @@ class Risk:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -2037,7 +2037,7 @@ class Simulation:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None
@@ -2387,7 +2387,7 @@ class Comparison:
     target: str
     """Name of the target."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     formula: str
     """Formula of success."""
     first: ComparedRun
@@ -3022,7 +3022,7 @@ class GuardTuning:
     task: str
     """The same; the older name of ``target``."""
     target_kind: str
-    """Kind of the target: ``task``, ``toy`` or ``python``."""
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
     target_hash: str
     """Hash of the target."""
     preset: str | None

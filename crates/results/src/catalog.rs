@@ -86,7 +86,7 @@ pub struct Targets {
 pub struct Target {
     /// Name.
     pub name: String,
-    /// Kind: `task` or `toy`.
+    /// Kind: `task`, `toy`, `arch`, `robot`, `process` or `python`.
     pub kind: String,
     /// Whether the same scenario and seed give the same episode.
     pub deterministic: bool,

@@ -11,7 +11,7 @@ use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, 
 pub struct Comparison {
     /// Name of the target.
     pub target: String,
-    /// Kind of the target: `task`, `toy` or `python`.
+    /// Kind of the target: `task`, `toy`, `arch`, `robot`, `process` or `python`.
     pub target_kind: String,
     /// Formula of success.
     pub formula: String,

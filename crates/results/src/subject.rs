@@ -10,7 +10,7 @@ pub struct Subject {
     pub target: String,
     /// The same; the older name of `target`.
     pub task: String,
-    /// Kind of the target: `task`, `toy` or `python`.
+    /// Kind of the target: `task`, `toy`, `arch`, `robot`, `process` or `python`.
     pub target_kind: String,
     /// Hash of the target.
     pub target_hash: String,

@@ -120,11 +120,11 @@ pub enum TimeProfile {
 }
 
 impl TimeProfile {
-    /// Returns the control step before which every weight is 0.
+    /// Returns the first control step with a weight above 0.
     pub(crate) fn begin(&self) -> usize {
         match self {
             TimeProfile::Constant(steps) => steps.start,
-            TimeProfile::Linear { before, .. } => *before,
+            TimeProfile::Linear { before, at, .. } => (before + 1).min(*at),
         }
     }
 

@@ -1,4 +1,4 @@
-use crate::disturbance::{AxisRouting, Effect, TimeProfile};
+use crate::disturbance::{AxisRouting, Effect};
 use crate::{Episode, RolloutError, Seed};
 
 /// An axis of the space whose value a [`Steering`] can choose during the simulation, because it
@@ -75,18 +75,12 @@ pub struct SteeredEpisode {
 }
 
 impl Effect {
-    /// Returns the first control step in which a disturbance of the action can act, and its
-    /// channel; `None` if it disturbs something else, or delays.
-    fn steered(&self) -> Option<(usize, (bool, usize))> {
+    /// Returns the channel of a disturbance of the action; `None` if it disturbs something else, or
+    /// delays.
+    fn action_channel(&self) -> Option<(bool, usize)> {
         match self {
-            Effect::ActionDraw { entry, steps } => Some((steps.start, (true, *entry))),
-            Effect::Action { entry, profile } => {
-                let first = match profile {
-                    TimeProfile::Constant(steps) => steps.start,
-                    TimeProfile::Linear { before, at, .. } => (before + 1).min(*at),
-                };
-                Some((first, (false, *entry)))
-            }
+            Effect::ActionDraw { entry, .. } => Some((true, *entry)),
+            Effect::Action { entry, .. } => Some((false, *entry)),
             _ => None,
         }
     }
@@ -99,7 +93,8 @@ impl AxisRouting {
         let mut channels: Vec<(bool, usize)> = Vec::new();
         let mut found: Vec<SteeredAxis> = Vec::new();
         for &(axis, ref effect) in self.effects() {
-            let Some((step, key)) = effect.steered() else { continue };
+            let Some(key) = effect.action_channel() else { continue };
+            let step = effect.first_step();
             let is_only = self.effects().iter().filter(|(other, _)| *other == axis).count() == 1;
             if !is_only || self.is_of_environment(axis) || step >= episode_steps {
                 continue;
