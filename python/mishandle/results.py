@@ -779,6 +779,93 @@ class CornerPoint:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class AxisRates:
+    """Success rates over the values of each axis, and over those of the pairs of axes that
+    interact most.
+
+    They count random simulations only: points that a search chose lie where earlier results
+    were low, so their rates say nothing about an axis. A simulation counts for an axis only if
+    the axis has an effect in its scenario.
+    """
+
+    success_rate: Estimate
+    """Success rate over all simulations that count, with its Wilson interval."""
+    axes: tuple[AxisRate, ...]
+    """The axes that vary, those with the smallest p-value first."""
+    pairs: tuple[PairRate, ...]
+    """The pairs of axes with the largest interaction, largest first; at most 6."""
+    pairs_tested: int
+    """Number of pairs of axes that were tested."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AxisRate:
+    """Success rates over the values of an axis."""
+
+    axis: str
+    """Name of the axis."""
+    unit: str
+    """Unit of its values; empty without one."""
+    success_rate: Estimate
+    """Success rate over the simulations in which the axis has an effect."""
+    bins: tuple[RateBin, ...]
+    """Parts of the range, in ascending order: each category, each of at most 12 whole numbers,
+    or 5 parts of equal width, 10 from 500 simulations on. A logarithmic axis is divided on its
+    scale."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RateBin:
+    """Success rate over a part of the range of an axis."""
+
+    low: float
+    """Lowest value."""
+    high: float
+    """Highest value; for a whole number or a category the same as ``low``."""
+    name: str | None = None
+    """Name of the category; missing for a number."""
+    success_rate: Estimate
+    """Success rate, with its Wilson interval."""
+    p_value: float | None
+    """P-value of Fisher's exact test that the simulations in the bin succeed as often as all
+    others of the axis, after Holm's correction for all bins of all axes; ``None`` if one of both
+    is empty."""
+    differs: bool
+    """Whether the rate differs from that of the others: a p-value below 0.05."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairRate:
+    """Success rates over the values of two axes."""
+
+    axes: tuple[str, str]
+    """Names of both axes."""
+    bins: tuple[tuple[ValueRange, ...], tuple[ValueRange, ...]]
+    """Parts of the range of each axis."""
+    interaction: float
+    """Fraction of the variance of success that both axes explain together beyond the sum of
+    their separate effects (second-order Sobol index over the cells), without what chance
+    explains."""
+    p_value: float
+    """P-value of a chi-squared test that the effects of both axes add up, after Holm's
+    correction for all pairs."""
+    cells: tuple[tuple[Estimate, ...], ...]
+    """Success rate in each cell: a row for each bin of the first axis."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ValueRange:
+    """A part of the range of an axis."""
+
+    low: float
+    """Lowest value."""
+    high: float
+    """Highest value; for a whole number or a category the same as ``low``."""
+    name: str | None = None
+    """Name of the category; missing for a number."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Requirement:
     """A named requirement over the simulations of a run."""
 
@@ -976,6 +1063,9 @@ class Evaluation:
     corners: Corners | None
     """Results at the corners and the center of the initial box; ``None`` if the space has no
     numeric axis of kind ``start``."""
+    axis_rates: AxisRates | None = None
+    """Success rates over the values of the axes; missing for fewer than 50 random simulations,
+    with screening, and without any verdict or axis."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over the random simulations; missing without one."""
     reasons: tuple[EndReasons, ...] | None = None

@@ -9,7 +9,7 @@ use mishandle_store::RunFile;
 use crate::error::MishandleError;
 use crate::inspect::cause::isolation;
 use crate::inspect::requirements::requirements;
-use crate::inspect::{mode_survey, smooth_region_of};
+use crate::inspect::{axis_rates, mode_survey, smooth_region_of};
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, counterexample_repeats};
 
@@ -52,7 +52,8 @@ pub fn whole_result(
 }
 
 /// Returns the answer of a question as a result, with what its run file says besides: the named
-/// requirements, and the causes of counterexamples. It simulates nothing.
+/// requirements, the success rates over the values of axes, and the causes of counterexamples. It
+/// simulates nothing.
 ///
 /// # Errors
 /// If the run file at `run`, which must be closed, cannot be read.
@@ -62,6 +63,11 @@ pub fn recorded_result(
     run: &Path,
 ) -> Result<results::Answer, MishandleError> {
     let mut result = answer.result(resolved, run)?;
+    if let results::Answer::Evaluation(found) = &mut result
+        && found.screening.is_none()
+    {
+        found.axis_rates = axis_rates(&RunFile::open_unchecked(run)?)?;
+    }
     let falsify = resolved.plan.falsify.as_ref();
     let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true));
     // Only a target that can fail says why.

@@ -16,10 +16,10 @@ use crate::plan::Plan;
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
 use crate::run::{record, unfinished};
-use mishandle_text::{p_value_text, plural, shell_quote};
+use mishandle_text::{p_value_phrase, plural, shell_quote};
 
 /// Trial of the random simulations of an evaluation.
-const RANDOM_TRIAL: u32 = 1;
+pub(crate) const RANDOM_TRIAL: u32 = 1;
 
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///
@@ -91,15 +91,12 @@ impl Comparison {
             return format!("No random simulation of {name} has a verdict, so there is nothing to compare.");
         }
         let PairedRates { first_only, second_only, p_value, .. } = self.success;
-        let p = match p_value_text(p_value) {
-            small if small.starts_with('<') => format!("p {small}"),
-            value => format!("p = {value}"),
-        };
         format!(
-            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {p}).",
+            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {}).",
             plural(first_only, "random simulation"),
             second_only,
             self.judgment(),
+            p_value_phrase(p_value),
         )
     }
 

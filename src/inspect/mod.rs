@@ -2,6 +2,7 @@
 //! what was covered, and how two runs differ.
 
 mod answer;
+mod axis_rates;
 mod cause;
 mod comparison;
 mod event;
@@ -18,6 +19,7 @@ mod space_coverage;
 mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
+pub use axis_rates::axis_rates;
 pub(crate) use comparison::paired_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};

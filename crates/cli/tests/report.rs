@@ -186,3 +186,63 @@ fn a_random_search_has_a_failure_rate_and_a_target_that_always_fails_is_named() 
     bench.check("report all.sqlite --no-simulations --out b.html", 0);
     assert!(page(&bench, "b.html").contains("All 3 simulations fail."));
 }
+
+/// A car ahead that brakes harder is a harder scenario; at 0 m/s² it does not brake at all.
+#[test]
+fn an_evaluation_has_success_over_the_range_of_each_axis() {
+    let bench = Bench::new();
+    let found = bench.json(
+        "evaluate toy/car-following --space events+dynamics --episodes 600 --seed 1 --out run.sqlite --json",
+        0,
+    );
+    let rates = &found["axis_rates"];
+    assert_eq!(rates["success_rate"], found["success_rate"]);
+    let axes = rates["axes"].as_array().unwrap();
+    let braking = axes.iter().find(|axis| axis["axis"] == "brake_deceleration").unwrap();
+    let bins = braking["bins"].as_array().unwrap();
+    let counted: u64 = bins.iter().map(|bin| bin["success_rate"]["n"].as_u64().unwrap()).sum();
+    assert_eq!((bins.len(), counted), (10, 600));
+    let value = |bin: &serde_json::Value| bin["success_rate"]["value"].as_f64().unwrap();
+    assert!(value(&bins[0]) == 1.0 && value(&bins[9]) < 0.5, "{bins:?}");
+    assert!(bins[0]["differs"] == true && bins[9]["differs"] == true, "{bins:?}");
+    // Braking harder and for longer multiplies into a distance.
+    let pair = &rates["pairs"][0];
+    let mut names: Vec<&str> =
+        pair["axes"].as_array().unwrap().iter().filter_map(|name| name.as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["brake_deceleration", "brake_duration"]);
+    assert!(pair["p_value"].as_f64().unwrap() < 0.001, "{pair}");
+
+    bench.check("report run.sqlite --markdown run.md", 0);
+    let markdown = page(&bench, "run.md");
+    for part in [
+        "## toy/car-following violates its requirement in ",
+        "| success rate | ",
+        "### Success over the range of the axes",
+        "| brake_deceleration (m/s²) | 0 to 0.8 | **100 %** |",
+        "brake_deceleration (columns)",
+    ] {
+        assert!(markdown.contains(part), "{part} is not in\n{markdown}");
+    }
+    bench.check("report run.sqlite --no-simulations --out run.html", 0);
+    let html = page(&bench, "run.html");
+    assert!(html.contains("Which axes matter</h3>") && html.contains("<table class=\"heat\">"), "{html}");
+    bench.refuses("report run.sqlite --markdown run.md", &["run.md exists already", "--force"]);
+    bench.refuses("report run.sqlite --markdown x.md --out x.md", &["the same file x.md"]);
+    bench.refuses("report . --markdown x.md", &["--markdown writes about run files"]);
+    bench.refuses("report run.sqlite", &["--out"]);
+}
+
+#[test]
+fn points_that_a_search_chose_have_no_rates() {
+    let bench = Bench::new();
+    bench.check("falsify toy/sphere-2d --search cma-es --trials 3 --budget 60 --seed 1 --out run.sqlite", 1);
+    bench.check("report run.sqlite --no-simulations --out run.html", 0);
+    assert!(!page(&bench, "run.html").contains("Which axes matter"));
+    bench.check("report run.sqlite --sensitivity 200 --probes 0 --out measured.html", 0);
+    let html = page(&bench, "measured.html");
+    assert!(
+        html.contains("Of 200 random scenarios, ") && html.contains("Total effects of the axes"),
+        "{html}"
+    );
+}

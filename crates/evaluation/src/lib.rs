@@ -13,7 +13,8 @@
 //! Two controllers on the same scenarios are compared by [`PairedCounts`], [`sign_test`] and
 //! [`paired_mean_difference`]. The numbers of simulations to a failure are analyzed by
 //! [`SurvivalCurve`], [`log_rank`] and [`vargha_delaney`], and several tests are corrected by
-//! [`holm()`](holm()). [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
+//! [`holm()`](holm()). [`AxisRateCounter`] counts successes over the values of each axis and of
+//! pairs of axes. [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
 //! [`kruskal_wallis()`](kruskal_wallis()) several.
 //!
 //! # Example
@@ -24,6 +25,7 @@
 //! assert!((rate.low.unwrap() - 0.77).abs() < 0.005 && (rate.high.unwrap() - 0.91).abs() < 0.005);
 //! ```
 
+mod axis_rates;
 mod betting;
 mod chi_squared;
 mod corners;
@@ -33,6 +35,7 @@ mod error;
 mod exact;
 mod f_distribution;
 mod holm;
+mod interaction;
 mod interval;
 mod kolmogorov_smirnov;
 mod kruskal_wallis;
@@ -47,6 +50,7 @@ mod survival;
 mod two_phase;
 mod two_stage;
 
+pub use axis_rates::AxisRateCounter;
 pub use betting::{betting_mean, betting_mean_at};
 pub use chi_squared::chi_squared_tail;
 pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};

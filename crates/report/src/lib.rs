@@ -2,7 +2,8 @@
 //!
 //! [`RunReport::load`] reads what the page shows from a run file, of any target.
 //! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, repeats
-//! under noise, corners and pictures. [`page`] writes the HTML. [`campaign_page`] and [`run_page`]
+//! under noise, corners and pictures. [`page`] writes the HTML, [`markdown`] the most important of
+//! it. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
 //! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs.
@@ -15,6 +16,7 @@
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
+mod axis_rates;
 mod campaign;
 mod commands;
 mod comparison;
@@ -27,6 +29,7 @@ mod load;
 mod log;
 mod map;
 mod margin;
+mod markdown;
 mod measure;
 mod metamorphic;
 mod modes;
@@ -52,6 +55,7 @@ pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
 pub use log::{LogSection, log_page};
+pub use markdown::markdown;
 pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
 pub use pictures::{PICTURE, Painter};

@@ -2,9 +2,9 @@
 
 use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metrics};
 use mishandle::inspect::{
-    ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
+    ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, mode_survey,
 };
-use mishandle::results::Answer;
+use mishandle::results::{Answer, AxisRates};
 use mishandle::rollout::{Axis, Seed};
 use mishandle::run::{recorded_answer, recorded_axis};
 use mishandle::stl::is_violated;
@@ -46,6 +46,8 @@ pub struct RunReport {
     pub(crate) corners: Vec<CornerSimulation>,
     /// Of an evaluation: the rates over all random simulations.
     pub(crate) rates: Option<Metrics>,
+    /// Of an evaluation: success over the values of the axes.
+    pub(crate) axis_rates: Option<AxisRates>,
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
@@ -56,7 +58,9 @@ pub struct RunReport {
     /// Of a margin: the simulation with the smallest disturbance that was found, explained.
     pub(crate) witness: Option<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
-    /// Parts that the page lacks, with the reason.
+    /// Why the page lacks what takes simulations.
+    pub(crate) no_simulations: Option<String>,
+    /// Other parts that the page lacks, with the reason.
     pub(crate) notes: Vec<String>,
 }
 
@@ -223,6 +227,7 @@ impl RunReport {
             path: path.to_string(),
             plan,
             rates: (header.kind == RunKind::Evaluate).then(|| metrics.report(Seed(header.seed))),
+            axis_rates: axis_rates(run)?,
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
             counts,
@@ -236,6 +241,7 @@ impl RunReport {
             answer: None,
             witness: None,
             measured: None,
+            no_simulations: None,
             notes,
         })
     }
@@ -286,7 +292,7 @@ impl RunReport {
 
     /// Says on the page that nothing was simulated, and why.
     pub fn note_no_simulations(&mut self, reason: &str) {
-        self.add_note(format!(
+        self.no_simulations = Some(format!(
             "Sizes of failing patches, repeats with other seeds, corners, the share of noise and pictures are missing, because \
              they take simulations: {reason}."
         ));

@@ -7,7 +7,7 @@ use mishandle::store::{RunHeader, RunKind};
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
-use crate::{curves, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words};
+use crate::{axis_rates, curves, map, margin, metamorphic, modes, risk, sensitivity, survey, tables, words};
 
 /// Returns the section of a run. `id` is its number on the page, from 1.
 pub fn section(report: &RunReport, id: usize) -> String {
@@ -18,8 +18,9 @@ pub fn section(report: &RunReport, id: usize) -> String {
     ));
     let meaning: String = words::meaning(report).iter().map(|sentence| format!("{sentence} ")).collect();
     out.push_str(&format!("<p>{meaning}</p>\n{}{}", tiles(report), tables::rates(report)));
-    if !report.notes.is_empty() {
-        let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>", text(note))).collect();
+    let notes: Vec<&String> = report.notes.iter().chain(&report.no_simulations).collect();
+    if !notes.is_empty() {
+        let notes: String = notes.into_iter().map(|note| format!("<li>{}</li>", text(note))).collect();
         out.push_str(&format!("<ul class=\"notes\">{notes}</ul>\n"));
     }
     out.push_str(&match &report.answer {
@@ -36,8 +37,15 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if let Some(corners) = tables::corners(report) {
         out.push_str(&format!("<h3>Corners</h3>\n{corners}"));
     }
-    if let Some(found) = report.measured.as_ref().and_then(|measured| measured.sensitivity.as_ref()) {
-        out.push_str(&format!("<h3>Which axes matter</h3>\n{}", sensitivity::section(report, found)));
+    let sensitivity = report.measured.as_ref().and_then(|measured| measured.sensitivity.as_ref());
+    if sensitivity.is_some() || report.axis_rates.is_some() {
+        out.push_str(&format!("<h3 id=\"r{id}-axes\">Which axes matter</h3>\n"));
+    }
+    if let Some(rates) = &report.axis_rates {
+        out.push_str(&axis_rates::section(rates, "the random simulations"));
+    }
+    if let Some(found) = sensitivity {
+        out.push_str(&sensitivity::section(report, found));
     }
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));

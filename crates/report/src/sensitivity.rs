@@ -3,10 +3,13 @@
 use std::ops::ControlFlow;
 
 use mishandle::MishandleError;
-use mishandle::evaluation::{Estimate, SensitivitySample, total_effects};
+use mishandle::evaluation::{AxisRateCounter, Estimate, SensitivitySample, total_effects};
+use mishandle::results::AxisRates;
 use mishandle::rollout::{Episode, Request, Scenario, Seed, Space, System};
+use mishandle::stl::is_satisfied;
 use mishandle_text::plural;
 
+use crate::axis_rates;
 use crate::html::{percent, short, table, text};
 use crate::load::RunReport;
 
@@ -21,6 +24,8 @@ const MAX_ROWS: usize = 20;
 pub struct Sensitivity {
     /// Index and effect of each axis that varies.
     pub effects: Vec<(usize, Estimate)>,
+    /// Success over the values of the axes, of one simulation of each random scenario.
+    pub rates: Option<AxisRates>,
     /// Number of random scenarios whose simulations all have a verdict.
     pub scenarios: u64,
     /// Number of simulations.
@@ -50,6 +55,7 @@ pub fn measure(
     let axes: Vec<usize> = varying(space).collect();
     let mut sample =
         SensitivitySample { moved: vec![Vec::new(); axes.len()], ..SensitivitySample::default() };
+    let mut rates = AxisRateCounter::new(space, n.into());
     let columns = axes.len() + 2;
     let mut simulations = 0;
     for first in (0..n).step_by((BATCH / columns).max(1)) {
@@ -78,6 +84,9 @@ pub fn measure(
             }
         }
         for row in episodes.chunks(columns) {
+            if let Some(own) = row.first().filter(|own| own.end.counts_in_rates()) {
+                rates.add_verdict(&own.request.scenario, own.robustness().map(is_satisfied));
+            }
             let values: Option<Vec<f64>> =
                 row.iter().map(|episode| episode.robustness().filter(|rho| rho.is_finite())).collect();
             // A row with a gap would compare other scenarios.
@@ -90,7 +99,7 @@ pub fn measure(
     let scenarios = sample.first.len() as u64;
     let mut effects: Vec<(usize, Estimate)> = axes.into_iter().zip(total_effects(&sample, seed)).collect();
     effects.sort_by(|a, b| b.1.value.unwrap_or(0.0).total_cmp(&a.1.value.unwrap_or(0.0)));
-    Ok(Some(Sensitivity { effects, scenarios, simulations }))
+    Ok(Some(Sensitivity { effects, rates: rates.report(), scenarios, simulations }))
 }
 
 /// Returns the table of the effects as HTML.
@@ -118,7 +127,17 @@ pub fn section(report: &RunReport, found: &Sensitivity) -> String {
         .collect();
     let rest = found.effects.len().saturating_sub(MAX_ROWS);
     let rest = if rest > 0 { format!(" {rest} more axes have smaller effects.") } else { String::new() };
-    table("Total effects of the axes on the robustness", &["axis", "total effect", "95 % interval"], &rows)
+    // An evaluation has a larger sample of its own.
+    let rates = found.rates.as_ref().filter(|_| report.axis_rates.is_none());
+    let rates = rates.map_or(String::new(), |rates| {
+        axis_rates::section(rates, &plural(found.scenarios, "random scenario"))
+    });
+    rates
+        + &table(
+            "Total effects of the axes on the robustness",
+            &["axis", "total effect", "95 % interval"],
+            &rows,
+        )
         + &format!(
             "<p class=\"notes\">The share of the variance of the robustness that remains if all other axes are known ({sample}; noise of \
              seeds is subtracted). Effects of axes together count in each of them.{rest}</p>\n"

@@ -68,7 +68,17 @@ pub fn trials(report: &RunReport, run: usize) -> String {
 
 /// Returns the table of the rates of an evaluation; empty for another run.
 pub fn rates(report: &RunReport) -> String {
-    let Some(found) = &report.rates else { return String::new() };
+    let rows = rate_rows(report);
+    if rows.is_empty() {
+        return String::new();
+    }
+    let head = ["mean over the random simulations", "value", "95 % interval", "simulations"];
+    table("Rates", &head, &rows)
+}
+
+/// Returns the rows of the rates of an evaluation: name, value, interval and number of simulations.
+pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
+    let Some(found) = &report.rates else { return Vec::new() };
     let steps = |value: f64| format!("{} ({} s)", number(value), number(value * report.header.control_dt));
     let row = |(name, estimate, show): (&str, Option<Estimate>, &dyn Fn(f64) -> String)| {
         let estimate = estimate?;
@@ -87,9 +97,7 @@ pub fn rates(report: &RunReport) -> String {
         ("simulations with a dangerous step", found.dangerous_episode_rate, &percent),
         ("control steps until completion", found.task_completion_time, &steps),
     ];
-    let rows: Vec<Vec<String>> = rows.into_iter().filter_map(row).collect();
-    let head = ["mean over the random simulations", "value", "95 % interval", "simulations"];
-    table("Rates", &head, &rows)
+    rows.into_iter().filter_map(row).collect()
 }
 
 /// Says that a table is cut.

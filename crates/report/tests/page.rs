@@ -9,7 +9,7 @@ use mishandle::store::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, IfExists, RunFile, RunHeader, RunKind,
     RunWriter, SignalRecord, Simulation, SimulationEnd, StoredTrace, TargetRecord, TrialStatus,
 };
-use mishandle_report::{HardeningSummary, RunReport, campaign_page, page};
+use mishandle_report::{HardeningSummary, RunReport, campaign_page, markdown, page};
 
 const HOSTILE: &str = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\u{202e}\u{1b}";
 
@@ -55,7 +55,7 @@ fn header(axes: usize, text: &str) -> RunHeader {
         episode_steps: 4,
         signals: vec![SignalRecord { name: "gap".into(), unit: text.into() }],
         axes: (0..axes).map(axis).collect(),
-        verdicts: vec![],
+        verdicts: vec!["success".into()],
         preflight: vec![],
     }
 }
@@ -68,7 +68,7 @@ fn write(path: &Path, header: &RunHeader, trials: &[(u32, bool)]) {
         for simulation in 1..=*simulations {
             let is_failure = *fails && simulation == *simulations;
             let gap = if is_failure { 1.5 } else { 2.25 };
-            let at = f64::from(simulation) / 10.0;
+            let at = f64::from(simulation % 10) / 10.0;
             let scenario =
                 (0..header.axes.len()).map(|axis| Some(if axis == 1 { 0.0 } else { at })).collect();
             let trace = is_failure.then(|| StoredTrace { columns: vec![vec![3.0, 2.5, 2.0, gap, 1.75]] });
@@ -85,7 +85,7 @@ fn write(path: &Path, header: &RunHeader, trials: &[(u32, bool)]) {
                     stop_threshold: None,
                     end: SimulationEnd::Completed,
                     steps: 4,
-                    verdicts: vec![],
+                    verdicts: vec![Some(gap - 2.0)],
                     reason: String::new(),
                     trace_digest: None,
                     trace,
@@ -141,6 +141,23 @@ fn hostile_names_are_text() {
             let target = link.split('"').next().unwrap().strip_prefix('#').unwrap();
             assert!(html.contains(&format!("id=\"{target}\"")), "{target}");
         }
+    }
+}
+
+/// Rates need an evaluation, whose plan this program reads.
+#[test]
+fn hostile_names_are_text_in_tables_of_rates_and_in_markdown() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let plan = "target = \"toy/sphere-2d\"\n[evaluate]\nepisodes = 300\n";
+    let header = RunHeader { kind: RunKind::Evaluate, plan: plan.into(), ..header(3, HOSTILE) };
+    write(&path, &header, &[(300, true)]);
+    let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite").unwrap();
+    let (html, text) = (page(std::slice::from_ref(&report)), markdown(&[report]));
+    assert!(html.contains("Which axes matter</h3>"), "{html}");
+    assert!(text.contains("### Success over the range of the axes"), "{text}");
+    for part in ["<script", "<img", "\u{202e}", "\u{1b}"] {
+        assert!(!html.contains(part) && !text.contains(part), "{part}\n{text}");
     }
 }
 

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
+use crate::{AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -26,6 +26,10 @@ pub struct Evaluation {
     /// Results at the corners and the center of the initial box; `null` if the space has no numeric
     /// axis of kind `start`.
     pub corners: Option<Corners>,
+    /// Success rates over the values of the axes; missing for fewer than 50 random simulations,
+    /// with screening, and without any verdict or axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis_rates: Option<AxisRates>,
     /// Each named requirement over the random simulations; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<Requirement>>,

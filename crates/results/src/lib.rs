@@ -29,6 +29,7 @@
 //! assert!(Document::all().iter().any(|document| document.command == "evaluate"));
 //! ```
 
+mod axis_rates;
 mod campaign;
 mod catalog;
 mod comparison;
@@ -60,6 +61,7 @@ mod training;
 mod values;
 mod verification;
 
+pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use campaign::{Answer, Campaign, CampaignRun};
 pub use catalog::{
     Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,

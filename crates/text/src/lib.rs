@@ -12,6 +12,8 @@ mod shell_quote;
 pub use ends::first_and_last_line;
 pub use instant::instant;
 pub use invisible::{is_invisible, visible};
-pub use number::{decimal, number_text, p_value_text, plural, probability_text, short_number};
+pub use number::{
+    decimal, number_text, p_value_phrase, p_value_text, plural, probability_text, short_number,
+};
 pub use path::path_text;
 pub use shell_quote::shell_quote;

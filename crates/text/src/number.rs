@@ -81,3 +81,11 @@ pub fn probability_text(p: f64) -> String {
 pub fn p_value_text(p: f64) -> String {
     if p < 0.0001 { "< 0.0001".to_string() } else { format!("{p:.4}") }
 }
+
+/// Formats a p-value for a sentence: `p = 0.0312`, or `p < 0.0001` for smaller ones.
+pub fn p_value_phrase(p: f64) -> String {
+    match p_value_text(p) {
+        small if small.starts_with('<') => format!("p {small}"),
+        value => format!("p = {value}"),
+    }
+}

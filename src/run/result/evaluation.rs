@@ -86,6 +86,7 @@ fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
         is_complete,
         metrics: Metrics::default(),
         corners: None,
+        axis_rates: None,
         requirements: None,
         reasons: None,
         screening: None,

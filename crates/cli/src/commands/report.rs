@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
 use mishandle::train::Curve;
-use mishandle_report::{LogSection, Samples, hardening_page, learning_curve_page, log_page, page};
+use mishandle_report::{LogSection, Samples, hardening_page, learning_curve_page, log_page, markdown, page};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
@@ -22,6 +22,7 @@ use crate::show::progress::Bar;
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
   mishandle report better.harden --out report.html      a hardening, before and after
+  mishandle report runs/RUN.sqlite --markdown run.md    the most important as Markdown
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
   mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
@@ -36,9 +37,13 @@ pub struct Arguments {
     #[arg(value_name = "RUN", required_unless_present_any = ["paths", "topic"])]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
-    /// Overwrite FILE if it exists
+    #[arg(long, value_name = "FILE", required_unless_present = "markdown")]
+    pub out: Option<PathBuf>,
+    /// Markdown file to create about run files, for a pull request or a README: verdict, rates,
+    /// failure modes, and success over the range of each axis. Without --out, nothing is simulated
+    #[arg(long, value_name = "FILE", conflicts_with_all = flags::OF_LOGS)]
+    pub markdown: Option<PathBuf>,
+    /// Overwrite the files of --out and --markdown
     #[arg(long)]
     pub force: bool,
     /// Number of random scenarios around each failure mode, which estimate the size of the failing
@@ -80,24 +85,38 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     run::set_threads(command.threads)?;
     let controller = command.controller.as_deref().map(Path::new);
-    let inputs = command.runs.iter().map(PathBuf::as_path).chain(controller);
-    output::refuse_inputs(&command.out, "--out", inputs)?;
+    let files = [("--out", &command.out), ("--markdown", &command.markdown)];
+    for (flag, file) in files {
+        if let Some(file) = file {
+            let inputs = command.runs.iter().map(PathBuf::as_path).chain(controller);
+            output::refuse_inputs(file, flag, inputs)?;
+        }
+    }
+    if let (Some(out), Some(markdown)) = (&command.out, &command.markdown) {
+        ensure!(out != markdown, "--out and --markdown name the same file {}", out.display());
+    }
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
+    let samples = Samples { probes: command.probes, sensitivity: command.sensitivity };
     let options = pages::Options {
-        simulations: (!command.no_simulations)
-            .then_some((Samples { probes: command.probes, sensitivity: command.sensitivity }, &bar)),
+        simulations: (!command.no_simulations && command.out.is_some()).then_some((samples, &bar)),
         controller: command.controller.as_deref(),
         skip_check: command.skip_check,
         force: command.force,
     };
+    let is_run = |path: &PathBuf| !path.is_dir() && !is_curve(path);
+    if command.markdown.is_some()
+        && let Some(other) = command.runs.iter().find(|path| !is_run(path))
+    {
+        bail!("--markdown writes about run files; {} is none", other.display());
+    }
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
         if let Some(is_finished) = is_hardening(folder) {
             return write_hardening(folder, is_finished, command, &options);
         }
-        return pages::write_campaign(folder, &command.out, &options);
+        return pages::write_campaign(folder, page_file(command)?, &options);
     }
     if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
         bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
@@ -111,23 +130,32 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bail!("{} is a learning curve; name it alone", curve.display());
     }
     // Fails before the simulations if the output cannot be written.
-    drop(output::create(&command.out, command.force)?);
+    for (_, file) in files {
+        if let Some(file) = file {
+            drop(output::create(file, command.force)?);
+        }
+    }
     let mut reports = Vec::new();
     for path in &command.runs {
         let file = run::read(path, options.skip_check)?;
         let report = pages::report(&file, path, &options).with_context(|| path.display().to_string())?;
         let Some(report) = report else {
             bar.clear();
-            output::message(&format!(
-                "interrupted: nothing is kept, {} is not written",
-                command.out.display()
-            ));
+            let names = files.iter().filter_map(|(_, file)| file.as_deref());
+            let names: Vec<String> = names.map(|file| file.display().to_string()).collect();
+            output::message(&format!("interrupted: nothing is kept, {} not written", names.join(" and ")));
             return Ok(ExitStatus::Interrupted);
         };
         reports.push(report);
     }
     bar.clear();
-    write(&page(&reports), command)
+    if let Some(file) = &command.markdown {
+        write_file(file, &markdown(&reports), command)?;
+    }
+    match command.out {
+        Some(_) => write(&page(&reports), command),
+        None => Ok(ExitStatus::Done),
+    }
 }
 
 /// Returns whether a path names a learning curve rather than a run file.
@@ -146,7 +174,7 @@ fn write_hardening(
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
     let Some((found, failures, reports)) = pages::hardening(folder, options)? else {
         options.clear();
-        output::message(&format!("interrupted: {} is not written", command.out.display()));
+        output::message(&format!("interrupted: {} is not written", page_file(command)?.display()));
         return Ok(ExitStatus::Interrupted);
     };
     options.clear();
@@ -166,8 +194,9 @@ fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
 /// Writes the page about verdicts on logs.
 fn write_logs(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
-    output::refuse_inputs(&command.out, "--out", log_question::inputs(&command.logs.question, &sources))?;
-    drop(output::create(&command.out, command.force)?);
+    let out = page_file(command)?;
+    output::refuse_inputs(out, "--out", log_question::inputs(&command.logs.question, &sources))?;
+    drop(output::create(out, command.force)?);
     let mut sections = Vec::new();
     let without = log_question::ask(&command.logs.question, &sources, |asked| {
         // Dense time and logs without times have verdicts and charts, but no decisive sample.
@@ -189,8 +218,18 @@ fn write_logs(command: &Arguments) -> Result<ExitStatus> {
 }
 
 fn write(page: &str, command: &Arguments) -> Result<ExitStatus> {
-    output::write_atomically(&command.out, command.force, page.as_bytes())?;
-    let size = page.len().div_ceil(1000);
-    output::message(&format!("wrote {} ({size} kB)", command.out.display()));
+    write_file(page_file(command)?, page, command)?;
     Ok(ExitStatus::Done)
+}
+
+/// Returns the file of the page. Only a report about run files can do without it.
+fn page_file(command: &Arguments) -> Result<&Path> {
+    command.out.as_deref().context("--out must name the HTML file to create")
+}
+
+fn write_file(file: &Path, text: &str, command: &Arguments) -> Result<()> {
+    output::write_atomically(file, command.force, text.as_bytes())?;
+    let size = text.len().div_ceil(1000);
+    output::message(&format!("wrote {} ({size} kB)", file.display()));
+    Ok(())
 }

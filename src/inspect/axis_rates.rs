@@ -1,0 +1,31 @@
+//! Success rates over the values of axes, from the random simulations of a run.
+
+use mishandle_evaluation::AxisRateCounter;
+use mishandle_results::AxisRates;
+use mishandle_rollout::Space;
+use mishandle_store::{RunFile, RunKind};
+
+use crate::error::MishandleError;
+use crate::inspect::comparison::RANDOM_TRIAL;
+use crate::run::{has_random_rows, recorded_axis, recorded_episode};
+
+/// Returns the success rates of an evaluation over the values of its axes; `None` for another run,
+/// because its simulations are not a random sample of fixed size, and if too few simulations have a
+/// verdict.
+///
+/// # Errors
+/// If the run cannot be read.
+pub fn axis_rates(run: &RunFile) -> Result<Option<AxisRates>, MishandleError> {
+    let header = run.header();
+    let is_random = header.kind == RunKind::Evaluate && has_random_rows(header);
+    let Ok(space) = Space::new(&header.space, header.axes.iter().map(recorded_axis).collect()) else {
+        return Ok(None);
+    };
+    let planned = run.trials()?.into_iter().find(|trial| trial.trial.number == RANDOM_TRIAL);
+    let Some(planned) = planned.filter(|_| is_random) else { return Ok(None) };
+    let mut counter = AxisRateCounter::new(&space, planned.counts.simulations);
+    for simulation in run.trial_simulations(RANDOM_TRIAL) {
+        counter.add(&recorded_episode(&simulation?));
+    }
+    Ok(counter.report())
+}
