@@ -23,6 +23,7 @@
 pub mod archive;
 pub mod build;
 pub mod campaign;
+pub mod check;
 pub mod counterexample;
 mod error;
 pub mod harden;
@@ -45,8 +46,8 @@ pub use {
     mishandle_arch as arch, mishandle_controllers as controllers, mishandle_evaluation as evaluation,
     mishandle_falsification as falsification, mishandle_files as files, mishandle_guard as guard,
     mishandle_interchange as interchange, mishandle_mjcf as mjcf, mishandle_network as network,
-    mishandle_random as random, mishandle_results as results, mishandle_risk as risk,
-    mishandle_rollout as rollout, mishandle_search as search, mishandle_stl as stl, mishandle_store as store,
-    mishandle_tasks as tasks, mishandle_toys as toys, mishandle_training as training,
-    mishandle_world as world,
+    mishandle_random as random, mishandle_requirements as requirements, mishandle_results as results,
+    mishandle_risk as risk, mishandle_rollout as rollout, mishandle_search as search, mishandle_stl as stl,
+    mishandle_store as store, mishandle_tasks as tasks, mishandle_toys as toys,
+    mishandle_training as training, mishandle_world as world,
 };

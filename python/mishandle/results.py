@@ -275,7 +275,8 @@ class LogVerdict:
     description: str | None
     """Description of the requirement; ``None`` without one."""
     severity: str
-    """``error`` or ``warning``: only a violated formula with ``error`` gives exit code 1."""
+    """``critical``, ``error`` or ``warning``: a violated formula with ``warning`` does not give
+    exit code 1."""
     formula: str
     """Formula."""
     robustness: float
@@ -375,8 +376,8 @@ class Monitor:
     """Each named requirement; missing without one. Without ``--formula``, the other keys are
     those of the first. Missing with several logs."""
     verdicts: tuple[LogVerdict, ...]
-    """The verdict of each formula on each log, worst first: errors that are violated, warnings
-    that are violated, then satisfied formulas."""
+    """The verdict of each formula on each log, worst first: violated formulas by their severity,
+    then satisfied formulas."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2184,6 +2185,164 @@ class Simulation:
     """Repeated simulations; ``None`` without ``--repeat``."""
     noise: Noise | None
     """Split of the variance of the robustness; ``None`` without ``--repeat`` or randomness."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckedRequirement:
+    """A requirement of a file."""
+
+    name: str
+    """Identifier."""
+    text: str | None
+    """The requirement in words, from the file; ``None`` without them."""
+    formula: str
+    """Formula, with the units of its bounds."""
+    severity: str
+    """Severity of a violation: ``critical``, ``error`` or ``warning``."""
+    clauses: tuple[str, ...]
+    """Clauses of standards that ask for it."""
+    source: str | None
+    """Where the numbers of the formula come from; ``None`` if the file does not say it."""
+    space: str
+    """Scenario space."""
+    max_failure_rate: float | None
+    """Largest failure rate that is allowed; ``None``: no violation is."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckedController:
+    """A controller of a check."""
+
+    name: str
+    """Name, or path; empty for a target without one."""
+    hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    target_hash: str
+    """Hash of the target with this controller."""
+    runs: tuple[CheckRun, ...]
+    """The runs, with all their simulations."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckRun:
+    """A run file of a check."""
+
+    run: str
+    """Path of the run file."""
+    kind: str
+    """``random`` scenarios, or a ``search``."""
+    space: str
+    """Scenario space."""
+    requirement: str | None
+    """The requirement that the search tries to violate; ``None`` for random scenarios."""
+    simulations: int
+    """Number of simulations."""
+    digest: str
+    """Digest of all records of the run: equal for equal simulations."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckCell:
+    """The verdict of a requirement for a controller."""
+
+    requirement: str
+    """Identifier of the requirement."""
+    controller: str
+    """Name of the controller."""
+    verdict: str
+    """``violated``; ``not violated`` in the simulations that were run, which proves nothing
+    about others; ``no verdict``; or ``not applicable``: the target lacks signals of the formula."""
+    evidence: str
+    """The evidence in a sentence."""
+    missing_signals: tuple[str, ...]
+    """Signals of the formula that the target lacks."""
+    simulations: int
+    """Number of simulations with a verdict, of all runs in the space of the requirement."""
+    violated: int
+    """Number of these that violate it."""
+    without_verdict: int
+    """Number of simulations without a verdict."""
+    failure_rate: Estimate | None
+    """Share of the random scenarios that violate it, with two one-sided 95 % bounds
+    (Clopper-Pearson). Simulations without a verdict count as satisfied for the lower bound, as
+    violated for the upper one. ``None`` if it is not applicable."""
+    minimum_robustness: float | None
+    """Minimum robustness; ``None`` without a verdict."""
+    counterexample: CheckCounterexample | None
+    """The violation with the minimum robustness; ``None`` without one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckCounterexample:
+    """A violation as evidence."""
+
+    run: str
+    """Run file."""
+    trial: int
+    """Trial."""
+    simulation: int
+    """Number of the simulation in its trial."""
+    seed: int
+    """Random seed of the simulation."""
+    scenario: tuple[CheckedValue, ...]
+    """The scenario beside the nominal one."""
+    robustness: float
+    """Robustness."""
+    file: str | None
+    """Counterexample file; ``None`` for a system that the command line cannot simulate."""
+    replay: str
+    """Command, or call in Python, that simulates it again."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckedValue:
+    """The value of an axis in a counterexample."""
+
+    axis: str
+    """Name of the axis."""
+    unit: str
+    """Unit; empty without one."""
+    value: float | None
+    """Value; ``None``: drawn at random."""
+    nominal: float | None
+    """Value in the undisturbed episode; ``None``: drawn at random."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Check:
+    """A file of requirements checked on a target with one or several controllers: a traceability
+    matrix. It is evidence from simulations, and no certificate."""
+
+    folder: str
+    """Folder of the run files, the counterexamples and the reports."""
+    requirements_file: str
+    """File of the requirements."""
+    requirements_digest: str
+    """SHA-256 of this file."""
+    title: str | None
+    """Title of the file; ``None`` without one."""
+    notice: str | None
+    """What readers must know, from the file; ``None`` without one."""
+    target: str
+    """Name of the target."""
+    target_kind: str
+    """Kind of the target."""
+    fail_on: str
+    """Least severity of a violation with exit code 1: ``critical``, ``error`` or ``warning``."""
+    allows_inapplicable: bool
+    """Whether requirements whose signals the target lacks are accepted."""
+    seed: int
+    """Seed of all runs."""
+    search: str
+    """Search for counterexamples."""
+    program: str
+    """Version of the program."""
+    requirements: tuple[CheckedRequirement, ...]
+    """The requirements, in the order of the file."""
+    controllers: tuple[CheckedController, ...]
+    """The controllers, in the given order."""
+    cells: tuple[CheckCell, ...]
+    """The cells of the matrix: for each requirement, one per controller."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -279,7 +279,7 @@ def make_target(
     check_space(space, is_environment, has_steps=is_environment or isinstance(system, System))
     space = _with_settings(space, options)
     check(space)
-    given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
+    given = [f"{name} {digest}" for name, digest in file_hashes(options.get("files", ()))]
     version = options.get("version")
     if version is not None and not isinstance(version, str):
         raise InvalidTypeError(f"version is {version!r}; it must be a text")
@@ -402,7 +402,7 @@ def _versions(system: System, found: Mapping[str, Fingerprint], version: str | N
     return sorted(versions.items())
 
 
-def _file_hashes(files: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str]]:
+def file_hashes(files: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str]]:
     """Returns the name and the SHA-256 of each file."""
     if isinstance(files, (str, os.PathLike)):
         raise InvalidTypeError(f"files is {files!r}; expected a list of paths")
@@ -463,7 +463,7 @@ def _robot_in_python(
     check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
     policy, version = options["policy"], options.get("version")
     system = RobotSystem(str(path), policy, options.get("batched_policy", False))
-    given = [f"{name} {digest}" for name, digest in _file_hashes(options.get("files", ()))]
+    given = [f"{name} {digest}" for name, digest in file_hashes(options.get("files", ()))]
     watch = Watch({"policy": policy})
 
     def made(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use mishandle::results::Severity;
 use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor, TimeUnit};
 use mishandle_logs::{
     Column, Duplicates, Evaluation, Format, Interpolation, Log, LogError, Missing, NamedSamples, OpenLog,
@@ -203,7 +204,14 @@ pub fn monitor(
     let unit = word("unit", unit.as_deref(), &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))?;
     let requirement = |(name, text): (Option<String>, String)| {
         let formula = Formula::parse(&text).map_err(plain)?;
-        Ok(Requirement { name, formula, is_error: true, unit, description: None, units: BTreeMap::new() })
+        Ok(Requirement {
+            name,
+            formula,
+            severity: Severity::Error,
+            unit,
+            description: None,
+            units: BTreeMap::new(),
+        })
     };
     let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
     let mut names: Vec<String> = logs.iter().map(|(name, ..)| name.clone()).collect();

@@ -219,6 +219,13 @@ impl PyTarget {
         self.space.axes().iter().map(tuple).collect()
     }
 
+    /// Hashes of the target and of its parts.
+    #[getter]
+    fn hashes(&self) -> Vec<String> {
+        let parts = self.target.components.iter().map(|component| component.hash.clone());
+        std::iter::once(self.target.identity.hash.clone()).chain(parts).collect()
+    }
+
     /// Name and unit of each signal.
     #[getter]
     fn signals(&self) -> Vec<(String, String)> {

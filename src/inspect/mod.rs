@@ -31,6 +31,7 @@ pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureCause, FailureMode, FailureModes, failure_modes};
 pub use masking::masking;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
+pub(crate) use requirements::requirements;
 pub use result::{counterexamples_result, run_facts};
 pub use simulation::{Simulated, simulate, simulated};
 pub use smooth_region::smooth_region_of;

@@ -58,6 +58,7 @@ pub use metamorphic::{MetamorphicCases, metamorphic_cases};
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
 pub use recorded::{Moved, recorded_plan};
+pub(crate) use requirements::missing_signals;
 pub use robot::contract_warnings;
 pub use robot::robot_file;
 pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};

@@ -2,7 +2,7 @@
 //! any of them.
 
 use mishandle_random::Seed;
-use mishandle_rollout::{Request, Space, Specification, Target};
+use mishandle_rollout::{Request, RolloutError, Space, Specification, Target};
 use mishandle_stl::Formula;
 
 use crate::error::MishandleError;
@@ -17,12 +17,12 @@ pub(super) fn named_requirements(
     let is_name = |name: &str| {
         let mut letters = name.chars();
         letters.next().is_some_and(char::is_alphabetic)
-            && letters.all(|c| c.is_alphanumeric() || "_-".contains(c))
+            && letters.all(|c| c.is_alphanumeric() || "_-.".contains(c))
     };
     let mut found = Vec::new();
     for (name, text) in &plan.requirements {
         if !is_name(name) {
-            let expected = "a letter, then letters, digits, `_` and `-`";
+            let expected = "a letter, then letters, digits, `_`, `-` and `.`";
             return Err(MishandleError::InvalidValue {
                 what: "the name of a requirement",
                 value: name.clone(),
@@ -34,6 +34,21 @@ pub(super) fn named_requirements(
         found.push((name.clone(), formula));
     }
     Ok(found)
+}
+
+/// Returns the signals of a formula, or of the name of one, that a target lacks.
+///
+/// # Errors
+/// If the text is not a formula.
+pub(crate) fn missing_signals(text: &str, target: &Target) -> Result<Vec<String>, MishandleError> {
+    if target.formulas.iter().any(|formula| formula.name == text) {
+        return Ok(Vec::new());
+    }
+    let formula = Formula::parse(text).map_err(|source| {
+        MishandleError::Rollout(RolloutError::Parse { formula: text.to_string(), source })
+    })?;
+    let is_missing = |name: &&str| target.all_signals().all(|signal| signal.name != *name);
+    Ok(formula.signals().into_iter().filter(is_missing).map(String::from).collect())
 }
 
 /// Returns the formula of the question of a plan; `None` for an evaluation, which has none.

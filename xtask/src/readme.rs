@@ -19,7 +19,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 13] = [
+const PAGES: [&str; 14] = [
     "README.md",
     "docs/guide/tour.md",
     "docs/reference/scenarios.md",
@@ -30,6 +30,7 @@ const PAGES: [&str; 13] = [
     "docs/guide/guard.md",
     "docs/guide/margin.md",
     "docs/guide/metamorphic.md",
+    "docs/guide/check.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
     "docs/guide/faults.md",

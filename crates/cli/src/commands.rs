@@ -1,6 +1,7 @@
 //! One file per command.
 
 mod campaign;
+mod check;
 mod compare;
 mod completions;
 mod controller;
@@ -43,7 +44,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
-    ("Measure", &["evaluate", "risk", "compare", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
     ("Keep", &["runs", "counterexamples", "regress", "export"]),
     ("Train", &["train", "harden", "guard", "controller"]),
@@ -58,6 +59,7 @@ pub enum Command {
     Metamorphic(metamorphic::Arguments),
     Campaign(campaign::Arguments),
     Evaluate(evaluate::Arguments),
+    Check(check::Arguments),
     Risk(risk::Arguments),
     Compare(compare::Arguments),
     Reproduce(reproduce::Arguments),
@@ -95,6 +97,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Metamorphic(arguments) => metamorphic::run(arguments),
         Command::Campaign(arguments) => campaign::run(arguments, gpu),
         Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
+        Command::Check(arguments) => check::run(arguments),
         Command::Risk(arguments) => risk::run(arguments, gpu),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Reproduce(arguments) => reproduce::run(arguments),

@@ -1,6 +1,7 @@
 //! Output for people and programs: results on stdout, as text and as JSON, and messages on stderr.
 
 pub mod campaign;
+pub mod check;
 pub mod comparison;
 pub mod corners;
 pub mod escape;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use mishandle_results::{
-    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, WorstPart,
+    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, Severity, WorstPart,
 };
 use mishandle_stl::{Formula, TimeUnit, is_violated};
 
@@ -20,8 +20,8 @@ pub struct Requirement {
     pub name: Option<String>,
     /// The formula.
     pub formula: Formula,
-    /// Whether a violation is an error, and not a warning.
-    pub is_error: bool,
+    /// Severity of a violation.
+    pub severity: Severity,
     /// The unit of bounds without one; `None`: they count samples.
     pub unit: Option<TimeUnit>,
     /// Its purpose.
@@ -110,13 +110,13 @@ impl NamedSamples {
     /// # Errors
     /// As for [`Samples::verdict`].
     pub fn verdict(&self, requirement: &Requirement, strict_horizon: bool) -> Result<LogVerdict> {
-        let Requirement { name, formula, is_error, description, .. } = requirement;
+        let Requirement { name, formula, severity, description, .. } = requirement;
         let found = self.samples.verdict(formula, &requirement.evaluation(strict_horizon))?;
         Ok(LogVerdict {
             log: self.name.clone(),
             name: name.clone(),
             description: description.clone(),
-            severity: if *is_error { "error" } else { "warning" }.to_string(),
+            severity: severity.name().to_string(),
             formula: formula.to_string(),
             robustness: found.robustness.into(),
             violated: is_violated(found.robustness),
@@ -194,13 +194,12 @@ pub fn document(
     }
 }
 
-/// Orders what has verdicts: violated errors, violated warnings, satisfied formulas; within each,
+/// Orders what has verdicts: violated formulas by their severity, satisfied formulas; within each,
 /// the least robustness first.
 pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
-    let class = |verdict: &LogVerdict| match (verdict.violated, verdict.fails()) {
-        (true, true) => 0,
-        (true, false) => 1,
-        (false, _) => 2,
+    let class = |verdict: &LogVerdict| match verdict.violated {
+        true => Severity::ALL.iter().position(|severity| severity.name() == verdict.severity),
+        false => Some(Severity::ALL.len()),
     };
     found.sort_by(|a, b| {
         let (a, b) = (verdict(a), verdict(b));

@@ -6,18 +6,20 @@
 //! it. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
-//! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs.
+//! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs,
+//! [`check_page`] that about the requirements of a file.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
 //!   style sheet maps their colors to the theme.
-//! - `html`, `section`, `modes`, `hardened_modes`, `log`, `page`: text. Every name, unit and
-//!   formula of a run file or log is escaped.
+//! - `html`, `section`, `modes`, `hardened_modes`, `log`, `check`, `page`: text. Every name, unit
+//!   and formula of a run file or log is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
 mod axis_rates;
 mod campaign;
+mod check;
 mod commands;
 mod comparison;
 mod curves;
@@ -48,6 +50,7 @@ mod trace;
 mod words;
 
 pub use campaign::{RunSummary, campaign_page, run_page};
+pub use check::check_page;
 pub use comparison::comparison_page;
 pub use hardened_modes::HardenedModes;
 pub use hardening::{HardeningSummary, hardening_page};

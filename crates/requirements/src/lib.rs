@@ -8,6 +8,8 @@
 //! - [`PATTERNS`] are requirements with names, such as `response`, and [`Pattern::fill`] makes a
 //!   formula of one.
 //! - [`mine`] finds the tightest values of the parameters of a formula for which traces satisfy it.
+//! - [`RequirementFile`] is a file of requirements: identifiers, formulas, severities, and the
+//!   clauses of standards that ask for them. [`TEMPLATES`] are files to start from.
 //!
 //! # Example
 //! ```
@@ -20,10 +22,12 @@
 mod describe;
 mod error;
 mod example;
+mod file;
 mod lanes;
 mod mining;
 mod pattern;
 mod ranges;
+mod template;
 mod traps;
 mod tree;
 mod units;
@@ -31,9 +35,11 @@ mod units;
 pub use describe::{Context, describe, describe_formula};
 pub use error::{RequirementError, Result};
 pub use example::find_examples;
+pub use file::{CheckRequest, RequirementFile, WrittenRequirement, time_unit};
 pub use lanes::{draw, with_values};
 pub use mining::{
     MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine, parse_with_ranges,
 };
 pub use pattern::{PATTERNS, ParameterKind, Pattern, Shown, Slot, page as pattern_page, pattern};
+pub use template::{TEMPLATES, template};
 pub use units::unit_of;

@@ -5,7 +5,7 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 
 use crate::{
-    Campaign, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
+    Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
     Explanation, Exports, Falsification, FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin,
     Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck, Regression, Replay,
     RequirementPattern, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training,
@@ -62,6 +62,7 @@ impl Document {
             Document::object::<Metamorphic>("metamorphic"),
             Document::object::<Risk>("risk"),
             Document::object::<Simulation>("simulate"),
+            Document::object::<Check>("check"),
             Document::object::<Campaign>("campaign"),
             Document::object::<Comparison>("compare"),
             Document::object::<Tables>("reproduce"),

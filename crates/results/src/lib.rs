@@ -10,6 +10,7 @@
 //!   answers to questions.
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
+//! - [`Check`]: the requirements of a file, for several controllers.
 //! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
 //!   controllers.
@@ -32,6 +33,7 @@
 mod axis_rates;
 mod campaign;
 mod catalog;
+mod check;
 mod comparison;
 mod controller;
 mod counterexamples;
@@ -65,6 +67,10 @@ pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use campaign::{Answer, Campaign, CampaignRun};
 pub use catalog::{
     Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,
+};
+pub use check::{
+    Check, CheckCell, CheckCounterexample, CheckRun, CheckedController, CheckedRequirement, CheckedValue,
+    NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED,
 };
 pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
 pub use controller::{Controller, ControllerExport, ControllerImport, Validation};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Number, RequirementVerdict};
+use crate::{Number, RequirementVerdict, Severity};
 
 /// Robustness of formulas on recorded logs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -27,8 +27,8 @@ pub struct Monitor {
     /// of the first. Missing with several logs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<RequirementVerdict>>,
-    /// The verdict of each formula on each log, worst first: errors that are violated, warnings
-    /// that are violated, then satisfied formulas.
+    /// The verdict of each formula on each log, worst first: violated formulas by their severity,
+    /// then satisfied formulas.
     pub verdicts: Vec<LogVerdict>,
 }
 
@@ -41,7 +41,8 @@ pub struct LogVerdict {
     pub name: Option<String>,
     /// Description of the requirement; `null` without one.
     pub description: Option<String>,
-    /// `error` or `warning`: only a violated formula with `error` gives exit code 1.
+    /// `critical`, `error` or `warning`: a violated formula with `warning` does not give exit
+    /// code 1.
     pub severity: String,
     /// Formula.
     pub formula: String,
@@ -72,7 +73,7 @@ pub struct LogVerdict {
 impl LogVerdict {
     /// Returns whether the verdict gives exit code 1.
     pub fn fails(&self) -> bool {
-        self.violated && self.severity == "error"
+        self.violated && self.severity != Severity::Warning.name()
     }
 }
 

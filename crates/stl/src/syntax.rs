@@ -103,6 +103,27 @@ impl Formula {
         parser::parse(text, parameters)
     }
 
+    /// Returns the formula in which the bounds of intervals that have no unit have this one.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::{Formula, TimeUnit};
+    /// let formula = Formula::parse("always[0:0.5] eventually[0:200ms] closed").unwrap();
+    /// let timed = formula.with_unit(TimeUnit::Seconds);
+    /// assert_eq!(timed.to_string(), "always[0s:0.5s](eventually[0ms:200ms](closed))");
+    /// ```
+    pub fn with_unit(&self, unit: TimeUnit) -> Formula {
+        let mut formula = self.clone();
+        for node in &mut formula.nodes {
+            if let Node::Apply(_, Some(interval)) = node {
+                for bound in [&mut interval.begin, &mut interval.end] {
+                    bound.unit.get_or_insert(unit);
+                }
+            }
+        }
+        formula
+    }
+
     /// Returns the syntax tree: operands come before their operator, the last node is the root.
     ///
     /// # Example

@@ -4,7 +4,9 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
 use mishandle::train::Curve;
-use mishandle_report::{LogSection, Samples, hardening_page, learning_curve_page, log_page, markdown, page};
+use mishandle_report::{
+    LogSection, Samples, check_page, hardening_page, learning_curve_page, log_page, markdown, page,
+};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
@@ -23,6 +25,7 @@ use crate::show::progress::Bar;
   mishandle report runs/RUN.sqlite --no-simulations --out report.html
   mishandle report better.harden --out report.html      a hardening, before and after
   mishandle report runs/RUN.sqlite --markdown run.md    the most important as Markdown
+  mishandle report checked --out report.html            the requirements of `mishandle check`
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
   mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
@@ -32,8 +35,8 @@ corners, and repeats with other seeds. Otherwise the page has what the run file 
 docs/guide/logs.md describes logs.")]
 #[command(mut_arg("runs", |runs| runs.conflicts_with_all(flags::OF_LOGS)))]
 pub struct Arguments {
-    /// Run files, the folder of a campaign or of a hardening, or the .csv file of `mishandle train
-    /// --csv`
+    /// Run files, the folder of a campaign, of a check or of a hardening, or the .csv file of
+    /// `mishandle train --csv`
     #[arg(value_name = "RUN", required_unless_present_any = ["paths", "topic"])]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
@@ -113,6 +116,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
+        if let Some(found) = mishandle::check::finished(folder)? {
+            return write(&check_page(&found), command);
+        }
         if let Some(is_finished) = is_hardening(folder) {
             return write_hardening(folder, is_finished, command, &options);
         }

@@ -20,8 +20,9 @@ pub struct LogQuestion {
     /// Formula with a name; repeat the flag for several. Each has a verdict of its own
     #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = named_formula)]
     pub requirement: Vec<(String, String)>,
-    /// TOML file with [[requirement]] tables: name, formula, severity, unit, description
-    #[arg(long, value_name = "FILE")]
+    /// TOML file with [[requirement]] tables: name, formula, text, severity, clause, unit
+    /// (docs/guide/check.md)
+    #[arg(long, alias = "requirements", value_name = "FILE")]
     pub formulas: Option<PathBuf>,
     /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
     #[arg(long)]

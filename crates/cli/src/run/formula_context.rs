@@ -188,7 +188,7 @@ pub fn fits(formula: &Formula, drawn: &Drawn) -> Result<()> {
 }
 
 /// Returns the unit declarations of a file of requirements and the texts of its formulas.
-pub fn of_file(path: &Path) -> Result<(Vec<logs::WrittenRequirement>, BTreeMap<String, String>)> {
+pub fn of_file(path: &Path) -> Result<(Vec<logs::Unparsed>, BTreeMap<String, String>)> {
     let found = logs::requirements(path, None)?;
     let units = found.first().map(|first| first.units.clone()).unwrap_or_default();
     Ok((found, units))

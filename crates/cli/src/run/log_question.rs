@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use mishandle::results::{LogExplanation, LogVerdict};
+use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle_logs::{Evaluation, NamedSamples, Requirement, Source};
 
-use super::logs::{self, WrittenRequirement};
+use super::logs::{self, Unparsed};
 use crate::flags::LogQuestion;
 use crate::show::output;
 
@@ -93,17 +93,17 @@ pub fn check_all(without: usize, logs: usize) -> Result<()> {
 }
 
 /// Returns the formulas of all flags.
-fn requirements(question: &LogQuestion) -> Result<Vec<WrittenRequirement>> {
+fn requirements(question: &LogQuestion) -> Result<Vec<Unparsed>> {
     let unit = question.unit.as_deref().map(|text| logs::time_unit(text, "--unit")).transpose()?;
-    let plain = |name: Option<&String>, text: &String| WrittenRequirement {
+    let plain = |name: Option<&String>, text: &String| Unparsed {
         name: name.cloned(),
         text: text.clone(),
-        is_error: true,
+        severity: Severity::Error,
         unit,
         description: None,
         units: BTreeMap::new(),
     };
-    let mut found: Vec<WrittenRequirement> = question.formula.iter().map(|text| plain(None, text)).collect();
+    let mut found: Vec<Unparsed> = question.formula.iter().map(|text| plain(None, text)).collect();
     found.extend(question.requirement.iter().map(|(name, text)| plain(Some(name), text)));
     if let Some(path) = &question.formulas {
         found.extend(logs::requirements(path, unit)?);

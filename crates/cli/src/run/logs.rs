@@ -4,22 +4,21 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
+use mishandle::files::{limits, read_text_bounded};
 use mishandle::inspect::{common_unit, explain_trace};
-use mishandle::results::{LogExplanation, LogVerdict};
+use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
 use mishandle_logs::{Evaluation, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
-use mishandle_requirements::{ParameterRange, parse_with_ranges};
-use serde::Deserialize;
+use mishandle_requirements::{ParameterRange, RequirementFile, WrittenRequirement, parse_with_ranges};
 
 use crate::show::{formula_error, log_verdicts, output};
 
 /// A requirement whose formula was not parsed yet.
 #[derive(Clone, Debug)]
-pub struct WrittenRequirement {
+pub struct Unparsed {
     pub name: Option<String>,
     pub text: String,
-    /// Whether a violation gives exit code 1.
-    pub is_error: bool,
+    pub severity: Severity,
     /// The unit of bounds without one.
     pub unit: Option<TimeUnit>,
     pub description: Option<String>,
@@ -29,84 +28,43 @@ pub struct WrittenRequirement {
 /// Units by the names of signals.
 type Units = BTreeMap<String, String>;
 
-/// A file of requirements.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    #[serde(default)]
-    requirement: Vec<Entry>,
-    #[serde(default)]
-    units: Units,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    name: String,
-    formula: String,
-    #[serde(default)]
-    severity: Severity,
-    unit: Option<String>,
-    description: Option<String>,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum Severity {
-    #[default]
-    Error,
-    Warning,
-}
-
 /// Reads a file of requirements; `unit` is that of bounds without one, where the file has none.
-pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<WrittenRequirement>> {
+pub fn requirements(path: &Path, unit: Option<TimeUnit>) -> Result<Vec<Unparsed>> {
+    let (file, _) = requirement_file(path)?;
+    let units = file.units;
+    let unparsed = |written: WrittenRequirement| Unparsed {
+        unit: written.unit.or(unit),
+        name: Some(written.name),
+        text: written.formula,
+        severity: written.severity,
+        description: written.text,
+        units: units.clone(),
+    };
+    Ok(file.requirements.into_iter().map(unparsed).collect())
+}
+
+/// Reads a file of requirements; returns also its text.
+pub fn requirement_file(path: &Path) -> Result<(RequirementFile, String)> {
     let shown = || format!("requirements {}", path.display());
-    let text = std::fs::read_to_string(path).with_context(shown)?;
-    let file: File = toml::from_str(&text)
-        .map_err(|error| anyhow!("{}", error.to_string().trim_end()))
-        .with_context(shown)?;
-    ensure!(!file.requirement.is_empty(), "{} has no [[requirement]]", path.display());
-    let mut found: Vec<WrittenRequirement> = Vec::new();
-    for entry in file.requirement {
-        ensure!(
-            found.iter().all(|known| known.name.as_ref() != Some(&entry.name)),
-            "{}: two requirements are named `{}`",
-            path.display(),
-            entry.name
-        );
-        let own = entry.unit.as_deref().map(|text| time_unit(text, "unit")).transpose();
-        found.push(WrittenRequirement {
-            unit: own.with_context(|| format!("{}: requirement `{}`", path.display(), entry.name))?.or(unit),
-            name: Some(entry.name),
-            text: entry.formula,
-            is_error: entry.severity == Severity::Error,
-            description: entry.description,
-            units: file.units.clone(),
-        });
-    }
-    Ok(found)
+    let text = read_text_bounded(path, limits::PLAN).with_context(shown)?;
+    let file = RequirementFile::from_toml(&text).with_context(shown)?;
+    Ok((file, text))
 }
 
 /// Reads the unit of bounds that have none.
 pub fn time_unit(text: &str, flag: &str) -> Result<TimeUnit> {
     let known = TimeUnit::ALL.map(TimeUnit::symbol);
-    TimeUnit::ALL
-        .into_iter()
-        .find(|unit| unit.symbol() == text)
+    mishandle_requirements::time_unit(text)
         .with_context(|| format!("{flag} is `{text}`; it must be one of {}", known.join(", ")))
 }
 
 /// Parses the formulas, with hints about the names in the first log.
-pub fn parsed(
-    written: Vec<WrittenRequirement>,
-    log: &[Source],
-    options: &Options,
-) -> Result<Vec<Requirement>> {
+pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Result<Vec<Requirement>> {
     let mut requirements = Vec::new();
-    for WrittenRequirement { name, text, is_error, unit, description, units } in written {
+    for Unparsed { name, text, severity, unit, description, units } in written {
         let formula = formula(name.as_deref(), &text, log, options)?;
         output::warn_about(&formula);
-        requirements.push(Requirement { name, formula, is_error, unit, description, units });
+        requirements.push(Requirement { name, formula, severity, unit, description, units });
     }
     let reads = |signal: &str| {
         requirements.iter().any(|found: &Requirement| found.formula.signals().contains(&signal))

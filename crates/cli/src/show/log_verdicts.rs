@@ -150,7 +150,7 @@ pub fn markdown(found: &[LogVerdict]) -> String {
 }
 
 /// Escapes what is a cell or a tag in Markdown. The `<` of a formula stays.
-fn without_tags(cell: &str) -> String {
+pub(super) fn without_tags(cell: &str) -> String {
     let mut escaped = String::new();
     let mut rest = cell.chars().peekable();
     while let Some(character) = rest.next() {
@@ -201,7 +201,7 @@ pub fn junit(found: &[LogVerdict]) -> String {
 }
 
 /// Escapes a text for XML, which allows no control characters.
-fn xml(text: &str) -> String {
+pub(super) fn xml(text: &str) -> String {
     let mut escaped = String::new();
     for character in text.chars() {
         match character {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use mishandle::results::{FirstViolation, MonitorChange, Number};
+use mishandle::results::{FirstViolation, MonitorChange, Number, Severity};
 use mishandle::stl::Formula;
 use mishandle_logs::{Answer, Follow, Next, Requirement, Source, Watch, Watched};
 use mishandle_text::plural;
@@ -59,7 +59,8 @@ fn follow(log: &[Source], requirements: &[Requirement], command: &Arguments) -> 
                 output::json_line(&change(event, &requirements[i], answer, &watch, &follow))?;
             }
         }
-        let is_violated = |i: usize| requirements[i].is_error && known[i].verdict == Some(false);
+        let is_violated =
+            |i: usize| requirements[i].severity != Severity::Warning && known[i].verdict == Some(false);
         let fails = (0..known.len()).any(is_violated);
         let is_decided = known.iter().all(|answer| answer.verdict.is_some());
         if is_decided || next == Next::End || (fails && !command.following.keep_going) {

@@ -1,0 +1,177 @@
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::builder::PossibleValuesParser;
+use clap::{Args, ValueEnum};
+use mishandle::Plan;
+use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check, file_digest};
+use mishandle::plan::FalsifyPlan;
+use mishandle::requirements::{TEMPLATES, template};
+use mishandle::results::{Check, NOT_APPLICABLE, Severity};
+use mishandle_report::check_page;
+use mishandle_text::{path_text, plural, shell_quote};
+
+use crate::exit_status::ExitStatus;
+use crate::flags::{self, numbers};
+use crate::run::{self, control_flow, logs};
+use crate::show::progress::Bar;
+use crate::show::{self, escape, output};
+
+/// Check all requirements of a file on a target, for one or several controllers: a matrix with
+/// verdicts and evidence
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle check point-reaching --controller ppo --requirements requirements.toml --out checked
+  mishandle check point-reaching --controller ppo --against sac --requirements requirements.toml \\
+    --episodes 1000 --budget 1000 --out checked
+  mishandle check --template iso-10218 > requirements.toml
+
+All requirements share the simulations of random scenarios. Then a search tries to violate each
+requirement that they do not violate. A requirement with max-failure-rate has no search: random
+scenarios decide whether the rate is below or above it.
+
+The folder contains the run files, a counterexample for each violation, check.json, junit.xml,
+report.md and report.html. The same command continues an interrupted check.
+
+Exit code 0 means that no requirement is violated, 1 that at least one of --fail-on is, 2 that one
+of them could not be checked. docs/guide/check.md describes the file.")]
+pub struct Arguments {
+    #[command(flatten)]
+    pub subject: flags::Subject,
+    /// TOML file with [[requirement]] tables (docs/guide/check.md)
+    #[arg(long, alias = "formulas", value_name = "FILE", required_unless_present = "template")]
+    pub requirements: Option<PathBuf>,
+    /// Folder of the runs, the counterexamples and the reports
+    #[arg(long, value_name = "FOLDER", required_unless_present = "template")]
+    pub out: Option<PathBuf>,
+    /// Further controller: a column of the matrix; repeat the flag for several
+    #[arg(long, value_name = "C")]
+    pub against: Vec<String>,
+    /// Number of random scenarios [default: that of the requirement, or 100]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
+    pub episodes: Option<u64>,
+    /// Number of searches for each requirement [default: that of the requirement, or 1]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::TRIALS))]
+    pub trials: Option<u32>,
+    /// Largest number of simulations of a search [default: that of the requirement, or 300]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
+    pub budget: Option<u32>,
+    /// Search algorithm, a name of `mishandle searches` [default: portfolio]
+    #[arg(long, value_name = "S")]
+    pub search: Option<String>,
+    /// Least severity of a violation with exit code 1
+    #[arg(long, value_name = "SEVERITY", default_value = "error")]
+    pub fail_on: FailOn,
+    /// Accept requirements whose signals the target lacks; without the flag they give exit code 2
+    #[arg(long)]
+    pub allow_inapplicable: bool,
+    /// Print a file of requirements to start from
+    #[arg(long, value_name = "NAME", exclusive = true)]
+    #[arg(value_parser = PossibleValuesParser::new(TEMPLATES.map(|(name, _)| name)))]
+    pub template: Option<String>,
+    #[command(flatten)]
+    pub run: flags::Run,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum FailOn {
+    Critical,
+    Error,
+    Warning,
+}
+
+impl FailOn {
+    fn severity(self) -> Severity {
+        match self {
+            FailOn::Critical => Severity::Critical,
+            FailOn::Error => Severity::Error,
+            FailOn::Warning => Severity::Warning,
+        }
+    }
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if let Some(text) = command.template.as_deref().and_then(template) {
+        output::line(text.trim_end())?;
+        return Ok(ExitStatus::Done);
+    }
+    run::set_threads(command.run.threads)?;
+    let path = command.requirements.as_deref().context("give --requirements FILE")?;
+    let out = command.out.as_deref().context("give --out FOLDER")?;
+    ensure!(
+        command.subject.requirement.is_empty(),
+        "--requirement has no place here: write a [[requirement]] into {}",
+        path.display()
+    );
+    let (file, text) = logs::requirement_file(path)?;
+    let first = flags::plan(&command.subject, &command.run)?;
+    ensure!(first.requirements.is_empty(), "the plan has requirements: write them into {}", path.display());
+    let subject = |plan: Plan| CheckSubject { plan, target: None };
+    let further =
+        command.against.iter().map(|name| subject(Plan { controller: name.clone(), ..first.clone() }));
+    let subjects: Vec<CheckSubject> = std::iter::once(subject(first.clone())).chain(further).collect();
+    let names: BTreeSet<&str> = subjects.iter().map(|subject| subject.plan.controller.as_str()).collect();
+    ensure!(names.len() == subjects.len(), "a controller is given twice");
+    let digest = file_digest(&text);
+    let defaults = FalsifyPlan::default();
+    let settings = CheckSettings {
+        file: &file,
+        path,
+        digest: &digest,
+        episodes: command.episodes,
+        trials: command.trials,
+        budget: command.budget,
+        search: command.search.as_deref().unwrap_or(&defaults.search),
+        batch: command.subject.batch.unwrap_or(defaults.batch),
+        fail_on: command.fail_on.severity(),
+        allow_inapplicable: command.allow_inapplicable,
+    };
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let found = check(&subjects, &settings, out, &mut |progress: &CheckProgress| {
+        bar.set_length(progress.all);
+        bar.set_position(progress.done);
+        bar.set_note(progress.phase.clone());
+        control_flow()
+    });
+    bar.clear();
+    let Some(found) = found? else {
+        output::message("Interrupted. The same command continues the check.");
+        return Ok(ExitStatus::Interrupted);
+    };
+    for (name, content) in [
+        ("junit.xml", show::check::junit(&found)),
+        ("report.md", show::check::markdown(&found)),
+        ("report.html", check_page(&found)),
+    ] {
+        output::write_atomically(&out.join(name), true, content.as_bytes())?;
+    }
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&show::check::text(&found))?;
+    }
+    output::message(&format!("Page: {}", shell_quote(&path_text(&out.join("report.html")))));
+    status(&found)
+}
+
+/// Returns the exit code.
+fn status(found: &Check) -> Result<ExitStatus> {
+    let open: Vec<_> = found.cells.iter().filter(|cell| found.is_open(cell)).collect();
+    for cell in &open {
+        let title = show::check::title(found, cell);
+        output::message(&format!("error: {}: {}", escape::name(&title), escape::name(&cell.evidence)));
+    }
+    let hint = match open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
+        true => format!(
+            "; `mishandle targets {}` lists the signals, and --allow-inapplicable accepts requirements whose signals the target \
+             lacks",
+            shell_quote(&found.target)
+        ),
+        false => String::new(),
+    };
+    ensure!(open.is_empty(), "{} could not be checked{hint}", plural(open.len() as u64, "requirement"));
+    let fails = found.cells.iter().any(|cell| found.fails(cell));
+    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+}

@@ -1,0 +1,189 @@
+//! The page about requirements that were checked: a traceability matrix, and the evidence.
+
+use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckedRequirement, NOT_VIOLATED, VIOLATED};
+use mishandle::stl::{Clock, EvaluationTime, Formula};
+
+use crate::html::{lines, number, percent, table, text};
+use crate::page::Document;
+
+/// Returns the page about a check: one HTML file without scripts, which loads nothing.
+pub fn check_page(found: &Check) -> String {
+    let title = text(found.title.as_deref().unwrap_or(&found.target));
+    let mut body = format!("<section>\n<h2>{title}</h2>\n");
+    body.extend(found.notice.as_ref().map(|notice| format!("<p><strong>{}</strong></p>\n", text(notice))));
+    body += &format!(
+        "<p>{} of {} verdicts are violations. Simulations are evidence about what was simulated: a requirement that is not \
+         violated in them is not proved.</p>\n{}</section>\n",
+        found.count(VIOLATED),
+        found.cells.len(),
+        matrix(found)
+    );
+    body.extend((1..).zip(&found.requirements).map(|(id, requirement)| section(found, requirement, id)));
+    body += &format!("<section>\n<h2>What was tested</h2>\n{}{}</section>\n", facts(found), runs(found));
+    Document { title: &title, up: None, body: &body }.html()
+}
+
+fn matrix(found: &Check) -> String {
+    let names: Vec<String> =
+        found.controllers.iter().map(|controller| controller_name(&controller.name)).collect();
+    let mut head = vec!["requirement", "severity", "clause"];
+    head.extend(names.iter().map(String::as_str));
+    let row = |(id, requirement): (usize, &CheckedRequirement)| {
+        let mut cells = vec![
+            format!("<a href=\"#q{id}\">{}</a>", text(&requirement.name)),
+            requirement.severity.name().to_string(),
+            clauses(requirement),
+        ];
+        cells.extend(cells_of(found, requirement).map(|cell| {
+            let violations = match cell.simulations {
+                0 => String::new(),
+                all => format!(" ({} of {all})", cell.violated),
+            };
+            format!("{}{violations}", judgment(found, cell))
+        }));
+        cells
+    };
+    let rows: Vec<Vec<String>> = (1..).zip(&found.requirements).map(row).collect();
+    table("Requirements and controllers: verdict, violations of simulations", &head, &rows)
+}
+
+fn cells_of<'a>(
+    found: &'a Check,
+    requirement: &'a CheckedRequirement,
+) -> impl Iterator<Item = &'a CheckCell> {
+    found.cells.iter().filter(|cell| cell.requirement == requirement.name)
+}
+
+fn controller_name(name: &str) -> String {
+    if name.is_empty() { "verdict".to_string() } else { text(name) }
+}
+
+fn clauses(requirement: &CheckedRequirement) -> String {
+    match requirement.clauses.is_empty() {
+        true => "–".to_string(),
+        false => text(&requirement.clauses.join("; ")),
+    }
+}
+
+fn judgment(found: &Check, cell: &CheckCell) -> String {
+    let class = match cell.verdict.as_str() {
+        VIOLATED if found.fails(cell) => "fail",
+        NOT_VIOLATED => "pass",
+        _ => return text(&cell.verdict),
+    };
+    format!("<span class=\"{class}\">{}</span>", text(&cell.verdict))
+}
+
+/// Returns the section of a requirement.
+fn section(found: &Check, requirement: &CheckedRequirement, id: usize) -> String {
+    let mut out = format!("<section class=\"run\" id=\"q{id}\">\n<h2>{}</h2>\n", text(&requirement.name));
+    out.extend(requirement.text.as_ref().map(|words| format!("<p>{}</p>\n", text(words))));
+    out += &format!("<p class=\"requirement\"><b>Formula:</b> {}</p>\n", in_words(&requirement.formula));
+    let mut facts = vec![
+        ("severity", requirement.severity.name().to_string()),
+        ("clause", clauses(requirement)),
+        ("scenario space", format!("<code>{}</code>", text(&requirement.space))),
+        ("formula as text", format!("<code>{}</code>", text(&requirement.formula))),
+    ];
+    facts.extend(requirement.source.as_ref().map(|source| ("source of the numbers", text(source))));
+    facts.extend(requirement.max_failure_rate.map(|limit| ("largest failure rate", percent(limit))));
+    out += &list(&facts);
+    for cell in cells_of(found, requirement) {
+        let controller = match cell.controller.is_empty() {
+            true => String::new(),
+            false => format!("{}: ", text(&cell.controller)),
+        };
+        out += &format!("<h3>{controller}{}</h3>\n<p>{}.</p>\n", judgment(found, cell), text(&cell.evidence));
+        out.extend(cell.counterexample.as_ref().map(counterexample));
+    }
+    out + "</section>\n"
+}
+
+/// Returns a formula in words, or its text if it is the name of a formula.
+fn in_words(formula: &str) -> String {
+    let words = Formula::parse(formula).ok().filter(|found| found.signals() != [formula]);
+    let words = words.and_then(|found| found.explain(&Clock::unknown(), EvaluationTime::Start, |_| "").ok());
+    match words {
+        Some(words) => format!("<span class=\"words\">{}</span>", lines(&words)),
+        None => format!("<code>{}</code>", text(formula)),
+    }
+}
+
+fn counterexample(found: &CheckCounterexample) -> String {
+    let shown = |value: Option<f64>| value.map_or("random".to_string(), number);
+    let rows: Vec<Vec<String>> = found
+        .scenario
+        .iter()
+        .map(|value| vec![text(&value.axis), shown(value.value), shown(value.nominal), text(&value.unit)])
+        .collect();
+    let mut facts = vec![
+        ("robustness", number(found.robustness.0)),
+        ("seed", found.seed.0.to_string()),
+        (
+            "run",
+            format!(
+                "<code>{}</code>, trial {}, simulation {}",
+                text(&found.run),
+                found.trial,
+                found.simulation
+            ),
+        ),
+        ("simulate it again", format!("<code>{}</code>", text(&found.replay))),
+    ];
+    facts.extend(found.file.as_ref().map(|file| ("counterexample", format!("<code>{}</code>", text(file)))));
+    let scenario = table("Scenario of the worst violation", &["axis", "value", "nominal", "unit"], &rows);
+    list(&facts) + &scenario
+}
+
+fn facts(found: &Check) -> String {
+    let code = |value: &str| format!("<code>{}</code>", text(value));
+    list(&[
+        ("requirements", code(&found.requirements_file)),
+        ("SHA-256 of the requirements", code(&found.requirements_digest)),
+        ("target", format!("{} ({})", code(&found.target), text(&found.target_kind))),
+        ("search", code(&found.search)),
+        ("seed", found.seed.0.to_string()),
+        ("fails on violations from", found.fail_on.name().to_string()),
+        ("program", text(&format!("mishandle {}", found.program))),
+    ])
+}
+
+fn runs(found: &Check) -> String {
+    let hashes: Vec<Vec<String>> = found
+        .controllers
+        .iter()
+        .map(|controller| {
+            let code = |value: &str| format!("<code>{}</code>", text(value));
+            let hash = controller.hash.as_deref().map_or("–".to_string(), code);
+            vec![controller_name(&controller.name), hash, code(&controller.target_hash)]
+        })
+        .collect();
+    let rows: Vec<Vec<String>> = found
+        .controllers
+        .iter()
+        .flat_map(|controller| {
+            controller.runs.iter().map(|run| {
+                vec![
+                    controller_name(&controller.name),
+                    text(
+                        &run.requirement
+                            .as_ref()
+                            .map_or(run.kind.clone(), |name| format!("search for {name}")),
+                    ),
+                    text(&run.space),
+                    run.simulations.to_string(),
+                    format!("<code>{}</code>", text(&run.run)),
+                    format!("<code>{}</code>", text(&run.digest)),
+                ]
+            })
+        })
+        .collect();
+    let head = ["controller", "simulations of", "space", "number", "run file", "digest of the records"];
+    table("Controllers", &["controller", "hash of the controller", "hash of the target"], &hashes)
+        + &table("Runs", &head, &rows)
+}
+
+fn list(facts: &[(&str, String)]) -> String {
+    let fact = |(name, value): &(&str, String)| format!("<div><dt>{name}</dt><dd>{value}</dd></div>\n");
+    format!("<dl class=\"facts\">{}</dl>\n", facts.iter().map(fact).collect::<String>())
+}

@@ -1,0 +1,225 @@
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::{Estimate, Number, Seed};
+
+/// Severity of the violation of a requirement, the worst first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// A person can be hurt.
+    Critical,
+    /// The system must not be used so.
+    #[default]
+    Error,
+    /// Someone should look at it.
+    Warning,
+}
+
+impl Severity {
+    /// All severities, the worst first.
+    pub const ALL: [Severity; 3] = [Severity::Critical, Severity::Error, Severity::Warning];
+
+    /// Returns the name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Severity::Critical => "critical",
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+        }
+    }
+}
+
+/// A file of requirements checked on a target with one or several controllers: a traceability
+/// matrix. It is evidence from simulations, and no certificate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Check {
+    /// Folder of the run files, the counterexamples and the reports.
+    pub folder: String,
+    /// File of the requirements.
+    pub requirements_file: String,
+    /// SHA-256 of this file.
+    pub requirements_digest: String,
+    /// Title of the file; `null` without one.
+    pub title: Option<String>,
+    /// Note for the readers, from the file; `null` without one.
+    pub notice: Option<String>,
+    /// Name of the target.
+    pub target: String,
+    /// Kind of the target.
+    pub target_kind: String,
+    /// Least severity of a violation with exit code 1: `critical`, `error` or `warning`.
+    #[schemars(with = "String")]
+    pub fail_on: Severity,
+    /// Whether requirements whose signals the target lacks are accepted.
+    pub allows_inapplicable: bool,
+    /// Seed of all runs.
+    pub seed: Seed,
+    /// Search for counterexamples.
+    pub search: String,
+    /// Version of the program.
+    pub program: String,
+    /// The requirements, in the order of the file.
+    pub requirements: Vec<CheckedRequirement>,
+    /// The controllers, in the given order.
+    pub controllers: Vec<CheckedController>,
+    /// The cells of the matrix: for each requirement, one per controller.
+    pub cells: Vec<CheckCell>,
+}
+
+/// A requirement of a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckedRequirement {
+    /// Identifier.
+    pub name: String,
+    /// The requirement in words, from the file; `null` without them.
+    pub text: Option<String>,
+    /// Formula, with the units of its bounds.
+    pub formula: String,
+    /// Severity of a violation: `critical`, `error` or `warning`.
+    #[schemars(with = "String")]
+    pub severity: Severity,
+    /// Clauses of standards that ask for it.
+    pub clauses: Vec<String>,
+    /// Where the numbers of the formula come from; `null` if the file does not say it.
+    pub source: Option<String>,
+    /// Scenario space.
+    pub space: String,
+    /// Largest failure rate that is allowed; `null`: no violation is.
+    pub max_failure_rate: Option<f64>,
+}
+
+/// A controller of a check.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckedController {
+    /// Name, or path; empty for a target without one.
+    pub name: String,
+    /// Hash of what the controller does; `null` without one.
+    pub hash: Option<String>,
+    /// Hash of the target with this controller.
+    pub target_hash: String,
+    /// The runs, with all their simulations.
+    pub runs: Vec<CheckRun>,
+}
+
+/// A run file of a check.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckRun {
+    /// Path of the run file.
+    pub run: String,
+    /// `random` scenarios, or a `search`.
+    pub kind: String,
+    /// Scenario space.
+    pub space: String,
+    /// The requirement that the search tries to violate; `null` for random scenarios.
+    pub requirement: Option<String>,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Digest of all records of the run: equal for equal simulations.
+    pub digest: String,
+}
+
+/// The verdict of a requirement for a controller.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckCell {
+    /// Identifier of the requirement.
+    pub requirement: String,
+    /// Name of the controller.
+    pub controller: String,
+    /// `violated`; `not violated` in the simulations that were run, which proves nothing about
+    /// others; `no verdict`; or `not applicable`: the target lacks signals of the formula.
+    pub verdict: String,
+    /// The evidence in a sentence.
+    pub evidence: String,
+    /// Signals of the formula that the target lacks.
+    pub missing_signals: Vec<String>,
+    /// Number of simulations with a verdict, of all runs in the space of the requirement.
+    pub simulations: u64,
+    /// Number of these that violate it.
+    pub violated: u64,
+    /// Number of simulations without a verdict.
+    pub without_verdict: u64,
+    /// Share of the random scenarios that violate it, with two one-sided 95 % bounds
+    /// (Clopper-Pearson). Simulations without a verdict count as satisfied for the lower bound, as
+    /// violated for the upper one. `null` if it is not applicable.
+    pub failure_rate: Option<Estimate>,
+    /// Minimum robustness; `null` without a verdict.
+    pub minimum_robustness: Option<Number>,
+    /// The violation with the minimum robustness; `null` without one.
+    pub counterexample: Option<CheckCounterexample>,
+}
+
+/// A violation as evidence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckCounterexample {
+    /// Run file.
+    pub run: String,
+    /// Trial.
+    pub trial: u32,
+    /// Number of the simulation in its trial.
+    pub simulation: u32,
+    /// Random seed of the simulation.
+    pub seed: Seed,
+    /// The scenario beside the nominal one.
+    pub scenario: Vec<CheckedValue>,
+    /// Robustness.
+    pub robustness: Number,
+    /// Counterexample file; `null` for a system that the command line cannot simulate.
+    pub file: Option<String>,
+    /// Command, or call in Python, that simulates it again.
+    pub replay: String,
+}
+
+/// The value of an axis in a counterexample.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckedValue {
+    /// Name of the axis.
+    pub axis: String,
+    /// Unit; empty without one.
+    pub unit: String,
+    /// Value; `null`: drawn at random.
+    pub value: Option<f64>,
+    /// Value in the undisturbed episode; `null`: drawn at random.
+    pub nominal: Option<f64>,
+}
+
+/// A violation was found, or the failure rate is above its limit.
+pub const VIOLATED: &str = "violated";
+/// No violation was found.
+pub const NOT_VIOLATED: &str = "not violated";
+/// The simulations do not decide.
+pub const NO_VERDICT: &str = "no verdict";
+/// The target lacks signals.
+pub const NOT_APPLICABLE: &str = "not applicable";
+
+impl Check {
+    /// Returns the requirement of a cell.
+    pub fn requirement(&self, cell: &CheckCell) -> Option<&CheckedRequirement> {
+        self.requirements.iter().find(|known| known.name == cell.requirement)
+    }
+
+    /// Returns whether the severity of a cell counts for the exit code.
+    fn counts(&self, cell: &CheckCell) -> bool {
+        self.requirement(cell).is_some_and(|requirement| requirement.severity <= self.fail_on)
+    }
+
+    /// Returns whether a cell gives exit code 1.
+    pub fn fails(&self, cell: &CheckCell) -> bool {
+        cell.verdict == VIOLATED && self.counts(cell)
+    }
+
+    /// Returns whether a cell gives exit code 2: a requirement that counts was not checked.
+    pub fn is_open(&self, cell: &CheckCell) -> bool {
+        let is_unchecked = match cell.verdict.as_str() {
+            NO_VERDICT => true,
+            NOT_APPLICABLE => !self.allows_inapplicable,
+            _ => false,
+        };
+        is_unchecked && self.counts(cell)
+    }
+
+    /// Returns the number of cells with a verdict.
+    pub fn count(&self, verdict: &str) -> usize {
+        self.cells.iter().filter(|cell| cell.verdict == verdict).count()
+    }
+}

@@ -1,0 +1,208 @@
+//! The requirements of a file, checked on targets in closed form.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mishandle::Plan;
+use mishandle::check::{CheckSettings, CheckSubject, check, file_digest, finished};
+use mishandle::counterexample::Counterexample;
+use mishandle::requirements::{RequirementFile, TEMPLATES};
+use mishandle::results::{Check, CheckCell, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED};
+use mishandle::store::RunFile;
+use mishandle::{MishandleError, ResolvedPlan};
+
+/// The point (0.3, -0.4) of [-1, 1]² must be avoided by 0.1: the signal is the distance minus 0.1,
+/// so pi * 0.01 / 4 = 0.785 % of the space violate `distance >= 0`.
+const TARGET: &str = "toy/sphere-2d";
+
+fn file(requirements: &str) -> RequirementFile {
+    RequirementFile::from_toml(requirements).unwrap()
+}
+
+fn settings<'a>(file: &'a RequirementFile, digest: &'a str) -> CheckSettings<'a> {
+    CheckSettings {
+        file,
+        path: Path::new("requirements.toml"),
+        digest,
+        episodes: Some(200),
+        trials: None,
+        budget: Some(200),
+        search: "portfolio",
+        batch: 16,
+        fail_on: Severity::Error,
+        allow_inapplicable: false,
+    }
+}
+
+fn subject(target: &str, controller: &str, seed: u64) -> CheckSubject {
+    CheckSubject { plan: Plan { seed, ..Plan::new(target, controller) }, target: None }
+}
+
+fn run(requirements: &str, folder: &Path, seed: u64) -> Check {
+    let file = file(requirements);
+    let digest = file_digest(requirements);
+    let mut watch = |_: &_| ControlFlow::Continue(());
+    check(&[subject(TARGET, "", seed)], &settings(&file, &digest), folder, &mut watch).unwrap().unwrap()
+}
+
+fn cell<'a>(found: &'a Check, name: &str) -> &'a CheckCell {
+    found.cells.iter().find(|cell| cell.requirement == name).unwrap()
+}
+
+/// The name of the only signal of the target.
+fn signal() -> String {
+    let resolved = ResolvedPlan::new(&Plan::new(TARGET, "")).unwrap();
+    resolved.signal_names()[0].clone()
+}
+
+#[test]
+fn each_verdict_is_what_the_geometry_says() {
+    let x = signal();
+    let requirements = format!(
+        r#"
+        [[requirement]]
+        name = "avoid"
+        formula = "success"
+        [[requirement]]
+        name = "R-1.2"
+        formula = "always({x} >= -10)"
+        severity = "critical"
+        clause = ["A 1", "B 2"]
+        [[requirement]]
+        name = "rarely"
+        formula = "success"
+        max-failure-rate = 0.1
+        [[requirement]]
+        name = "almost-never"
+        formula = "success"
+        max-failure-rate = 0.001
+        [[requirement]]
+        name = "always-wrong"
+        formula = "always({x} <= -10)"
+        severity = "warning"
+        [[requirement]]
+        name = "other-machine"
+        formula = "always(force <= 1)"
+        "#
+    )
+    .replace(
+        "\"success\"",
+        &format!("\"{}\"", ResolvedPlan::new(&Plan::new(TARGET, "")).unwrap().specification.requirement),
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let found = run(&requirements, folder.path(), 1);
+    assert_eq!(cell(&found, "avoid").verdict, VIOLATED);
+    assert_eq!(cell(&found, "R-1.2").verdict, NOT_VIOLATED);
+    // The true rate is 0.8 %: 200 random scenarios show that it is below 10 %, and not whether it
+    // is below 0.1 %.
+    assert_eq!(cell(&found, "rarely").verdict, NOT_VIOLATED);
+    assert_eq!(cell(&found, "almost-never").verdict, NO_VERDICT);
+    assert_eq!(cell(&found, "always-wrong").verdict, VIOLATED);
+    assert_eq!(cell(&found, "other-machine").verdict, NOT_APPLICABLE);
+    assert_eq!(cell(&found, "other-machine").missing_signals, ["force"]);
+    assert_eq!(found.requirements[1].clauses, ["A 1", "B 2"]);
+    // A warning does not fail, and what could not be checked is open.
+    assert!(found.fails(cell(&found, "avoid")) && !found.fails(cell(&found, "always-wrong")));
+    assert!(found.is_open(cell(&found, "almost-never")) && found.is_open(cell(&found, "other-machine")));
+    // A violation in random scenarios needs no search.
+    let searched =
+        |name: &str| found.controllers[0].runs.iter().any(|run| run.requirement.as_deref() == Some(name));
+    assert!(searched("R-1.2") && !searched("always-wrong") && !searched("rarely"));
+    assert_eq!(finished(folder.path()).unwrap().unwrap(), found);
+}
+
+#[test]
+fn a_counterexample_violates_its_requirement_again_and_the_runs_have_their_digests() {
+    let x = signal();
+    let requirements = format!("[[requirement]]\nname = \"wrong\"\nformula = \"always({x} <= -10)\"");
+    let folder = tempfile::tempdir().unwrap();
+    let found = run(&requirements, folder.path(), 2);
+    let evidence = cell(&found, "wrong").counterexample.clone().unwrap();
+    let recorded = Counterexample::read(Path::new(evidence.file.as_ref().unwrap())).unwrap();
+    let resolved = recorded.resolve(folder.path(), None).unwrap();
+    let again = recorded.replay(&resolved).unwrap();
+    assert!(again.differences.is_empty(), "{:?}", again.differences);
+    assert_eq!(again.episode.robustness(), Some(evidence.robustness.0));
+    for run in &found.controllers[0].runs {
+        let file = RunFile::open(&run.run).unwrap();
+        assert_eq!(format!("{:032x}", file.content_digest().unwrap()), run.digest);
+        assert_eq!(file.counts().unwrap().simulations, run.simulations);
+    }
+}
+
+#[test]
+fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_error() {
+    let x = signal();
+    let requirements = format!("[[requirement]]\nname = \"fine\"\nformula = \"always({x} >= -10)\"");
+    let (whole, parts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let expected = run(&requirements, whole.path(), 3);
+    let (file, digest) = (file(&requirements), file_digest(&requirements));
+    let subjects = [subject(TARGET, "", 3)];
+    let mut interruptions = 0;
+    loop {
+        let mut calls = 0;
+        let mut watch = |_: &_| {
+            calls += 1;
+            if calls > 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        match check(&subjects, &settings(&file, &digest), parts.path(), &mut watch).unwrap() {
+            None => interruptions += 1,
+            Some(found) => {
+                assert!(interruptions > 1);
+                assert_eq!(found.cells, expected.cells);
+                let digests = |check: &Check| {
+                    check.controllers[0].runs.iter().map(|run| run.digest.clone()).collect::<Vec<_>>()
+                };
+                assert_eq!(digests(&found), digests(&expected));
+                break;
+            }
+        }
+        assert!(interruptions < 200);
+    }
+    let other = self::file(&requirements.replace("-10", "-20"));
+    let error =
+        check(&subjects, &settings(&other, &digest), parts.path(), &mut |_| ControlFlow::Continue(()));
+    assert!(error.is_err());
+}
+
+#[test]
+fn mistakes_are_found_before_the_first_simulation() {
+    let x = signal();
+    let folder = tempfile::tempdir().unwrap();
+    for (keys, expected) in [
+        ("formula = \"always(\"", "expected"),
+        ("formula = \"always(X >= 0)\"\nspace = \"nowhere\"", "nowhere"),
+        ("formula = \"always(X >= 0)\"\nbudget = 0", "0"),
+        ("formula = \"always(X >= 0)\"\nepisodes = 0", "0"),
+        ("formula = \"always[0:9999](X >= 0)\"", "9999"),
+    ] {
+        let text = format!("[[requirement]]\nname = \"a\"\n{}", keys.replace('X', &x));
+        let (file, digest) = (file(&text), file_digest(&text));
+        let settings = CheckSettings { episodes: None, budget: None, ..settings(&file, &digest) };
+        let mut watch = |_: &_| panic!("a simulation has started");
+        let found: Result<_, MishandleError> =
+            check(&[subject(TARGET, "", 0)], &settings, folder.path(), &mut watch);
+        let error = found.unwrap_err().with_causes();
+        assert!(error.contains(expected), "{keys}: {error}");
+    }
+    assert!(!folder.path().join("runs").exists());
+}
+
+/// Every formula and space of the templates is one of every task.
+#[test]
+fn templates_apply_to_the_tasks() {
+    for (name, text) in TEMPLATES {
+        let file = file(text);
+        for task in ["point-reaching", "cube-stacking", "cloth-placing"] {
+            for requirement in &file.requirements {
+                let formula = requirement.timed_formula();
+                let space = requirement.check.space.clone().unwrap_or_default();
+                let mut plan = Plan { space, ..Plan::new(task, "expert") };
+                plan.requirements.insert("requirement".to_string(), formula);
+                let resolved = ResolvedPlan::new(&plan);
+                assert!(resolved.is_ok(), "{name}, {task}, {}: {resolved:?}", requirement.name);
+            }
+        }
+    }
+}
