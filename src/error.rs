@@ -53,6 +53,9 @@ pub enum MishandleError {
         /// Variable of the environment that allows programs.
         variable: &'static str,
     },
+    /// A simulation of others would start a program.
+    #[error("its simulator or its policy is a program, and no program is started from a file of others")]
+    ForeignProgram,
     /// The plan is not valid TOML.
     #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]
     PlanSyntax {

@@ -30,6 +30,7 @@ pub mod harden;
 pub mod inspect;
 pub mod picture;
 pub mod plan;
+pub mod portable;
 pub mod replay;
 pub mod resolve;
 pub mod run;

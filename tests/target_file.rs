@@ -6,9 +6,10 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::campaign::{campaign_runs, create_campaign};
-use mishandle::counterexample::{Counterexample, copy_target, regress};
+use mishandle::counterexample::{Counterexample, regress};
 use mishandle::inspect::compare;
 use mishandle::plan::{EvaluatePlan, FalsifyPlan};
+use mishandle::portable::copy_target;
 use mishandle::replay::replay;
 use mishandle::resolve::Moved;
 use mishandle::run::{Engine, Opening, create_run};

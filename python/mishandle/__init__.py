@@ -14,6 +14,7 @@ from mishandle.errors import (
     MissingPackageError,
     PolicyServerError,
 )
+from mishandle.evidence_folders import evidence, verify_evidence
 from mishandle.explanations import Comparison, Explanation, compare
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.fault_axes import faults
@@ -102,6 +103,7 @@ __all__ = [
     "__version__",
     "compare",
     "evaluate",
+    "evidence",
     "falsify",
     "faults",
     "find_minimum",
@@ -129,6 +131,7 @@ __all__ = [
     "sb3",
     "search_names",
     "simulate",
+    "verify_evidence",
 ]
 
 register()

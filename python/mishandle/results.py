@@ -3105,6 +3105,117 @@ class Regression:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EvidenceSigner:
+    """The key of a signature."""
+
+    algorithm: str
+    """Algorithm of the key, such as ``ssh-ed25519``."""
+    fingerprint: str
+    """Fingerprint as ``ssh-keygen -l`` prints it, such as ``SHA256:...``."""
+    principals: tuple[str, ...]
+    """Names of this key in the file of ``--allowed-signers``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvidenceRun:
+    """A run of a folder of evidence."""
+
+    file: str
+    """Run file in the folder."""
+    page: str
+    """Page in the folder."""
+    files: str | None
+    """Folder with the files of its target and its controllers, in the folder; ``None`` if it
+    needs none."""
+    target: str
+    """Name of the target."""
+    simulations: int
+    """Number of simulations."""
+    is_complete: bool
+    """Whether the run is finished."""
+    not_replayable: str | None
+    """Why its simulations cannot be replayed from the folder alone; ``None`` if they can."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """A folder of evidence that was written: runs with their pages and files, hashes of all, and
+    a signature."""
+
+    folder: str
+    """Path of the folder."""
+    signer: EvidenceSigner | None
+    """The key that signed it; ``None`` without a signature."""
+    files: int
+    """Number of files, without the list of hashes and the signature."""
+    bytes: int
+    """Their size, in bytes."""
+    runs: tuple[EvidenceRun, ...]
+    """The runs, in the order in which they were given."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerifiedRun:
+    """A run of a folder of evidence, verified."""
+
+    file: str
+    """Run file in the folder."""
+    simulations: int
+    """Number of simulations."""
+    replayed: tuple[ReplayedSimulation, ...]
+    """The simulations that were replayed."""
+    not_replayed: str | None
+    """Why none could be replayed; ``None`` if some were, or none was to be."""
+    build_differences: tuple[str, ...]
+    """Differences between the build that made the run and this program. Results can differ
+    between builds."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReplayedSimulation:
+    """A simulation that was replayed."""
+
+    trial: int
+    """Its trial."""
+    simulation: int
+    """Its number in the trial."""
+    differences: tuple[str, ...]
+    """Differences between record, plan and replay; empty if they agree to the bit."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvidenceVerification:
+    """A folder of evidence, verified. The document is printed also if the folder differs (exit
+    code 1)."""
+
+    folder: str
+    """Path of the folder."""
+    signature: str
+    """``trusted``: the key of the signature is that of ``--public-key`` or one of
+    ``--allowed-signers``; ``valid``: the signature fits, but nothing vouches for the key;
+    ``missing``; ``wrong``: it does not fit the hashes, or its key is not allowed;
+    ``unsupported``: only ``ssh-keygen`` can check a key of this kind."""
+    signer: EvidenceSigner | None
+    """The key of the signature; ``None`` without a readable one."""
+    files: int
+    """Number of files whose hashes were compared."""
+    problems: tuple[str, ...]
+    """Everything wrong with signature, files, manifest and run files; empty if nothing is."""
+    program: str
+    """Commit of this program."""
+    share: float
+    """Share of the simulations that were to be replayed, at least one of each run."""
+    seed: int
+    """Seed that chose the simulations."""
+    runs: tuple[VerifiedRun, ...]
+    """The runs; empty if a file differs, because then no run is opened."""
+    is_verified: bool
+    """Whether all is as it should be: no problem, and no replay differs."""
+    is_complete: bool
+    """Whether all chosen simulations were replayed; ``false`` after an interruption."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingTime:
     """Time until the return of a training run converged."""
 

@@ -11,6 +11,7 @@ mod camera;
 mod comparison;
 mod controller;
 mod early_stop;
+mod evidence;
 mod faults;
 mod formula;
 mod gpu;
@@ -112,6 +113,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(artifacts::counterexample, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::export, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::regress, module)?)?;
+    module.add_function(wrap_pyfunction!(evidence::evidence, module)?)?;
+    module.add_function(wrap_pyfunction!(evidence::verify_evidence, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::harden, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::hardening_report, module)?)?;
     module.add_function(wrap_pyfunction!(question::check_margin, module)?)?;

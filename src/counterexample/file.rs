@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use mishandle_store::{BuildRecord, ComponentRecord, SimulationEnd, TargetRecord};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::{AxisValue, BESIDE, Counterexample, Decisive, Expected, MinimizedFrom};
+use super::{AxisValue, Counterexample, Decisive, Expected, MinimizedFrom};
 use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, GuardPlan, Plan};
+use crate::portable::BESIDE;
 use crate::resolve::{command, command_target, is_path, is_target_file};
 
 /// Version of the format.

@@ -2,7 +2,6 @@
 
 mod export;
 mod file;
-mod portable;
 mod regress;
 mod result;
 mod suite;
@@ -17,24 +16,17 @@ use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
 };
 
-use mishandle_text::path_text;
-
 use crate::error::MishandleError;
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::{
-    Moved, ResolvedPlan, command, controller_name, is_target_file, resolve_recorded, simulator_file,
-};
+use crate::portable;
+use crate::resolve::{Moved, ResolvedPlan, controller_name, is_target_file, resolve_recorded};
 use crate::run::differences_of_builds;
 
 pub(crate) use export::smaller;
 pub use export::{Chosen, Exported, Minimization, export, representatives};
-pub use portable::copy_target;
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
-
-/// Prefix of a controller or target whose file is expected beside the counterexample.
-const BESIDE: &str = "./";
 
 /// A failing simulation: setup, scenario, seed and the expected result.
 ///
@@ -239,9 +231,9 @@ impl Counterexample {
         folder: &Path,
         moved: impl Into<Moved<'a>>,
     ) -> Result<ResolvedPlan, MishandleError> {
-        let (plan, moved) = (self.plan_in(folder), moved.into());
+        let (plan, moved) = (portable::plan_in(&self.plan, folder), moved.into());
         if moved.target.is_none() {
-            check_target(&plan)?;
+            portable::check_target(&plan)?;
         }
         resolve_recorded(plan, &self.components, moved)
     }
@@ -252,8 +244,8 @@ impl Counterexample {
     /// # Errors
     /// If the target is not part of this program, or the controller cannot be loaded.
     pub fn resolve_with(&self, folder: &Path, controller: &str) -> Result<ResolvedPlan, MishandleError> {
-        let mut plan = self.plan_in(folder);
-        check_target(&plan)?;
+        let mut plan = portable::plan_in(&self.plan, folder);
+        portable::check_target(&plan)?;
         // The controller of a target file can be in the file.
         if !plan.controller.is_empty() || is_target_file(&plan.target) {
             plan.controller = controller.to_string();
@@ -264,23 +256,6 @@ impl Counterexample {
             }
             error => error,
         })
-    }
-
-    /// Returns the plan with the paths of a controller, a fallback and a target beside the file.
-    fn plan_in(&self, folder: &Path) -> Plan {
-        // A path also in the working directory, whose name is empty.
-        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        let mut plan = self.plan.clone();
-        let fallback = plan.guard.as_mut().map(|guard| &mut guard.fallback);
-        for file in [&mut plan.controller, &mut plan.target].into_iter().chain(fallback) {
-            if let Some(name) = file.strip_prefix(BESIDE) {
-                *file = path_text(&folder.join(name));
-            }
-        }
-        if command(&plan.target).is_some() {
-            plan.folder = path_text(folder);
-        }
-        plan
     }
 
     /// Returns the scenario in the order of the axes of `space`.
@@ -370,15 +345,6 @@ fn facts(component: &ComponentRecord, is_moved: bool) -> [String; 4] {
     let ComponentRecord { role, name, hash, file_hash } = component;
     let name = if is_moved { String::new() } else { controller_name(name) };
     [role.clone(), name, hash.clone(), file_hash.clone()]
-}
-
-/// Checks that a target file beside a counterexample names only files that are there, too.
-fn check_target(plan: &Plan) -> Result<(), MishandleError> {
-    // A simulator is a program, which the user must allow.
-    if is_target_file(&plan.target) && simulator_file(plan)?.is_none() {
-        mishandle_robots::check_inside(Path::new(&plan.target))?;
-    }
-    Ok(())
 }
 
 /// Describes a simulation, whatever its robustness.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_robots::RobotPolicy;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
@@ -32,6 +33,19 @@ pub fn is_target_file(target: &str) -> bool {
 /// Returns whether a target is made of files of the user: a target file, or a simulator.
 pub fn has_files(target: &str) -> bool {
     command(target).is_some() || is_target_file(target)
+}
+
+/// Returns whether simulations of a plan start a program: a simulator, or a policy of a target
+/// file.
+///
+/// # Errors
+/// If the target file cannot be read or is wrong.
+pub(crate) fn starts_program(plan: &Plan) -> Result<bool, MishandleError> {
+    if command(&plan.target).is_some() || simulator_file(plan)?.is_some() {
+        return Ok(true);
+    }
+    let is_robot = is_target_file(&plan.target) && plan.controller.is_empty();
+    Ok(is_robot && matches!(robot_file(plan)?.policy(), RobotPolicy::Program(_)))
 }
 
 /// Returns the folder of the files of a target, and the files; `None` for a target without files.

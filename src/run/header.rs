@@ -106,7 +106,8 @@ pub(crate) fn differences(
     found.compare("number of components", &recorded.components.len(), &planned.components.len());
     // A file that was moved can have another name.
     let then = Plan::from_toml(&recorded.plan)?;
-    let paths = |plan: &Plan| [plan.controller.clone(), plan.target.clone()];
+    let fallback = |plan: &Plan| plan.guard.as_ref().map(|guard| guard.fallback.clone());
+    let paths = |plan: &Plan| (plan.controller.clone(), plan.target.clone(), fallback(plan));
     let is_moved = paths(&then) != paths(&resolved.plan);
     for (then, now) in recorded.components.iter().zip(&planned.components) {
         found.compare("role of a component", &then.role, &now.role);

@@ -7,6 +7,7 @@ mod completions;
 mod controller;
 mod counterexamples;
 mod evaluate;
+mod evidence;
 mod explain;
 mod export;
 mod falsify;
@@ -46,7 +47,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
     ("Measure", &["evaluate", "check", "risk", "compare", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
-    ("Keep", &["runs", "counterexamples", "regress", "export"]),
+    ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["train", "harden", "guard", "controller"]),
     ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
 ];
@@ -74,6 +75,7 @@ pub enum Command {
     Runs(runs::Arguments),
     Counterexamples(counterexamples::Arguments),
     Regress(regress::Arguments),
+    Evidence(evidence::Arguments),
     Export(export::Arguments),
     Train(train::Arguments),
     Harden(harden::Arguments),
@@ -112,6 +114,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Runs(arguments) => runs::run(arguments),
         Command::Counterexamples(arguments) => counterexamples::run(arguments),
         Command::Regress(arguments) => regress::run(arguments),
+        Command::Evidence(arguments) => evidence::run(arguments),
         Command::Export(arguments) => export::run(arguments),
         Command::Train(arguments) => train::run(arguments, gpu),
         Command::Harden(arguments) => harden::run(arguments, gpu),

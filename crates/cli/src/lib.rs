@@ -22,6 +22,7 @@ pub use commands::junit;
 pub use show::formula::text as formula_text;
 pub use show::log_verdicts::shown as verdicts_text;
 pub use show::mining::text as mining_text;
+pub use show::sarif::regression as regression_sarif;
 
 use command_line::CommandLine;
 use exit_status::ExitStatus;

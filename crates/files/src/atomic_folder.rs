@@ -24,6 +24,15 @@ impl AtomicFolder {
         if path.symlink_metadata().is_ok() {
             return Err(ErrorKind::AlreadyExists.into());
         }
+        AtomicFolder::replace(path)
+    }
+
+    /// Creates a folder for `path`, where [`persist_over`](Self::persist_over) replaces another
+    /// folder. The caller has checked that nothing in it is lost.
+    ///
+    /// # Errors
+    /// `NotFound` if the folder around it does not exist, or any other error of the system.
+    pub fn replace(path: &Path) -> io::Result<AtomicFolder> {
         let outer = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut builder = Builder::new();
         builder.prefix(".mishandle-").suffix(".part");
@@ -54,6 +63,35 @@ impl AtomicFolder {
         let _ = self.temporary.keep();
         Ok(())
     }
+
+    /// Renames the folder to its path, and removes the folder that was there. On Linux, the two
+    /// change places in one step; elsewhere, a process that is killed in between leaves both under
+    /// temporary names.
+    ///
+    /// # Errors
+    /// Any error of the system.
+    pub fn persist_over(self) -> io::Result<()> {
+        if self.path.symlink_metadata().is_err() {
+            return self.persist();
+        }
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{CWD, RenameFlags, renameat_with};
+            renameat_with(CWD, self.temporary.path(), CWD, &self.path, RenameFlags::EXCHANGE)?;
+            // The temporary name is now that of the old folder.
+            self.temporary.close()
+        }
+        #[cfg(not(target_os = "linux"))]
+        {
+            let outer = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let old = Builder::new()
+                .prefix(".mishandle-")
+                .suffix(".part")
+                .tempdir_in(outer.unwrap_or(Path::new(".")))?;
+            std::fs::rename(&self.path, old.path().join("old"))?;
+            self.persist()
+        }
+    }
 }
 
 #[cfg(test)]
@@ -77,6 +115,21 @@ mod tests {
         assert_eq!(fs::read(path.join("a")).unwrap(), b"1");
         assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
         assert_eq!(AtomicFolder::create_new(&path).unwrap_err().kind(), ErrorKind::AlreadyExists);
+    }
+
+    #[test]
+    fn a_folder_takes_the_place_of_another_one() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("new");
+        for content in ["1", "2"] {
+            let folder = AtomicFolder::replace(&path).unwrap();
+            fs::write(folder.path().join(content), content).unwrap();
+            folder.persist_over().unwrap();
+            let names: Vec<_> =
+                fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+            assert_eq!(names, [content]);
+            assert_eq!(fs::read_dir(home.path()).unwrap().count(), 1);
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! records. Untrusted files: regular and of bounded size.
 //!
 //! - [`read_bounded`] and [`read_text_bounded`]: read a regular file up to one of the [`limits`].
+//! - [`open_for_reading`]: a regular file of any size, not through a symbolic link.
 //! - [`AtomicFile`] and [`write_atomically`]: a reader finds the old bytes or the new bytes, never
 //!   a part of them.
 //! - [`AtomicFolder`]: the same for a folder with its files.
@@ -30,5 +31,5 @@ pub use file_lock::FileLock;
 pub use growing_file::GrowingFile;
 pub use links::{refuse_link, refuse_links_in};
 pub use new_folders::NewFolders;
-pub use regular_file::{read_bounded, read_text_bounded};
+pub use regular_file::{open_for_reading, read_bounded, read_text_bounded};
 pub use same_file::is_same_file;

@@ -39,6 +39,17 @@ pub fn read_text_bounded(path: &Path, limit: u64) -> io::Result<String> {
         .map_err(|_| Error::new(ErrorKind::InvalidData, "the file is not UTF-8 text"))
 }
 
+/// Opens a regular file for reading, whatever its size. A symbolic link is an error, and opening
+/// never blocks.
+///
+/// # Errors
+/// `IsADirectory` or `InvalidInput` if the file is not a regular file, or any other error of the
+/// system.
+pub fn open_for_reading(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    open_regular(options.read(true), path, flags::NOFOLLOW)
+}
+
 /// Reads a file whose size was `length`. A file can grow while it is read, and files in /proc have
 /// the size 0.
 fn read_at_most(file: &File, length: u64, limit: u64) -> io::Result<Vec<u8>> {

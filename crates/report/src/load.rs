@@ -1,5 +1,7 @@
 //! Reads the facts of a run from its file.
 
+use std::path::Path;
+
 use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metrics};
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, mode_survey,
@@ -301,6 +303,17 @@ impl RunReport {
     /// Adds a sentence about something that the page lacks.
     pub fn add_note(&mut self, note: impl Into<String>) {
         self.notes.push(note.into());
+    }
+
+    /// Leaves out the folders of the target's parts, which are paths of the machine that made the
+    /// run.
+    pub fn hide_paths(&mut self) {
+        for component in &mut self.header.components {
+            let path = Path::new(&component.name);
+            if let (true, Some(name)) = (path.is_absolute(), path.file_name()) {
+                component.name = name.to_string_lossy().into_owned();
+            }
+        }
     }
 
     pub(crate) fn is_evaluation(&self) -> bool {

@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use crate::{
     Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Explanation, Exports, Falsification, FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin,
-    Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck, Regression, Replay,
-    RequirementPattern, Risk, RunSummary, Search, Simulation, Tables, Target, Targets, Task, Training,
-    TrainingPlan, Verification,
+    Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription, GuardTuning,
+    Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck,
+    Regression, Replay, RequirementPattern, Risk, RunSummary, Search, Simulation, Tables, Target, Targets,
+    Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -75,6 +75,8 @@ impl Document {
             Document::object::<Counterexamples>("counterexamples"),
             Document::object::<Exports>("counterexamples export"),
             Document::object::<Regression>("regress"),
+            Document::object::<Evidence>("evidence"),
+            Document::object::<EvidenceVerification>("evidence verify"),
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),

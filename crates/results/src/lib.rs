@@ -11,7 +11,8 @@
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
 //! - [`Check`]: the requirements of a file, for several controllers.
-//! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`]: about several runs.
+//! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`], [`Evidence`],
+//!   [`EvidenceVerification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
 //!   controllers.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
@@ -40,6 +41,7 @@ mod counterexamples;
 mod document;
 mod estimate;
 mod evaluation;
+mod evidence;
 mod explanation;
 mod falsification;
 mod guard;
@@ -78,6 +80,9 @@ pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Mini
 pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
+pub use evidence::{
+    Evidence, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation, VerifiedRun,
+};
 pub use explanation::{
     Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation, LogExplanations,
     MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,

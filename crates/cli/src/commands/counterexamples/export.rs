@@ -125,9 +125,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let folder = if command.all { Some(command.out.as_path()) } else { command.out.parent() };
     let copied = match &resolved {
-        Some(resolved) => {
-            mishandle::counterexample::copy_target(&resolved.plan, folder.unwrap_or(Path::new("")))?
-        }
+        Some(resolved) => mishandle::portable::copy_target(&resolved.plan, folder.unwrap_or(Path::new("")))?,
         None => Vec::new(),
     };
     write_all(command, &found.files)?;

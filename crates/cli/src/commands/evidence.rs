@@ -1,0 +1,104 @@
+mod verify;
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::{Args, Subcommand};
+use mishandle::resolve::Moved;
+use mishandle_evidence::{Collection, Key, NAMESPACE, SUMS};
+use mishandle_text::{path_text, shell_quote};
+
+use crate::exit_status::ExitStatus;
+use crate::show::{escape, evidence, output};
+
+/// Put runs, pages, hashes and a signature into a folder that others can verify
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(after_help = "Examples:
+  mishandle evidence runs/RUN.sqlite --out evidence
+  mishandle evidence runs/A.sqlite runs/B.sqlite --out evidence --key ~/.ssh/id_ed25519
+  mishandle evidence verify evidence --allowed-signers signers.txt --replay 0.05
+
+The folder has the run files, a page about each, the files of their targets and controllers, a
+manifest (program, machine, plans), and SHA256SUMS with the hashes of all. The signature of
+SHA256SUMS is one of `ssh-keygen -Y`, so OpenSSH alone can verify it. docs/guide/evidence.md says
+how to verify a folder with and without this program.")]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Option<EvidenceCommand>,
+    /// Run files
+    #[arg(value_name = "RUN", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder to create
+    #[arg(long, value_name = "DIR", required = true)]
+    pub out: Option<PathBuf>,
+    /// Replace DIR if it is a folder of evidence
+    #[arg(long)]
+    pub force: bool,
+    /// Private key that signs: an Ed25519 key of ssh-keygen without a passphrase; others sign
+    /// DIR/SHA256SUMS with ssh-keygen afterwards [default: no signature]
+    #[arg(long, value_name = "FILE")]
+    pub key: Option<PathBuf>,
+    /// New path of the runs' controller, if the file was moved
+    #[arg(long, value_name = "C")]
+    pub controller: Option<String>,
+    /// New path of the runs' target file (.toml), if it was moved
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<String>,
+    /// Print one JSON document to stdout
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum EvidenceCommand {
+    /// Check signature, hashes and run files of a folder, and replay a random share of it
+    Verify(verify::Arguments),
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if let Some(EvidenceCommand::Verify(command)) = &command.command {
+        return verify::run(command);
+    }
+    let Some(out) = command.out.as_deref() else { return Ok(ExitStatus::Done) };
+    let key = command.key.as_deref().map(Key::read).transpose()?;
+    let inside = command.runs.iter().find(|run| run.starts_with(out));
+    if let Some(run) = inside {
+        ensure!(
+            !command.force,
+            "{} is in the folder that --force replaces; choose another --out",
+            run.display()
+        );
+    }
+    let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
+    let found = mishandle_evidence::write(&Collection {
+        runs: &command.runs,
+        out,
+        force: command.force,
+        moved,
+        key: key.as_ref(),
+    })?;
+    match command.json {
+        true => output::json(&found)?,
+        false => output::line(&evidence::text(&found))?,
+    }
+    for run in &found.runs {
+        if let Some(why) = &run.not_replayable {
+            let file = escape::name(&run.file);
+            output::message(&format!(
+                "warning: {file} cannot be replayed from the folder alone: {}",
+                escape::name(why)
+            ));
+        }
+    }
+    let name = shell_quote(&path_text(out));
+    if key.is_none() {
+        output::message(&format!(
+            "not signed: hashes alone show accidents, not forgery; sign with --key, or with: ssh-keygen -Y sign -f KEY -n \
+             {NAMESPACE} {}",
+            shell_quote(&path_text(&out.join(SUMS)))
+        ));
+    }
+    output::message(&format!("Verify with: mishandle evidence verify {name}"));
+    Ok(ExitStatus::Done)
+}

@@ -1,0 +1,86 @@
+//! Folders of evidence, as text.
+
+use mishandle::results::{Evidence, EvidenceSigner, EvidenceVerification, VerifiedRun};
+use mishandle_text::plural;
+
+use super::{escape, output};
+
+/// Largest number of problems and replays that are printed; the JSON document has all.
+const MAX_LINES: usize = 50;
+
+/// Returns a written folder.
+pub fn text(found: &Evidence) -> String {
+    let header = ["run", "page", "target", "simulations"].map(String::from).to_vec();
+    let rows = found.runs.iter().map(|run| {
+        let state = if run.is_complete { "" } else { ", not finished" };
+        let simulations = format!("{}{state}", run.simulations);
+        vec![escape::name(&run.file), escape::name(&run.page), escape::name(&run.target), simulations]
+    });
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(rows).collect();
+    let signed =
+        found.signer.as_ref().map_or("not signed".to_string(), |key| format!("signed by {}", signer(key)));
+    format!(
+        "{}\n\n{}: {}, {} kB, {signed}",
+        output::table(&rows),
+        escape::name(&found.folder),
+        plural(found.files, "file"),
+        found.bytes.div_ceil(1000)
+    )
+}
+
+/// Returns a verified folder.
+pub fn verification_text(found: &EvidenceVerification) -> String {
+    let key = || found.signer.as_ref().map_or("an unknown key".to_string(), signer);
+    let signature = match found.signature.as_str() {
+        "trusted" => format!("signature: by {}, a key that you trust", key()),
+        "valid" => format!("signature: by {}, for which nobody vouches", key()),
+        "missing" => "signature: none".to_string(),
+        "unsupported" => format!("signature: not checked, by {}", key()),
+        _ => format!("signature: WRONG, by {}", key()),
+    };
+    let mut lines = vec![signature, format!("hashes: {} compared", plural(found.files, "file"))];
+    for run in &found.runs {
+        lines.push(run_text(run));
+        for replayed in run.replayed.iter().take(MAX_LINES) {
+            let result = match replayed.differences.is_empty() {
+                true => "agrees to the bit".to_string(),
+                false => format!("DIFFERS: {}", escape::name(&replayed.differences.join("; "))),
+            };
+            lines.push(format!("  trial {}, simulation {}: {result}", replayed.trial, replayed.simulation));
+        }
+        if run.replayed.len() > MAX_LINES {
+            lines.push(format!("  {} more", run.replayed.len() - MAX_LINES));
+        }
+    }
+    lines.extend(
+        found.problems.iter().take(MAX_LINES).map(|problem| format!("problem: {}", escape::name(problem))),
+    );
+    if found.problems.len() > MAX_LINES {
+        lines.push(format!("{} more problems", found.problems.len() - MAX_LINES));
+    }
+    let replays: usize = found.runs.iter().map(|run| run.replayed.len()).sum();
+    let chosen = match replays {
+        0 => String::new(),
+        n => format!(" Seed {} chose {} to replay.", found.seed.0, plural(n, "simulation")),
+    };
+    let verdict = if found.is_verified { "All agrees." } else { "NOT VERIFIED." };
+    lines.push(format!("{verdict}{chosen}"));
+    lines.join("\n")
+}
+
+fn run_text(run: &VerifiedRun) -> String {
+    let name = escape::name(&run.file);
+    let simulations = plural(run.simulations, "simulation");
+    match &run.not_replayed {
+        Some(why) => format!("{name}: {simulations}, none replayed: {}", escape::name(why)),
+        None => format!("{name}: {simulations}, {} replayed", run.replayed.len()),
+    }
+}
+
+fn signer(key: &EvidenceSigner) -> String {
+    let names = match key.principals.as_slice() {
+        [] => String::new(),
+        names => format!("{}, ", escape::name(&names.join("; "))),
+    };
+    format!("{names}{} ({})", escape::name(&key.fingerprint), escape::name(&key.algorithm))
+}

@@ -1,0 +1,36 @@
+//! Folders of evidence: runs with the pages, hashes and files that others need to check them.
+//!
+//! - [`write()`](write()) makes such a folder from run files. [`Key`] signs its list of hashes in the
+//!   format of `ssh-keygen -Y`.
+//! - [`verify`](verify()) checks a folder of others: signature, hashes, run files. Then it replays a
+//!   random share of the simulations. It writes nothing, and no file of the folder is run as code.
+//!
+//! ```text
+//! README.md           what the folder is, and how to verify it with and without this program
+//! SHA256SUMS          hashes of all files but the signature, as `sha256sum -c` reads them
+//! SHA256SUMS.sig      signature of SHA256SUMS, as `ssh-keygen -Y verify` reads it
+//! manifest.json       program, environment, plans, identities and sizes
+//! runs/NAME.sqlite    the run files, byte for byte
+//! pages/NAME.html     their reports
+//! files/N/            what simulations need: target files, models, controllers
+//! ```
+//!
+//! `SHA256SUMS` lists every other file, so its signature covers all of them.
+
+mod error;
+mod layout;
+mod manifest;
+mod readme;
+mod signature;
+mod signers;
+mod sums;
+mod verify;
+mod write;
+
+pub use error::EvidenceError;
+pub use layout::{SIGNATURE, SUMS};
+pub use manifest::{Manifest, ManifestFile, ManifestRun};
+pub use signature::{Key, NAMESPACE};
+pub use signers::Signers;
+pub use verify::{Verification, random_seed, verify};
+pub use write::{Collection, write};

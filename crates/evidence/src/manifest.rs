@@ -1,0 +1,206 @@
+//! `manifest.json`: what the folder holds, and which program on which machine made it.
+
+use mishandle::build::build;
+use mishandle::inspect::run_facts;
+use mishandle::portable::portable_plan;
+use mishandle::store::{BuildRecord, ComponentRecord, RunFile};
+use serde::{Deserialize, Serialize};
+
+use crate::error::EvidenceError;
+
+/// Version of the format.
+pub const FORMAT: u32 = 1;
+
+/// Largest size of a manifest, in bytes.
+pub const MAX_SIZE: u64 = 64 << 20;
+
+/// The manifest. It contains no time and no path of the machine, so that the same runs give the
+/// same bytes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Version of the format: 1.
+    pub evidence_format: u32,
+    /// The program that made the folder.
+    pub program: Program,
+    /// Version of its physics engine.
+    pub mujoco: String,
+    /// The machine that made the folder.
+    pub environment: Environment,
+    /// The runs.
+    pub runs: Vec<ManifestRun>,
+    /// All files but the manifest, the list of hashes and the signature.
+    pub files: Vec<ManifestFile>,
+}
+
+/// A build of the program.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Program {
+    /// Version.
+    pub version: String,
+    /// Git commit.
+    pub commit: String,
+    /// Target triple.
+    pub target: String,
+    /// Version of the compiler.
+    pub rustc: String,
+    /// Architecture and instruction set.
+    pub architecture: String,
+}
+
+/// A machine.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Environment {
+    /// Operating system.
+    pub os: String,
+    /// Instruction sets of the CPU on which the bits of a result can depend, if the program or a
+    /// library uses them.
+    pub cpu_features: Vec<String>,
+}
+
+/// A run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ManifestRun {
+    /// Run file.
+    pub file: String,
+    /// Page.
+    pub page: String,
+    /// Folder with the files of its target; `null` if it needs none.
+    pub files: Option<String>,
+    /// Kind of the run.
+    pub kind: String,
+    /// Kind, name and hash of the target.
+    pub target: [String; 3],
+    /// The parts of the target: role, name, hash, hash of the file.
+    pub components: Vec<[String; 4]>,
+    /// The requirement.
+    pub formula: String,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Number of these that violate the requirement.
+    pub failures: u64,
+    /// Whether the run is finished.
+    pub is_complete: bool,
+    /// Digest of all rows and traces.
+    pub content_digest: String,
+    /// The program that made the run.
+    pub program: Program,
+    /// Versions of other software on which its simulations depend, such as Python packages.
+    pub versions: Vec<[String; 2]>,
+    /// The plan as TOML; files have their names instead of their paths.
+    pub plan: String,
+    /// Why its simulations cannot be replayed from the folder alone; `null` if they can.
+    pub not_replayable: Option<String>,
+}
+
+/// A file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ManifestFile {
+    /// Its name in the folder.
+    pub path: String,
+    /// Size in bytes.
+    pub size: u64,
+    /// SHA-256.
+    pub sha256: String,
+}
+
+impl Manifest {
+    /// Describes this program and this machine.
+    pub(crate) fn new(runs: Vec<ManifestRun>, files: Vec<ManifestFile>) -> Manifest {
+        Manifest {
+            evidence_format: FORMAT,
+            program: Program::from(&build()),
+            mujoco: mishandle::world::mujoco_version(),
+            environment: Environment { os: os(), cpu_features: cpu_features() },
+            runs,
+            files,
+        }
+    }
+}
+
+impl ManifestRun {
+    /// Describes a run. `name` is that of its files in the folder.
+    pub(crate) fn new(
+        run: &RunFile,
+        [file, page]: [String; 2],
+        files: Option<String>,
+        not_replayable: Option<String>,
+    ) -> Result<ManifestRun, EvidenceError> {
+        let (header, facts) = (run.header(), run_facts(run)?);
+        let component = |part: &ComponentRecord| {
+            [part.role.clone(), file_name(&part.name), part.hash.clone(), part.file_hash.clone()]
+        };
+        Ok(ManifestRun {
+            file,
+            page,
+            files,
+            kind: facts.kind,
+            target: [header.target.kind.clone(), header.target.name.clone(), header.target.hash.clone()],
+            components: header.components.iter().map(component).collect(),
+            formula: header.formula.clone(),
+            simulations: facts.simulations,
+            failures: facts.failures,
+            is_complete: facts.is_complete,
+            content_digest: digest(run)?,
+            program: Program::from(&header.build),
+            versions: header.versions.iter().map(|(name, version)| [name.clone(), version.clone()]).collect(),
+            plan: portable_plan(header)?.to_toml(),
+            not_replayable,
+        })
+    }
+}
+
+/// Returns the digest of the rows of a run.
+pub(crate) fn digest(run: &RunFile) -> Result<String, EvidenceError> {
+    Ok(format!("{:032x}", run.content_digest()?))
+}
+
+/// Returns the last part of a path, and any other name as it is.
+pub(crate) fn file_name(name: &str) -> String {
+    let path = std::path::Path::new(name);
+    match path.is_absolute() {
+        true => path.file_name().map_or_else(|| name.to_string(), |name| name.to_string_lossy().into_owned()),
+        false => name.to_string(),
+    }
+}
+
+impl From<&BuildRecord> for Program {
+    fn from(build: &BuildRecord) -> Program {
+        Program {
+            version: build.program_version.clone(),
+            commit: build.git_commit.clone(),
+            target: build.target.clone(),
+            rustc: build.rustc.clone(),
+            architecture: build.architecture.clone(),
+        }
+    }
+}
+
+/// Names the operating system, by os-release(5) on Linux.
+fn os() -> String {
+    let release = std::fs::read_to_string("/etc/os-release").unwrap_or_default();
+    let name = release.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="));
+    match name {
+        Some(name) => format!("{}, {}", std::env::consts::OS, name.trim_matches('"')),
+        None => std::env::consts::OS.to_string(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn cpu_features() -> Vec<String> {
+    let found = [
+        ("avx2", std::arch::is_x86_feature_detected!("avx2")),
+        ("fma", std::arch::is_x86_feature_detected!("fma")),
+        ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
+    ];
+    found.into_iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name.to_string()).collect()
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn cpu_features() -> Vec<String> {
+    Vec::new()
+}

@@ -1,0 +1,49 @@
+//! The file of the folder for people.
+
+use crate::layout::{FILES, MANIFEST, PAGES, RUNS, SIGNATURE, SUMS};
+use crate::manifest::Manifest;
+use crate::signature::NAMESPACE;
+
+/// Returns the text. It does not depend on a signature, which can be made later.
+pub fn text(manifest: &Manifest) -> String {
+    let code = |text: &str| format!("`{}`", text.replace(['`', '|', '\n', '\r'], " "));
+    let rows: String = manifest
+        .runs
+        .iter()
+        .map(|run| {
+            let replay = run
+                .not_replayable
+                .as_ref()
+                .map_or("yes".to_string(), |why| format!("no: {}", why.replace(['|', '\n', '\r'], " ")));
+            let state = if run.is_complete { "" } else { " (not finished)" };
+            format!(
+                "| [{}]({}) | {} | {}{state} | {} | {} | {replay} |\n",
+                run.file,
+                run.page,
+                code(&run.target[1]),
+                run.simulations,
+                run.failures,
+                code(&run.formula),
+            )
+        })
+        .collect();
+    let program = &manifest.program;
+    format!(
+        "# Evidence of simulations\n\nThis folder holds simulations of robot controllers, with what others need to check them. \
+         Mishandle {} made it\n(commit {}, {}, MuJoCo {}).\n\n| run and page | target | simulations | failures | requirement | \
+         replayable |\n|---|---|--:|--:|---|---|\n{rows}\nA failure is a simulation that violates the requirement.\n\n\
+         ## Verify\n\nWith standard tools, which say that no file has changed, and by whose key `{SUMS}` is signed:\n\n```bash\n\
+         sha256sum --check --strict --quiet {SUMS}\nssh-keygen -Y check-novalidate -n {NAMESPACE} -s {SIGNATURE} < {SUMS}\n\
+         ssh-keygen -Y verify -f ALLOWED_SIGNERS -I NAME -n {NAMESPACE} -s {SIGNATURE} < {SUMS}\n```\n\n\
+         ALLOWED_SIGNERS is a file of yours with a line `NAME KEY` for each key that you trust. Without `{SIGNATURE}`, the \
+         folder is\nnot signed: its hashes then show accidents, but anybody can change a file and its hash.\n\n\
+         With Mishandle, which also finds further files, checks the records, and simulates a random share of them again:\n\n\
+         ```bash\nmishandle evidence verify . --allowed-signers ALLOWED_SIGNERS --replay 0.05\n```\n\n\
+         A replay agrees to the bit if the program has the version, the commit and the architecture above.\n\n\
+         ## Files\n\n- `{MANIFEST}`: program, machine, plans, and the identities of targets and controllers.\n\
+         - `{RUNS}`: the run files (SQLite), byte for byte. A run whose controller was a file contains its path at that time.\n\
+         - `{PAGES}`: a report about each, HTML without scripts.\n\
+         - `{FILES}`: target files, models and controllers, if simulations need some.\n",
+        program.version, program.commit, program.target, manifest.mujoco
+    )
+}

@@ -1,0 +1,254 @@
+//! Makes a folder of evidence.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mishandle::files::AtomicFolder;
+use mishandle::portable::{copy_files, resolve_in};
+use mishandle::resolve::{Moved, is_python};
+use mishandle::results::{Evidence, EvidenceRun};
+use mishandle::store::RunFile;
+use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle_report::{RunReport, page};
+use mishandle_text::path_text;
+
+use crate::error::EvidenceError;
+use crate::layout::{self, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
+use crate::manifest::{Manifest, ManifestFile, ManifestRun};
+use crate::readme;
+use crate::signature::Key;
+use crate::sums::{self, Hashed};
+
+/// The parts of a folder of evidence.
+#[derive(Debug)]
+pub struct Collection<'a> {
+    /// The run files.
+    pub runs: &'a [PathBuf],
+    /// The folder to make.
+    pub out: &'a Path,
+    /// Whether another folder of evidence at `out` is replaced.
+    pub force: bool,
+    /// Present paths of the runs' files that were moved.
+    pub moved: Moved<'a>,
+    /// The key that signs; `None`: no signature.
+    pub key: Option<&'a Key>,
+}
+
+/// Makes a folder of evidence. It appears when it is complete.
+///
+/// # Errors
+/// If the folder exists, a run cannot be read or is not closed, or a file cannot be written.
+pub fn write(collection: &Collection<'_>) -> Result<Evidence, EvidenceError> {
+    let out = collection.out;
+    let folder = create(collection)?;
+    let home = folder.path();
+    for name in [RUNS, PAGES] {
+        let path = home.join(name);
+        fs::create_dir(&path).map_err(EvidenceError::file(&path))?;
+    }
+    let mut names = BTreeSet::new();
+    let runs: Vec<ManifestRun> =
+        collection.runs.iter().map(|run| add(run, home, &mut names, collection)).collect::<Result<_, _>>()?;
+    let manifest = Manifest::new(runs, Vec::new());
+    write_file(&home.join(README), readme::text(&manifest).as_bytes())?;
+    let files = hashed(home)?;
+    let bytes: u64 = files.iter().map(|file| file.size).sum();
+    let manifest = Manifest { files, ..manifest };
+    let mut text = serde_json::to_string_pretty(&manifest)
+        .map_err(std::io::Error::from)
+        .map_err(EvidenceError::file(out))?;
+    text.push('\n');
+    write_file(&home.join(MANIFEST), text.as_bytes())?;
+    let Hashed { size, sha256 } = sums::hash(&home.join(MANIFEST))?;
+    let mut listed: Vec<(&str, &str)> =
+        manifest.files.iter().map(|file| (file.path.as_str(), file.sha256.as_str())).collect();
+    listed.push((MANIFEST, &sha256));
+    listed.sort_unstable();
+    let list = sums::text(listed.iter().copied());
+    write_file(&home.join(SUMS), list.as_bytes())?;
+    if let Some(key) = collection.key {
+        let signature = key
+            .sign(list.as_bytes())
+            .map_err(|error| EvidenceError::Key { path: out.join(SIGNATURE), problem: error.to_string() })?;
+        write_file(&home.join(SIGNATURE), signature.as_bytes())?;
+    }
+    match collection.force {
+        true => folder.persist_over(),
+        false => folder.persist(),
+    }
+    .map_err(EvidenceError::file(out))?;
+    let run = |run: ManifestRun| EvidenceRun {
+        file: run.file,
+        page: run.page,
+        files: run.files,
+        target: run.target[1].clone(),
+        simulations: run.simulations,
+        is_complete: run.is_complete,
+        not_replayable: run.not_replayable,
+    };
+    Ok(Evidence {
+        folder: path_text(out),
+        signer: collection.key.map(Key::signer),
+        files: manifest.files.len() as u64 + 1,
+        bytes: bytes.saturating_add(size),
+        runs: manifest.runs.into_iter().map(run).collect(),
+    })
+}
+
+/// Creates the temporary folder. Only a folder of evidence is replaced.
+fn create(collection: &Collection<'_>) -> Result<AtomicFolder, EvidenceError> {
+    let out = collection.out;
+    let created = match collection.force {
+        false => AtomicFolder::create_new(out),
+        true => {
+            let is_there = out.symlink_metadata().is_ok();
+            let is_evidence =
+                || out.join(SUMS).is_file() && out.join(MANIFEST).is_file() && !out.is_symlink();
+            if is_there && !is_evidence() {
+                return Err(EvidenceError::Foreign { path: out.to_path_buf() });
+            }
+            AtomicFolder::replace(out)
+        }
+    };
+    created.map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => EvidenceError::Exists { path: out.to_path_buf() },
+        _ => EvidenceError::file(out)(error),
+    })
+}
+
+/// Adds a run with its page and files.
+fn add(
+    path: &Path,
+    home: &Path,
+    names: &mut BTreeSet<String>,
+    collection: &Collection<'_>,
+) -> Result<ManifestRun, EvidenceError> {
+    let original = RunFile::open_unchecked(path)?;
+    if beside(path, "-wal").exists() || beside(path, "-journal").exists() {
+        return Err(EvidenceError::NotClosed { path: path.to_path_buf() });
+    }
+    let name = unique(path, names);
+    let [file, page_name] = [format!("{RUNS}/{name}.sqlite"), format!("{PAGES}/{name}.html")];
+    let copy = home.join(&file);
+    fs::copy(path, &copy).map_err(EvidenceError::file(path))?;
+    drop(original);
+    let run = RunFile::open(&copy)?;
+    run.check()?;
+    let (files, resolved) = files(&run, home, collection)?;
+    let mut report = RunReport::load(&run, &file)?;
+    report.hide_paths();
+    match &resolved {
+        Ok(resolved) => report.add_answer_of(&run, resolved)?,
+        Err(why) => {
+            report.add_note(format!("Simulations cannot be replayed from the folder of evidence: {why}."));
+        }
+    }
+    report.note_no_simulations("the page shows what the run file contains");
+    write_file(&home.join(&page_name), page(&[report]).as_bytes())?;
+    ManifestRun::new(&run, [file, page_name], files, resolved.err())
+}
+
+/// Copies the files of a run. Returns their folder, and the plan as it resolves there, or why it
+/// does not.
+fn files(
+    run: &RunFile,
+    home: &Path,
+    collection: &Collection<'_>,
+) -> Result<(Option<String>, Result<ResolvedPlan, String>), EvidenceError> {
+    let header = run.header();
+    if is_python(&header.target.kind) {
+        let why = "its system is written in Python, and its code is not part of the folder".to_string();
+        return Ok((None, Err(why)));
+    }
+    let (number, place) = (1..)
+        .map(|number: u32| (number, home.join(FILES).join(number.to_string())))
+        .find(|(_, place)| !place.exists())
+        .unwrap_or_default();
+    let moved = collection.moved;
+    let mut plan = Plan::from_toml(&header.plan)?;
+    plan.controller = moved.controller.map_or(plan.controller, str::to_string);
+    plan.target = moved.target.map_or(plan.target, str::to_string);
+    let resolved = match copy_files(&plan, &place) {
+        Ok(_) => resolve_in(header, &place),
+        Err(error) => Err(error),
+    };
+    let remove = |place: &Path| match place.exists() {
+        true => fs::remove_dir_all(place).map_err(EvidenceError::file(place)),
+        false => Ok(()),
+    };
+    let resolved = match resolved {
+        Ok(resolved) => resolved,
+        Err(error) => {
+            // Files of another target than the run's are not evidence of it.
+            remove(&place)?;
+            return Ok((None, Err(reason(&error))));
+        }
+    };
+    if !place.exists() {
+        return Ok((None, Ok(resolved)));
+    }
+    let own = hashed(&place)?;
+    for known in 1..number {
+        if hashed(&home.join(FILES).join(known.to_string()))? == own {
+            remove(&place)?;
+            return Ok((Some(format!("{FILES}/{known}")), Ok(resolved)));
+        }
+    }
+    Ok((Some(format!("{FILES}/{number}")), Ok(resolved)))
+}
+
+/// Returns an error with its causes on one line.
+pub(crate) fn reason(error: &MishandleError) -> String {
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(next) = cause {
+        // Some messages contain their cause.
+        let next_text = next.to_string();
+        if !text.contains(&next_text) {
+            text.push_str(": ");
+            text.push_str(&next_text);
+        }
+        cause = next.source();
+    }
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Returns the files of a folder with their hashes.
+fn hashed(folder: &Path) -> Result<Vec<ManifestFile>, EvidenceError> {
+    let found = layout::list(folder)?;
+    if let Some(problem) = found.problems.into_iter().next() {
+        return Err(EvidenceError::Name { name: problem });
+    }
+    let hash = |path: String| {
+        let Hashed { size, sha256 } = sums::hash(&folder.join(&path))?;
+        Ok(ManifestFile { path, size, sha256 })
+    };
+    found.files.into_iter().map(hash).collect()
+}
+
+/// Returns a name for the files of a run that no earlier run has.
+fn unique(path: &Path, names: &mut BTreeSet<String>) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let plain: String =
+        stem.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect();
+    let plain: String = plain.chars().take(100).collect();
+    let plain = if is_name(&plain) { plain } else { "run".to_string() };
+    let numbered = (2..).map(|number: u64| format!("{plain}-{number}"));
+    let name = std::iter::once(plain.clone())
+        .chain(numbered)
+        .find(|name| !names.contains(name))
+        .unwrap_or(plain.clone());
+    names.insert(name.clone());
+    name
+}
+
+fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvidenceError> {
+    fs::write(path, bytes).map_err(EvidenceError::file(path))
+}

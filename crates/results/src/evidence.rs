@@ -1,0 +1,109 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::Seed;
+
+/// A folder of evidence that was written: runs with their pages and files, hashes of all, and a
+/// signature.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Evidence {
+    /// Path of the folder.
+    pub folder: String,
+    /// The key that signed it; `null` without a signature.
+    pub signer: Option<EvidenceSigner>,
+    /// Number of files, without the list of hashes and the signature.
+    pub files: u64,
+    /// Their size, in bytes.
+    pub bytes: u64,
+    /// The runs, in the order in which they were given.
+    pub runs: Vec<EvidenceRun>,
+}
+
+/// A run of a folder of evidence.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct EvidenceRun {
+    /// Run file in the folder.
+    pub file: String,
+    /// Page in the folder.
+    pub page: String,
+    /// Folder with the files of its target and its controllers, in the folder; `null` if it needs
+    /// none.
+    pub files: Option<String>,
+    /// Name of the target.
+    pub target: String,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Whether the run is finished.
+    pub is_complete: bool,
+    /// Why its simulations cannot be replayed from the folder alone; `null` if they can.
+    pub not_replayable: Option<String>,
+}
+
+/// The key of a signature.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct EvidenceSigner {
+    /// Algorithm of the key, such as `ssh-ed25519`.
+    pub algorithm: String,
+    /// Fingerprint as `ssh-keygen -l` prints it, such as `SHA256:...`.
+    pub fingerprint: String,
+    /// Names of this key in the file of `--allowed-signers`.
+    pub principals: Vec<String>,
+}
+
+/// A folder of evidence, verified. The document is printed also if the folder differs (exit code
+/// 1).
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct EvidenceVerification {
+    /// Path of the folder.
+    pub folder: String,
+    /// `trusted`: the key of the signature is that of `--public-key` or one of `--allowed-signers`;
+    /// `valid`: the signature fits, but nothing vouches for the key; `missing`; `wrong`: it does
+    /// not fit the hashes, or its key is not allowed; `unsupported`: only `ssh-keygen` can check a
+    /// key of this kind.
+    pub signature: String,
+    /// The key of the signature; `null` without a readable one.
+    pub signer: Option<EvidenceSigner>,
+    /// Number of files whose hashes were compared.
+    pub files: u64,
+    /// Everything wrong with signature, files, manifest and run files; empty if nothing is.
+    pub problems: Vec<String>,
+    /// Commit of this program.
+    pub program: String,
+    /// Share of the simulations that were to be replayed, at least one of each run.
+    pub share: f64,
+    /// Seed that chose the simulations.
+    pub seed: Seed,
+    /// The runs; empty if a file differs, because then no run is opened.
+    pub runs: Vec<VerifiedRun>,
+    /// Whether all is as it should be: no problem, and no replay differs.
+    pub is_verified: bool,
+    /// Whether all chosen simulations were replayed; `false` after an interruption.
+    pub is_complete: bool,
+}
+
+/// A run of a folder of evidence, verified.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct VerifiedRun {
+    /// Run file in the folder.
+    pub file: String,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// The simulations that were replayed.
+    pub replayed: Vec<ReplayedSimulation>,
+    /// Why none could be replayed; `null` if some were, or none was to be.
+    pub not_replayed: Option<String>,
+    /// Differences between the build that made the run and this program. Results can differ between
+    /// builds.
+    pub build_differences: Vec<String>,
+}
+
+/// A simulation that was replayed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct ReplayedSimulation {
+    /// Its trial.
+    pub trial: u32,
+    /// Its number in the trial.
+    pub simulation: u32,
+    /// Differences between record, plan and replay; empty if they agree to the bit.
+    pub differences: Vec<String>,
+}

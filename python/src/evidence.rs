@@ -1,0 +1,77 @@
+//! Folders of evidence: written and verified.
+
+use std::error::Error;
+use std::iter::successors;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use mishandle::resolve::Moved;
+use mishandle_evidence::{Collection, EvidenceError, Key, Signers, Verification, random_seed};
+use pyo3::prelude::*;
+
+use crate::MishandleError;
+use crate::work::json;
+
+/// Writes a folder of evidence and returns the document.
+#[pyfunction]
+#[pyo3(signature = (runs, out, *, key, force, controller, target))]
+pub fn evidence(
+    py: Python<'_>,
+    runs: Vec<PathBuf>,
+    out: PathBuf,
+    key: Option<PathBuf>,
+    force: bool,
+    controller: Option<String>,
+    target: Option<String>,
+) -> PyResult<String> {
+    let written = py.detach(|| {
+        let key = key.as_deref().map(Key::read).transpose()?;
+        let moved = Moved { controller: controller.as_deref(), target: target.as_deref() };
+        mishandle_evidence::write(&Collection { runs: &runs, out: &out, force, moved, key: key.as_ref() })
+    });
+    json(&written.map_err(|error| raised(&error))?)
+}
+
+/// Verifies a folder of evidence and returns the document.
+#[pyfunction]
+#[pyo3(signature = (folder, *, allowed_signers, public_key, share, seed))]
+pub fn verify_evidence(
+    py: Python<'_>,
+    folder: PathBuf,
+    allowed_signers: Option<PathBuf>,
+    public_key: Option<PathBuf>,
+    share: f64,
+    seed: Option<u64>,
+) -> PyResult<String> {
+    let mut exception = None;
+    let verified = py.detach(|| {
+        let signers = signers(allowed_signers.as_deref(), public_key.as_deref())?;
+        let seed = seed.unwrap_or_else(random_seed);
+        mishandle_evidence::verify(&Verification { folder: &folder, signers, share, seed }, |_, _| {
+            match Python::attach(|py| py.check_signals()) {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(raised) => {
+                    exception = Some(raised);
+                    ControlFlow::Break(())
+                }
+            }
+        })
+    });
+    match exception {
+        Some(exception) => Err(exception),
+        None => json(&verified.map_err(|error| raised(&error))?),
+    }
+}
+
+fn signers(allowed: Option<&Path>, key: Option<&Path>) -> Result<Signers, EvidenceError> {
+    match (allowed, key) {
+        (Some(path), _) => Signers::allowed(path),
+        (None, Some(path)) => Signers::public_key(path),
+        (None, None) => Ok(Signers::Unknown),
+    }
+}
+
+fn raised(error: &EvidenceError) -> PyErr {
+    let causes = successors(Some(error as &dyn Error), |error| (*error).source());
+    MishandleError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
+}
