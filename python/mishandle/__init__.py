@@ -34,6 +34,7 @@ from mishandle.processes import Process
 from mishandle.ray import RayExecutor
 from mishandle.reductions import Reduced
 from mishandle.relations import Metamorphic, Relation, metamorphic
+from mishandle.requirement_tests import requirement
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
@@ -126,6 +127,7 @@ __all__ = [
     "regress",
     "repeat",
     "replay",
+    "requirement",
     "risk",
     "robustness",
     "sb3",

@@ -367,6 +367,11 @@ def _pyplot() -> Any:
     return pyplot
 
 
+def close(figure: Any) -> None:
+    """Forgets a figure, which pyplot keeps otherwise."""
+    _pyplot().close(figure)
+
+
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
