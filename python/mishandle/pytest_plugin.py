@@ -91,7 +91,7 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
     except MishandleError as error:
         # Mistakes in the requirement, and exceptions of the system, without the frames of this package.
         cause = "".join(traceback.format_exception(error.__cause__)) if error.__cause__ is not None else ""
-        mistake = f"{type(error).__name__}: {error}\n{cause}".rstrip()
+        mistake = f"{type(error).__name__}: {error}\nrequirement: {required.formula}\n{cause}".rstrip()
     if mistake:
         pytest.fail(mistake, pytrace=False)
     text = outcome.text + (" (cached)" if outcome.passes and outcome.is_cached else "")

@@ -105,7 +105,7 @@ def factor():
 def test_offset(offset, factor):
     return lambda scenario: {"gap": [offset, offset - factor * scenario["speed"]]}
 
-@mishandle.requirement("always(distance >= -10)", target="toy/noisy")
+@mishandle.requirement("always(height >= -1000)", target="toy/noisy")
 def test_toy():
     pass
 
@@ -143,7 +143,7 @@ FACTOR = 1.0
 def crash(scenario):
     return {"gap": [10.0, 3.0 if scenario["speed"] < 5 else 1 / 0]}
 
-@mishandle.requirement("always(gap >= 2)", space=SPEED, budget=10)
+@mishandle.requirement("always(gap >= 2)", space=SPACE, budget=10)
 def test_crash():
     return crash
 """
