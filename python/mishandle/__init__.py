@@ -3,6 +3,7 @@
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, Except, PolicyArgument, ResetOption
+from mishandle.checks import Check, check
 from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
 from mishandle.errors import (
@@ -48,6 +49,7 @@ from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
 __all__ = [
     "Attribute",
     "Axis",
+    "Check",
     "ComparedPair",
     "Comparison",
     "Controller",
@@ -102,6 +104,7 @@ __all__ = [
     "Trial",
     "Witness",
     "__version__",
+    "check",
     "compare",
     "evaluate",
     "evidence",

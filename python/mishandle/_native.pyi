@@ -95,6 +95,22 @@ def describe_formula(
     units: Mapping[str, str],
     episode: float | None,
 ) -> tuple[str, str]: ...
+def requirement_formulas(path: str) -> list[tuple[str, str]]: ...
+def check(
+    target: Target,
+    *,
+    requirements: str,
+    out: str,
+    episodes: int | None,
+    trials: int | None,
+    budget: int | None,
+    search: str,
+    batch: int,
+    fail_on: str,
+    allow_inapplicable: bool,
+    seed: int,
+    progress: Any,
+) -> tuple[str, str, int]: ...
 def pattern_formula(name: str, settings: list[tuple[str, str]]) -> tuple[str, str]: ...
 def mined_signals(formula: str, parameters: list[Parameter]) -> list[str]: ...
 def mine(

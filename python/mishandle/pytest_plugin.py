@@ -89,7 +89,7 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
     try:
         outcome = _test(pyfuncitem, required, given).run()
     except MishandleError as error:
-        # Mistakes in the requirement, and exceptions of the system, without the frames of this package.
+        # Mistakes and exceptions of the system, without the frames of this package.
         cause = "".join(traceback.format_exception(error.__cause__)) if error.__cause__ is not None else ""
         mistake = f"{type(error).__name__}: {error}\nrequirement: {required.formula}\n{cause}".rstrip()
     if mistake:

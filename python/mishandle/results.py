@@ -2322,7 +2322,7 @@ class Check:
     title: str | None
     """Title of the file; ``None`` without one."""
     notice: str | None
-    """What readers must know, from the file; ``None`` without one."""
+    """Note for the readers, from the file; ``None`` without one."""
     target: str
     """Name of the target."""
     target_kind: str

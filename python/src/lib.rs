@@ -8,6 +8,7 @@
 
 mod artifacts;
 mod camera;
+mod check;
 mod comparison;
 mod controller;
 mod early_stop;
@@ -93,6 +94,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
     module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
     module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
+    module.add_function(wrap_pyfunction!(check::check, module)?)?;
+    module.add_function(wrap_pyfunction!(check::requirement_formulas, module)?)?;
     module.add_function(wrap_pyfunction!(requirements::describe_formula, module)?)?;
     module.add_function(wrap_pyfunction!(requirements::pattern_formula, module)?)?;
     module.add_function(wrap_pyfunction!(requirements::mined_signals, module)?)?;

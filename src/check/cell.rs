@@ -135,7 +135,7 @@ fn percent(share: f64) -> String {
 
 impl Checker<'_> {
     /// Returns the cell of a requirement, and writes its counterexample.
-    pub(super) fn cell(&self, asked: &Asked<'_>, row: Row) -> Result<CheckCell, MishandleError> {
+    pub(super) fn cell(&self, asked: &Asked<'_>, row: &Row) -> Result<CheckCell, MishandleError> {
         let mut cell = CheckCell {
             requirement: asked.written.name.clone(),
             controller: self.plan.controller.clone(),

@@ -202,7 +202,7 @@ impl<'a> Checker<'a> {
                 batch: self.settings.batch,
                 ..EvaluatePlan::default()
             };
-            random.push(self.resolved(Plan { evaluate: Some(evaluate), ..self.in_space(space) })?);
+            random.push(self.resolved(&Plan { evaluate: Some(evaluate), ..self.in_space(space) })?);
         }
         let mut plans = Vec::new();
         for asked in &self.asked {
@@ -233,10 +233,10 @@ impl<'a> Checker<'a> {
             ..FalsifyPlan::default()
         };
         let plan = Plan { falsify: Some(falsify), ..self.in_space(&asked.space) };
-        let alone = self.resolved(Plan { requirements: Default::default(), ..plan.clone() })?;
+        let alone = self.resolved(&Plan { requirements: Default::default(), ..plan.clone() })?;
         let search = match check.max_failure_rate {
             Some(_) => None,
-            None => Some(self.resolved(plan)?),
+            None => Some(self.resolved(&plan)?),
         };
         Ok((search, Some(alone)))
     }
@@ -252,8 +252,8 @@ impl<'a> Checker<'a> {
         Plan { space: space.to_string(), requirements: requirements.collect(), ..self.plan.clone() }
     }
 
-    fn resolved(&self, plan: Plan) -> Result<ResolvedPlan, MishandleError> {
-        ResolvedPlan::with_target(&plan, self.target.clone())
+    fn resolved(&self, plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
+        ResolvedPlan::with_target(plan, self.target.clone())
     }
 
     /// Runs what is missing. Returns `None` if it was interrupted.
@@ -281,7 +281,7 @@ impl<'a> Checker<'a> {
             runs.push(check_run(&run, "search", Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
-            self.asked.iter().zip(rows).map(|(asked, row)| self.cell(asked, row)).collect();
+            self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
         Ok(Some(Column { runs, cells: cells? }))
     }
 

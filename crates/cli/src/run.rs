@@ -1,6 +1,7 @@
 //! Parts of running a command that several commands share: threads and signals, the files that it
 //! opens, questions.
 
+pub mod check_reports;
 pub mod counterexample;
 mod file;
 pub mod formula_context;

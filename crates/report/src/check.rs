@@ -94,7 +94,7 @@ fn section(found: &Check, requirement: &CheckedRequirement, id: usize) -> String
             false => format!("{}: ", text(&cell.controller)),
         };
         out += &format!("<h3>{controller}{}</h3>\n<p>{}.</p>\n", judgment(found, cell), text(&cell.evidence));
-        out.extend(cell.counterexample.as_ref().map(counterexample));
+        out.extend(cell.counterexample.as_ref().map(|violation| counterexample(found, violation)));
     }
     out + "</section>\n"
 }
@@ -109,7 +109,9 @@ fn in_words(formula: &str) -> String {
     }
 }
 
-fn counterexample(found: &CheckCounterexample) -> String {
+fn counterexample(check: &Check, found: &CheckCounterexample) -> String {
+    let runs = check.controllers.iter().flat_map(|controller| &controller.runs);
+    let digest = runs.clone().find(|run| run.run == found.run).map_or("", |run| run.digest.as_str());
     let shown = |value: Option<f64>| value.map_or("random".to_string(), number);
     let rows: Vec<Vec<String>> = found
         .scenario
@@ -128,6 +130,7 @@ fn counterexample(found: &CheckCounterexample) -> String {
                 found.simulation
             ),
         ),
+        ("digest of the run", format!("<code>{}</code>", text(digest))),
         ("simulate it again", format!("<code>{}</code>", text(&found.replay))),
     ];
     facts.extend(found.file.as_ref().map(|file| ("counterexample", format!("<code>{}</code>", text(file)))));

@@ -218,6 +218,15 @@ impl Check {
         is_unchecked && self.counts(cell)
     }
 
+    /// Returns the exit code of the command: 2 if a requirement that counts was not checked, 1 if
+    /// one is violated, otherwise 0.
+    pub fn exit_code(&self) -> u8 {
+        match self.cells.iter().any(|cell| self.is_open(cell)) {
+            true => 2,
+            false => u8::from(self.cells.iter().any(|cell| self.fails(cell))),
+        }
+    }
+
     /// Returns the number of cells with a verdict.
     pub fn count(&self, verdict: &str) -> usize {
         self.cells.iter().filter(|cell| cell.verdict == verdict).count()

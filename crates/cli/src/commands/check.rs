@@ -9,12 +9,11 @@ use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check, file_d
 use mishandle::plan::FalsifyPlan;
 use mishandle::requirements::{TEMPLATES, template};
 use mishandle::results::{Check, NOT_APPLICABLE, Severity};
-use mishandle_report::check_page;
 use mishandle_text::{path_text, plural, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, control_flow, logs};
+use crate::run::{self, check_reports, control_flow, logs};
 use crate::show::progress::Bar;
 use crate::show::{self, escape, output};
 
@@ -140,19 +139,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message("Interrupted. The same command continues the check.");
         return Ok(ExitStatus::Interrupted);
     };
-    for (name, content) in [
-        ("junit.xml", show::check::junit(&found)),
-        ("report.md", show::check::markdown(&found)),
-        ("report.html", check_page(&found)),
-    ] {
-        output::write_atomically(&out.join(name), true, content.as_bytes())?;
-    }
+    let page = check_reports::write(&found, out)?;
     if command.run.json {
         output::json(&found)?;
     } else {
         output::line(&show::check::text(&found))?;
     }
-    output::message(&format!("Page: {}", shell_quote(&path_text(&out.join("report.html")))));
+    output::message(&format!("Page: {}", shell_quote(&path_text(&page))));
     status(&found)
 }
 
@@ -172,6 +165,5 @@ fn status(found: &Check) -> Result<ExitStatus> {
         false => String::new(),
     };
     ensure!(open.is_empty(), "{} could not be checked{hint}", plural(open.len() as u64, "requirement"));
-    let fails = found.cells.iter().any(|cell| found.fails(cell));
-    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(if found.exit_code() == 1 { ExitStatus::Violated } else { ExitStatus::Done })
 }

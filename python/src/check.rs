@@ -1,0 +1,96 @@
+//! The requirements of a file, checked on a Python target.
+
+use std::path::PathBuf;
+
+use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, file_digest};
+use mishandle::files::{limits, read_text_bounded};
+use mishandle::results::Severity;
+use mishandle::rollout::NamedFormula;
+use mishandle::stl::Formula;
+use mishandle_requirements::RequirementFile;
+use pyo3::prelude::*;
+
+use crate::target::PyTarget;
+use crate::work::{detached, json, plan, report};
+use crate::{InvalidStateError, InvalidValueError, MishandleError};
+
+fn read(path: &PathBuf) -> PyResult<(RequirementFile, String)> {
+    let problem =
+        |error: String| InvalidValueError::new_err(format!("requirements {}: {error}", path.display()));
+    let text = read_text_bounded(path, limits::PLAN).map_err(|error| problem(error.to_string()))?;
+    let file = RequirementFile::from_toml(&text).map_err(|error| problem(error.to_string()))?;
+    Ok((file, text))
+}
+
+/// Returns the names of the requirements of a file with their formulas.
+#[pyfunction]
+pub fn requirement_formulas(path: PathBuf) -> PyResult<Vec<(String, String)>> {
+    let (file, _) = read(&path)?;
+    Ok(file.requirements.iter().map(|found| (found.name.clone(), found.timed_formula())).collect())
+}
+
+/// Checks the requirements of a file. Returns the document, its text, and the exit code of the
+/// command.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (
+    target, *, requirements, out, episodes, trials, budget, search, batch, fail_on, allow_inapplicable, seed, progress
+))]
+pub fn check(
+    py: Python<'_>,
+    target: &PyTarget,
+    requirements: PathBuf,
+    out: PathBuf,
+    episodes: Option<u64>,
+    trials: Option<u32>,
+    budget: Option<u32>,
+    search: String,
+    batch: u32,
+    fail_on: &str,
+    allow_inapplicable: bool,
+    seed: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(String, String, u8)> {
+    let (file, text) = read(&requirements)?;
+    let known = Severity::ALL.map(Severity::name);
+    let fail_on = Severity::ALL.into_iter().find(|severity| severity.name() == fail_on);
+    let fail_on = fail_on
+        .ok_or_else(|| InvalidValueError::new_err(format!("fail_on must be one of {}", known.join(", "))))?;
+    let digest = file_digest(&text);
+    let settings = CheckSettings {
+        file: &file,
+        path: &requirements,
+        digest: &digest,
+        episodes,
+        trials,
+        budget,
+        search: &search,
+        batch,
+        fail_on,
+        allow_inapplicable,
+    };
+    let mut under_test = target.target.clone();
+    // An evaluation has the first formula as its requirement, so the target must have its signals.
+    let signals = under_test.signal_names();
+    let is_known = |text: &str| {
+        let reads_known =
+            |formula: Formula| formula.signals().iter().all(|name| signals.iter().any(|known| known == name));
+        Formula::parse(text).is_ok_and(reads_known)
+    };
+    under_test.formulas.retain(|formula| is_known(&formula.text));
+    if under_test.formulas.is_empty() {
+        let stated = file.requirements.iter().map(|found| (&found.name, found.timed_formula()));
+        let first = stated.into_iter().find(|(_, text)| is_known(text));
+        let named = |(name, text): (&String, String)| NamedFormula { name: name.clone(), text };
+        under_test.formulas.extend(first.map(named));
+    }
+    let subject = CheckSubject { plan: plan(target, seed), target: Some(under_test) };
+    let found = detached(py, target, || {
+        let mut watch = |done: &CheckProgress| report(target, progress.as_ref(), done.done, done.all);
+        mishandle::check::check(&[subject], &settings, &out, &mut watch)
+    })?;
+    let found = found.ok_or_else(|| InvalidStateError::new_err("the check was interrupted"))?;
+    mishandle_cli::write_check_reports(&found, &out)
+        .map_err(|error| MishandleError::new_err(format!("{error:#}")))?;
+    Ok((json(&found)?, mishandle_cli::check_text(&found), found.exit_code()))
+}
