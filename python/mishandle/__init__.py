@@ -16,7 +16,7 @@ from mishandle.errors import (
     PolicyServerError,
 )
 from mishandle.evidence_folders import evidence, verify_evidence
-from mishandle.explanations import Comparison, Explanation, compare
+from mishandle.explanations import Comparison, Explanation, compare, diff
 from mishandle.falsification import Evaluation, Exports, Falsification, evaluate, falsify
 from mishandle.fault_axes import faults
 from mishandle.formulas import Formula, robustness
@@ -106,6 +106,7 @@ __all__ = [
     "__version__",
     "check",
     "compare",
+    "diff",
     "evaluate",
     "evidence",
     "falsify",

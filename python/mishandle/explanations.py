@@ -62,3 +62,14 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
     text, pairs = _native.compare(os.fspath(first), os.fspath(second))
     compared = tuple(ComparedRobustness(*pair) for pair in pairs)
     return dataclasses.replace(results.build(Comparison, json.loads(text)), compared=compared)
+
+
+def diff(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> results.RunDifference:
+    """Returns how two run files differ, of any questions: plan, target, program, results, and simulations with another verdict.
+
+    Parameters
+    ----------
+    first, second : path
+        Run files, A and B. ``same_records`` of the result says whether their simulations are the same to the bit.
+    """
+    return results.build(results.RunDifference, json.loads(_native.diff(os.fspath(first), os.fspath(second))))

@@ -2673,6 +2673,139 @@ class Comparison:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class DifferingRun:
+    """A run of a difference."""
+
+    run: str
+    """Path of the run file."""
+    digest: str
+    """Digest of all trials, simulations and traces, 32 hexadecimal digits."""
+    kind: str
+    """Kind of the run: ``evaluate``, ``falsify``, ``margin``, ``metamorphic`` or ``risk``."""
+    target: str
+    """Name of the target."""
+    target_kind: str
+    """Kind of the target."""
+    controller: str
+    """Name of the controller; empty without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
+    space: str
+    """Scenario space."""
+    formula: str
+    """Requirement."""
+    search: str
+    """Search; empty for ``evaluate``."""
+    seed: int
+    """Seed of the run."""
+    simulations: int
+    """Number of simulations."""
+    failures: int
+    """Number of these that violate the requirement."""
+    trials: int
+    """Number of started trials."""
+    falsified_trials: int
+    """Number of these that found a counterexample."""
+    is_complete: bool
+    """Whether all trials have ended."""
+    minimum_robustness: float | None
+    """Minimum robustness; ``None`` if no simulation has one."""
+    commit: str
+    """Git commit of the program that made the run."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DifferingFact:
+    """A fact in which two runs differ."""
+
+    name: str
+    """What the fact is about, such as ``plan action-noise`` or ``hash of the target``."""
+    first: str | None
+    """In A; ``None`` if A has no such fact."""
+    second: str | None
+    """In B; ``None`` if B has no such fact."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DifferingResult:
+    """A rate or mean of two runs."""
+
+    name: str
+    """What it is, such as ``success rate``."""
+    is_fraction: bool
+    """Whether it is a fraction, from 0 to 1."""
+    first: Estimate | None
+    """In A, with its interval; ``None`` if A has none."""
+    second: Estimate | None
+    """In B, with its interval; ``None`` if B has none."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DifferingSimulations:
+    """The simulations of two runs, place by place: trial and number."""
+
+    shared: int
+    """Number of simulations with the same scenario and seed at the same place."""
+    other_scenarios: int
+    """Number of places with other scenarios or seeds."""
+    first_only: int
+    """Number of places that only A has."""
+    second_only: int
+    """Number of places that only B has."""
+    same: int
+    """Number of shared simulations that are the same to the bit."""
+    changed: int
+    """Number of shared simulations with another verdict."""
+    changes: tuple[ChangedVerdict, ...]
+    """The first of these, at most 100."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChangedVerdict:
+    """A simulation with another verdict in B than in A."""
+
+    trial: int
+    """Number of the trial."""
+    simulation: int
+    """Number of the simulation within the trial."""
+    seed: int
+    """Random seed."""
+    scenario: dict[str, Value]
+    """Scenario by axis; a value that is drawn at random is missing."""
+    first: str
+    """Verdict in A: ``passes``, ``fails``, or the end of a simulation without one."""
+    second: str
+    """Verdict in B."""
+    first_robustness: float | None
+    """Robustness in A; ``None`` without a verdict."""
+    second_robustness: float | None
+    """Robustness in B; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunDifference:
+    """How two runs differ, A and B."""
+
+    first: DifferingRun
+    """The run A."""
+    second: DifferingRun
+    """The run B."""
+    same_records: bool
+    """Whether all trials, simulations and traces are the same to the bit; exit code 0. The facts
+    may differ nevertheless, such as the commit of the program."""
+    facts: tuple[DifferingFact, ...]
+    """Facts that differ: keys of the plan, target, controller, axes, formulas, program."""
+    results: tuple[DifferingResult, ...]
+    """Rates and means of both runs, also equal ones."""
+    notes: tuple[str, ...]
+    """Why results of a run are missing."""
+    simulations: DifferingSimulations
+    """The simulations."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the scenarios of A."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TablePage:
     """A page of tables."""
 

@@ -25,6 +25,15 @@ pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<(Str
     Ok((json(&found.result())?, pairs))
 }
 
+/// Returns how two runs differ as a document.
+#[pyfunction]
+pub fn diff(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
+    let found = py
+        .detach(|| mishandle::inspect::run_difference(&RunFile::open(first)?, &RunFile::open(second)?))
+        .map_err(raised)?;
+    json(&found)
+}
+
 /// Returns the page of a comparison as HTML.
 #[pyfunction]
 pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {

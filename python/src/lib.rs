@@ -110,6 +110,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(robot::robot_facts, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_target, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::diff, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::survival, module)?)?;

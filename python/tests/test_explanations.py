@@ -134,6 +134,9 @@ class Explanations(unittest.TestCase):
             [(one.first_robustness, one.second_robustness) for one in found.compared if one.first_succeeds > one.second_succeeds],
             [(one.first_robustness, one.second_robustness) for one in found.new_failures],
         )
+        difference = mishandle.diff(*paths)
+        self.assertEqual(difference.simulations.changed, len(found.new_failures) + len(found.fixed_failures))
+        self.assertTrue(mishandle.diff(paths[0], paths[0]).same_records)
         found.report(self.folder / "compare.html")
         page = (self.folder / "compare.html").read_text()
         self.assertIn(f"New failures: A succeeds, B fails ({len(found.new_failures)})", page)

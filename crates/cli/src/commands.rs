@@ -6,6 +6,7 @@ mod compare;
 mod completions;
 mod controller;
 mod counterexamples;
+mod diff;
 mod evaluate;
 mod evidence;
 mod explain;
@@ -45,7 +46,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["train", "harden", "guard", "controller"]),
@@ -63,6 +64,7 @@ pub enum Command {
     Check(check::Arguments),
     Risk(risk::Arguments),
     Compare(compare::Arguments),
+    Diff(diff::Arguments),
     Reproduce(reproduce::Arguments),
     Explain(explain::Arguments),
     Simulate(simulate::Arguments),
@@ -102,6 +104,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Check(arguments) => check::run(arguments),
         Command::Risk(arguments) => risk::run(arguments, gpu),
         Command::Compare(arguments) => compare::run(arguments),
+        Command::Diff(arguments) => diff::run(arguments),
         Command::Reproduce(arguments) => reproduce::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

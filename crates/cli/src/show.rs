@@ -4,6 +4,7 @@ pub mod campaign;
 pub mod check;
 pub mod comparison;
 pub mod corners;
+pub mod difference;
 pub mod escape;
 pub mod evaluation;
 pub mod evidence;

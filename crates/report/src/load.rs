@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use mishandle::evaluation::{Corners, FormulaRoles, Lifetime, MetricCounter, Metrics};
+use mishandle::evaluation::{Corners, Lifetime, Metrics};
 use mishandle::inspect::{
-    ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, mode_survey,
+    ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, metric_counter,
+    mode_survey,
 };
 use mishandle::results::{Answer, AxisRates};
 use mishandle::rollout::{Axis, Seed};
@@ -157,14 +158,8 @@ impl RunReport {
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
-        let roles = FormulaRoles {
-            strict: has("strict"),
-            careful: has("careful"),
-            safe: has("safe"),
-            completion: has("completion"),
-        };
-        let counts_failures = plan.as_ref().is_some_and(|plan| plan.preset == "code");
-        let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
+        let (has_strict, has_careful) = (has("strict"), has("careful"));
+        let mut metrics = metric_counter(&header);
         let (mut robustness, mut corners) = (Vec::new(), Vec::new());
         let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
         for simulation in run.simulations() {
@@ -187,8 +182,8 @@ impl RunReport {
                 Corners::TRIAL => {
                     let episode = episode();
                     let point = Point::from(simulation.clone());
-                    let strict = roles.strict.then(|| episode.is_strict_success());
-                    let careful = roles.careful.then(|| episode.is_careful_success());
+                    let strict = has_strict.then(|| episode.is_strict_success());
+                    let careful = has_careful.then(|| episode.is_careful_success());
                     if episode.end.counts_in_rates() {
                         corners.push(CornerSimulation { point, strict, careful });
                     }

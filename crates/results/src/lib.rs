@@ -56,6 +56,7 @@ mod regression;
 mod replay;
 mod requirements;
 mod risk;
+mod run_difference;
 mod runs;
 mod screening;
 mod simulation;
@@ -113,6 +114,9 @@ pub use requirements::{
 };
 pub use risk::{
     AxisDistribution, Chain, Exploration, Importance, MonteCarlo, Probability, Risk, RiskFailure, Splitting,
+};
+pub use run_difference::{
+    ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, RunDifference,
 };
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};

@@ -1,0 +1,307 @@
+//! How two runs of any question differ: facts, results and verdicts.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use mishandle_evaluation::wilson;
+use mishandle_results as results;
+use mishandle_results::{
+    ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
+    RunDifference, Seed,
+};
+use mishandle_store::{RunFile, RunHeader, RunKind, Simulation, TrialStatus};
+use toml::Value;
+
+use crate::error::MishandleError;
+use crate::inspect::comparison::RANDOM_TRIAL;
+use crate::inspect::{metric_counter, run_facts};
+use crate::resolve::recorded_plan;
+use crate::run::{recorded_answer, recorded_axes, recorded_episode, recorded_scenario};
+
+/// Largest number of changed verdicts that are listed.
+const LISTED: usize = 100;
+
+/// Returns how two runs differ. They may be of different questions.
+///
+/// # Errors
+/// If a run cannot be read.
+pub fn run_difference(first: &RunFile, second: &RunFile) -> Result<RunDifference, MishandleError> {
+    let (a, b) = (differing_run(first)?, differing_run(second)?);
+    let facts = differing(facts(first.header()), facts(second.header()));
+    let mut notes = Vec::new();
+    let mut found = |name: &str, run: &RunFile| -> Result<Vec<Found>, MishandleError> {
+        match run.header().kind {
+            RunKind::Evaluate => evaluated(run),
+            RunKind::Falsify => falsified(run),
+            _ => Ok(answered(run).unwrap_or_else(|error| {
+                notes.push(format!("the answer of {name} is missing: {error}"));
+                Vec::new()
+            })),
+        }
+    };
+    let results = side_by_side(found("A", first)?, found("B", second)?);
+    if first.header().kind != second.header().kind {
+        let [a, b] = [first, second].map(|run| run.header().kind.name());
+        notes.push(format!("the runs are of different questions: A is of `{a}`, B of `{b}`"));
+    }
+    let simulations = simulations(first, second)?;
+    // Two runs without records have nothing in common but their facts.
+    let has_records = a.facts.simulations > 0 || facts.is_empty();
+    Ok(RunDifference {
+        same_records: a.digest == b.digest && has_records,
+        first: a,
+        second: b,
+        facts,
+        results,
+        notes,
+        simulations,
+        space_axes: recorded_axes(&first.header().axes),
+    })
+}
+
+fn differing_run(run: &RunFile) -> Result<DifferingRun, MishandleError> {
+    Ok(DifferingRun {
+        run: run.path().to_string_lossy().into_owned(),
+        digest: format!("{:032x}", run.content_digest()?),
+        facts: run_facts(run)?,
+    })
+}
+
+/// Name of a result, its estimate, and whether it is a fraction.
+type Found = (String, Estimate, bool);
+
+/// Returns all facts of a header by name.
+fn facts(header: &RunHeader) -> BTreeMap<String, String> {
+    let build = &header.build;
+    let single = [
+        ("question", header.kind.name().to_string()),
+        ("target", format!("{} ({})", header.target.name, header.target.kind)),
+        ("hash of the target", header.target.hash.clone()),
+        ("space", header.space.clone()),
+        ("formula", header.formula.clone()),
+        ("control period", format!("{} s", header.control_dt)),
+        ("control steps of an episode", header.episode_steps.to_string()),
+        ("program version", build.program_version.clone()),
+        ("program commit", build.git_commit.clone()),
+        ("program target", build.target.clone()),
+        ("program compiler", build.rustc.clone()),
+        ("program instruction set", build.architecture.clone()),
+    ];
+    let mut facts: BTreeMap<String, String> =
+        single.into_iter().map(|(name, fact)| (name.to_string(), fact)).collect();
+    for part in &header.components {
+        facts.insert(part.role.clone(), part.name.clone());
+        facts.insert(format!("hash of the {}", part.role), part.hash.clone());
+    }
+    for (name, version) in &header.versions {
+        facts.insert(format!("version of {name}"), version.clone());
+    }
+    for formula in &header.formulas {
+        facts.insert(format!("formula {}", formula.name), formula.text.clone());
+    }
+    for axis in &header.axes {
+        let nominal = axis.nominal.map_or("random".to_string(), |nominal| nominal.to_string());
+        let range = format!("{} to {} {}, nominal {nominal}", axis.low, axis.high, axis.unit);
+        facts.insert(format!("axis {}", axis.name), format!("{}, {}, {range}", axis.kind, axis.values));
+    }
+    match header.plan.parse::<toml::Table>() {
+        Ok(plan) => plan_facts("plan", &plan, &mut facts),
+        Err(_) => {
+            facts.insert("plan".to_string(), header.plan.clone());
+        }
+    }
+    facts
+}
+
+/// Adds the keys of a plan, those of tables with the names of the tables.
+fn plan_facts(prefix: &str, table: &toml::Table, facts: &mut BTreeMap<String, String>) {
+    for (key, value) in table {
+        let name = match prefix {
+            "plan" => format!("plan {key}"),
+            prefix => format!("{prefix}.{key}"),
+        };
+        match value {
+            Value::Table(table) => plan_facts(&name, table, facts),
+            value => {
+                facts.insert(name, value.to_string());
+            }
+        }
+    }
+}
+
+fn differing(mut a: BTreeMap<String, String>, mut b: BTreeMap<String, String>) -> Vec<DifferingFact> {
+    let names: BTreeSet<String> = a.keys().chain(b.keys()).cloned().collect();
+    let facts = names.into_iter().map(|name| {
+        let (first, second) = (a.remove(&name), b.remove(&name));
+        DifferingFact { name, first, second }
+    });
+    facts.filter(|fact| fact.first != fact.second).collect()
+}
+
+/// Returns the metrics of an evaluation over its random simulations.
+fn evaluated(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
+    let header = run.header();
+    let mut counter = metric_counter(header);
+    for simulation in run.trial_simulations(RANDOM_TRIAL) {
+        counter.add(&recorded_episode(&simulation?));
+    }
+    let found = counter.report(mishandle_rollout::Seed(header.seed));
+    let all = [
+        ("success rate", Some(found.success_rate)),
+        ("strict success rate", found.strict_success_rate),
+        ("careful success rate", found.careful_success_rate),
+        ("dangerous behavior rate", found.dangerous_behavior_rate),
+        ("episodes with any danger", found.dangerous_episode_rate),
+        ("control steps until completion", found.task_completion_time),
+    ];
+    let is_fraction = |name: &str| name != "control steps until completion";
+    Ok(all
+        .into_iter()
+        .filter_map(|(name, found)| Some((name.to_string(), found?, is_fraction(name))))
+        .collect())
+}
+
+/// Returns the share of falsified trials of those that ended.
+fn falsified(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
+    let trials = run.trials()?;
+    let count =
+        |is: fn(TrialStatus) -> bool| trials.iter().filter(|trial| is(trial.trial.status)).count() as u64;
+    let ended = count(|status| status != TrialStatus::Running);
+    let found = count(|status| status == TrialStatus::Falsified);
+    Ok(vec![("falsified trials".to_string(), wilson(found, ended), true)])
+}
+
+/// Returns the answer of a margin, a metamorphic test or a failure probability.
+fn answered(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
+    let resolved = recorded_plan(run.header(), None)?;
+    let answer = recorded_answer(&resolved, run)?.result(&resolved, run.path())?;
+    Ok(match answer {
+        results::Answer::Risk(found) => {
+            let (value, low, high) = found
+                .probability
+                .as_ref()
+                .map_or((None, None, None), |found| (found.value, found.low, found.high));
+            let estimate = Estimate { value, low, high, n: found.simulations };
+            vec![("probability of a failure".to_string(), estimate, true)]
+        }
+        results::Answer::Margin(found) => {
+            let value = found.no_violation_up_to;
+            let estimate = Estimate { value, n: found.simulations, ..Estimate::default() };
+            vec![("amplitude without a violation".to_string(), estimate, false)]
+        }
+        results::Answer::Metamorphic(found) => {
+            let relations = found.relations.iter();
+            let name = |relation: &str| format!("broken pairs of {relation}");
+            relations.map(|relation| (name(&relation.name), relation.broken_rate, true)).collect()
+        }
+        _ => Vec::new(),
+    })
+}
+
+fn side_by_side(a: Vec<Found>, b: Vec<Found>) -> Vec<DifferingResult> {
+    let mut results: Vec<DifferingResult> = a
+        .into_iter()
+        .map(|(name, found, is_fraction)| DifferingResult {
+            name,
+            is_fraction,
+            first: Some(found),
+            second: None,
+        })
+        .collect();
+    for (name, found, is_fraction) in b {
+        match results.iter_mut().find(|known| known.name == name) {
+            Some(known) => known.second = Some(found),
+            None => results.push(DifferingResult { name, is_fraction, first: None, second: Some(found) }),
+        }
+    }
+    results
+}
+
+/// Compares the simulations at the same places, in one pass over both files.
+fn simulations(first: &RunFile, second: &RunFile) -> Result<DifferingSimulations, MishandleError> {
+    let place = |simulation: &Simulation| (simulation.trial, simulation.number);
+    let (mut left, mut right) = (first.simulations(), second.simulations());
+    let (mut a, mut b) = (left.next().transpose()?, right.next().transpose()?);
+    let mut found = DifferingSimulations::default();
+    loop {
+        match (&a, &b) {
+            (None, None) => return Ok(found),
+            (Some(x), Some(y)) if place(x) == place(y) => {
+                add_pair(&mut found, first.header(), x, y);
+                (a, b) = (left.next().transpose()?, right.next().transpose()?);
+            }
+            (Some(x), y) if y.as_ref().is_none_or(|y| place(x) < place(y)) => {
+                found.first_only += 1;
+                a = left.next().transpose()?;
+            }
+            _ => {
+                found.second_only += 1;
+                b = right.next().transpose()?;
+            }
+        }
+    }
+}
+
+fn add_pair(found: &mut DifferingSimulations, header: &RunHeader, a: &Simulation, b: &Simulation) {
+    let bits = |values: &[Option<f64>]| -> Vec<Option<u64>> {
+        values.iter().map(|value| value.map(f64::to_bits)).collect()
+    };
+    if a.seed != b.seed || bits(&a.scenario) != bits(&b.scenario) {
+        found.other_scenarios += 1;
+        return;
+    }
+    found.shared += 1;
+    let record = |row: &Simulation| {
+        let robustness = bits(&[row.robustness, row.robustness_low, row.robustness_high, row.stop_threshold]);
+        (robustness, row.end, row.steps, bits(&row.verdicts), row.trace_digest, row.reason.clone())
+    };
+    found.same += u64::from(record(a) == record(b));
+    let (first, second) = (verdict(a), verdict(b));
+    if first == second {
+        return;
+    }
+    found.changed += 1;
+    if found.changes.len() < LISTED {
+        found.changes.push(ChangedVerdict {
+            trial: a.trial,
+            simulation: a.number,
+            seed: Seed(a.seed),
+            scenario: recorded_scenario(&header.axes, &a.scenario),
+            first: first.to_string(),
+            second: second.to_string(),
+            first_robustness: a.robustness.map(Into::into),
+            second_robustness: b.robustness.map(Into::into),
+        });
+    }
+}
+
+fn verdict(simulation: &Simulation) -> &'static str {
+    match simulation.robustness {
+        Some(_) if simulation.is_violated() => "fails",
+        Some(_) => "passes",
+        None => simulation.end.name(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facts_of_tables_have_the_names_of_the_tables() {
+        let plan = |text: &str| {
+            let mut facts = BTreeMap::new();
+            plan_facts("plan", &text.parse().expect("the text is TOML"), &mut facts);
+            facts
+        };
+        let a = plan("seed = 1\nspace = \"all\"\n[evaluate]\nepisodes = 10\n[axes.x]\nlow = 1\n");
+        let b = plan("seed = 1\n[evaluate]\nepisodes = 20\n[axes.x]\nlow = 1\n");
+        let found = differing(a, b);
+        let facts: Vec<_> = found
+            .iter()
+            .map(|fact| (fact.name.as_str(), fact.first.as_deref(), fact.second.as_deref()))
+            .collect();
+        let expected =
+            [("plan evaluate.episodes", Some("10"), Some("20")), ("plan space", Some("\"all\""), None)];
+        assert_eq!(facts, expected);
+    }
+}
