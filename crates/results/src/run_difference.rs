@@ -40,7 +40,7 @@ pub struct DifferingRun {
 /// A fact in which two runs differ.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct DifferingFact {
-    /// What the fact is about, such as `plan action-noise` or `hash of the target`.
+    /// Subject of the fact, such as `plan action-noise` or `hash of the target`.
     pub name: String,
     /// In A; `null` if A has no such fact.
     pub first: Option<String>,
@@ -51,7 +51,7 @@ pub struct DifferingFact {
 /// A rate or mean of two runs.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct DifferingResult {
-    /// What it is, such as `success rate`.
+    /// Name, such as `success rate`.
     pub name: String,
     /// Whether it is a fraction, from 0 to 1.
     pub is_fraction: bool,

@@ -43,7 +43,7 @@ fn verdict(found: &RunDifference) -> String {
     }
 }
 
-/// Returns a fact in one line. Of a long one the start and the end, which tells paths apart.
+/// Returns a fact in one line. Of a long one, the start and the end, because paths end differently.
 fn short(fact: &str) -> String {
     let fact = escape::name(fact);
     let count = fact.chars().count();
