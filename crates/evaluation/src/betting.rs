@@ -63,29 +63,73 @@ pub fn betting_mean_at(fractions: &[f64], confidence: f64) -> Estimate {
     if n == 0 {
         return Estimate::default();
     }
+    interval(fractions, &bets(fractions, log_threshold, |_| n as f64), log_threshold)
+}
+
+/// Returns the mean of `fractions` with a betting interval of 95 % that holds at any time: the
+/// number of values need not be fixed beforehand.
+///
+/// The bets are those of [`betting_mean`] with n σ² replaced by i ln(i + 1) σ², so that bet i does
+/// not depend on n. The interval after more values is a part of it, but for an observed mean that
+/// early values excluded.
+pub(crate) fn anytime_mean(fractions: &[f64]) -> Estimate {
+    let log_threshold = (2.0 / ALPHA).ln();
+    match fractions.is_empty() {
+        true => Estimate::default(),
+        false => interval(fractions, &bets(fractions, log_threshold, any_time), log_threshold),
+    }
+}
+
+/// Returns the logarithm of the largest capital that any of the two players of [`anytime_mean`] ever
+/// had against the mean `m`.
+pub(crate) fn log_capital_at_any_time(fractions: &[f64], m: f64) -> f64 {
+    let bets = bets(fractions, (2.0 / ALPHA).ln(), any_time);
+    let mirrored: Vec<f64> = fractions.iter().map(|x| 1.0 - x).collect();
+    log_largest_capital(fractions, &bets, m).max(log_largest_capital(&mirrored, &bets, 1.0 - m))
+}
+
+/// Takes the place of n in bet i if n is not known: i ln(i + 1).
+fn any_time(i: f64) -> f64 {
+    i * i.ln_1p()
+}
+
+/// Returns the mean with the interval of the means against which no capital ever exceeds the
+/// threshold.
+fn interval(fractions: &[f64], bets: &[f64], log_threshold: f64) -> Estimate {
+    let n = fractions.len() as u64;
     let mean = (fractions.iter().sum::<f64>() / n as f64).clamp(0.0, 1.0);
-    let bets = bets(fractions, log_threshold);
     let mirrored: Vec<f64> = fractions.iter().map(|x| 1.0 - x).collect();
     // The observed mean belongs to the interval even if an early drift of the values excludes it.
-    let low = lower_bound(fractions, &bets, log_threshold).min(mean);
-    let high = (1.0 - lower_bound(&mirrored, &bets, log_threshold)).max(mean);
+    let low = lower_bound(fractions, bets, log_threshold).min(mean);
+    let high = (1.0 - lower_bound(&mirrored, bets, log_threshold)).max(mean);
     Estimate { value: Some(mean), low: Some(low), high: Some(high), n }
 }
 
-/// Returns the bets λᵢ before they are limited by c / m.
-fn bets(fractions: &[f64], log_threshold: f64) -> Vec<f64> {
+/// Returns the bets λᵢ before they are limited by c / m. `horizon` returns the number of values that
+/// bet i prepares for, i counted from 1.
+fn bets(fractions: &[f64], log_threshold: f64, horizon: impl Fn(f64) -> f64) -> Vec<f64> {
     let (mut sum, mut squares, mut variance) = (0.5, 0.25, 0.25);
-    let n = fractions.len() as f64;
-    (2..)
+    (2_u32..)
         .zip(fractions)
         .map(|(count, x)| {
-            let bet = (2.0 * log_threshold / (n * variance)).sqrt();
+            let bet = (2.0 * log_threshold / (horizon(f64::from(count - 1)) * variance)).sqrt();
             sum += x;
             squares += (x - sum / f64::from(count)).powi(2);
             variance = squares / f64::from(count);
             bet
         })
         .collect()
+}
+
+/// Returns the logarithm of the largest K⁺ against the mean `m`, at least that of the capital 1 at
+/// the start.
+fn log_largest_capital(fractions: &[f64], bets: &[f64], m: f64) -> f64 {
+    let (mut log_capital, mut largest) = (0.0_f64, 0.0_f64);
+    for (x, bet) in fractions.iter().zip(bets) {
+        log_capital += (bet.min(LARGEST_BET / m) * (x - m)).ln_1p();
+        largest = largest.max(log_capital);
+    }
+    largest
 }
 
 /// Returns the largest m against which the capital K⁺ exceeds 2 / α at some time, or 0.

@@ -17,6 +17,9 @@
 //! pairs of axes. [`kolmogorov_smirnov()`](kolmogorov_smirnov()) compares two distributions,
 //! [`kruskal_wallis()`](kruskal_wallis()) several.
 //!
+//! [`RateSequence`], [`DifferenceSequence`] and [`ClippedDifferences`] have intervals that hold at
+//! any time, so that a [`StopRule`] may end the simulations.
+//!
 //! # Example
 //! ```
 //! use mishandle_evaluation::wilson;
@@ -45,6 +48,7 @@ mod repeats;
 mod run;
 mod screened;
 mod sensitivity;
+mod sequential;
 mod smooth_region;
 mod survival;
 mod two_phase;
@@ -65,7 +69,7 @@ pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{
     FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success, rate,
 };
-pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats};
+pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats, SampleSize};
 pub use paired::{PairedCounts, paired_mean_difference};
 pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
@@ -74,6 +78,10 @@ pub use screened::{
     screen,
 };
 pub use sensitivity::{SensitivitySample, total_effects};
+pub use sequential::{
+    ClippedDifferences, Decision, DifferenceSequence, RateSequence, SizeSettings, StopRule, anytime_rate,
+    pair_size, rate_size,
+};
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
 pub use two_phase::TwoPhase;

@@ -59,6 +59,7 @@ mod risk;
 mod run_difference;
 mod runs;
 mod screening;
+mod sequential;
 mod simulation;
 mod subject;
 mod tables;
@@ -120,6 +121,7 @@ pub use run_difference::{
 };
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};
+pub use sequential::{SampleSize, Sequential};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
 pub use tables::{Table, TablePage, Tables};

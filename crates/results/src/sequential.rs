@@ -1,0 +1,60 @@
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::{Estimate, Number};
+
+/// A rule that ends simulations, and what it found. Its interval holds at any time: at all ends of
+/// batches together, it contains the true value with a probability of at least 95 %.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Sequential {
+    /// The rule: `decided` or `width=W`.
+    pub until: String,
+    /// What the rule watches: `success` or `robustness`.
+    pub measure: String,
+    /// The rate that `decided` compares with; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<Number>,
+    /// The largest difference that counts as none; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<Number>,
+    /// Bounds of the robustness; values beyond them count as the bound. Missing for `success`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robustness_bounds: Option<[Number; 2]>,
+    /// Rate, or difference B - A, with an interval that holds at any time.
+    pub interval: Estimate,
+    /// p-value of "no difference" that holds at any time; missing for a rate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p_value: Option<f64>,
+    /// What ended the simulations: `narrow`, `above`, `below` or `equivalent`; `null` if the rule
+    /// did not end them.
+    pub decision: Option<String>,
+    /// Number of simulations, or of pairs.
+    pub simulations: u64,
+    /// Largest number of simulations, or of pairs.
+    pub max_simulations: u64,
+    /// What the rule found, in a sentence.
+    pub verdict: String,
+}
+
+/// How many simulations, or pairs, a question takes: fixed beforehand, and with a rule that stops
+/// by itself.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct SampleSize {
+    /// Smallest number that is fixed beforehand: for `decided`, its usual 5 % test decides with a
+    /// probability of 90 %; for a width, the usual interval of the expected counts is that narrow.
+    /// `null` if it is above the maximum.
+    pub fixed: Option<u64>,
+    /// Median number of the rule, by simulation of the rule; `null` if it does not decide in half
+    /// of the replications.
+    pub median: Option<u64>,
+    /// Number within which the rule decides in 90 % of the replications; `null` if it does not.
+    pub ninety_percent: Option<u64>,
+    /// Mean number of the rule; a replication without a decision counts the maximum.
+    pub mean: Number,
+    /// Share of the replications in which the rule decides within the maximum.
+    pub decided: Number,
+    /// The maximum.
+    pub max_simulations: u64,
+    /// Number of replications of the rule. No target is simulated.
+    pub replications: u64,
+}
