@@ -45,6 +45,7 @@ from mishandle.server_requests import Resized
 from mishandle.simulations import Replay, regress, repeat, replay, simulate
 from mishandle.targets import Simulation
 from mishandle.task_environments import TaskEnv, TaskVectorEnv, register
+from mishandle.versions import compare_versions, sample_size
 
 __all__ = [
     "Attribute",
@@ -106,6 +107,7 @@ __all__ = [
     "__version__",
     "check",
     "compare",
+    "compare_versions",
     "diff",
     "evaluate",
     "evidence",
@@ -134,6 +136,7 @@ __all__ = [
     "requirement",
     "risk",
     "robustness",
+    "sample_size",
     "sb3",
     "search_names",
     "simulate",

@@ -323,7 +323,9 @@ Answered = tuple[str, BaseException | None, list[str]]
 def check_falsify(
     axes: list[AxisTuple], *, search: str, options: list[tuple[str, Any]], trials: int, budget: int, batch: int, new_mode_rate: float
 ) -> None: ...
-def check_evaluate(axes: list[AxisTuple], *, episodes: int, batch: int) -> None: ...
+def check_evaluate(
+    axes: list[AxisTuple], *, episodes: int, batch: int, until: str | None, rate: float | None
+) -> None: ...
 def falsify(
     target: Target,
     *,
@@ -348,10 +350,42 @@ def evaluate(
     *,
     episodes: int,
     batch: int,
+    until: str | None,
+    rate: float | None,
+    control: bool,
     seed: int,
     out: Out,
     progress: Callable[[int, int], None] | None,
 ) -> Answered: ...
+def evaluate_pairs(
+    first: Target,
+    second: Target,
+    *,
+    until: str,
+    margin: float | None,
+    measure: str,
+    robustness_bounds: tuple[float, float] | None,
+    episodes: int,
+    batch: int,
+    control: bool,
+    seed: int,
+    out: tuple[str, str] | None,
+    resume: bool,
+    durable: bool,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[tuple[str, str], bool]: ...
+def sample_size(
+    *,
+    expect: float | None,
+    pairs: tuple[float, float, float, float] | None,
+    until: str,
+    rate: float | None,
+    margin: float | None,
+    episodes: int,
+    batch: int,
+    replications: int,
+    seed: int,
+) -> str: ...
 def simulate(
     target: Target, *, formula: str | None, values: list[float | None], repeat: int, seed: int
 ) -> list[dict[str, Any]]: ...

@@ -263,6 +263,9 @@ def evaluate(
     space: Space = None,
     *,
     episodes: int = 100,
+    until: str | None = None,
+    rate: float | None = None,
+    control: bool = True,
     batch: int = 64,
     seed: int = 0,
     out: PathLike | None = None,
@@ -274,7 +277,19 @@ def evaluate(
 ) -> Evaluation:
     """Measures how often a system satisfies its formulas in random scenarios and at the corners of the space.
 
-    The arguments are those of :func:`falsify`; ``episodes`` is the number of random scenarios.
+    The other arguments are those of :func:`falsify`.
+
+    Parameters
+    ----------
+    episodes : int
+        Number of random scenarios; with ``until``, the largest number.
+    until : str, optional
+        When the evaluation stops by itself, looking after each batch: ``"decided"`` (the interval of the success rate lies on one side
+        of ``rate``) or a width such as ``"width=0.04"``. ``sequential`` of the result says what it found; intervals hold at any time.
+    rate : float, optional
+        The success rate that ``"decided"`` decides about.
+    control : bool
+        Whether the same starts and seeds are simulated with every other axis at nominal, too: ``control`` of the result.
 
     Examples
     --------
@@ -291,7 +306,8 @@ def evaluate(
     check_number("batch", batch, 1)
 
     def check(space: Sequence[Axis]) -> None:
-        _native.check_evaluate([axis.to_native() for axis in space], episodes=episodes, batch=batch)
+        axes = [axis.to_native() for axis in space]
+        _native.check_evaluate(axes, episodes=episodes, batch=batch, until=until, rate=rate)
 
     if isinstance(space, str) and formula is not None:
         raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
@@ -300,6 +316,9 @@ def evaluate(
         found.native,
         episodes=episodes,
         batch=batch,
+        until=until,
+        rate=rate,
+        control=control,
         seed=seed,
         out=(None if out is None else os.fspath(out), resume, durable, any_build),
         progress=progress,

@@ -867,6 +867,61 @@ class ValueRange:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Sequential:
+    """A rule that ends simulations, and what it found. Its interval holds at any time: at all
+    ends of batches together, it contains the true value with a probability of at least 95 %."""
+
+    until: str
+    """The rule: ``decided`` or ``width=W``."""
+    measure: str
+    """What the rule watches: ``success`` or ``robustness``."""
+    rate: float | None = None
+    """The rate that ``decided`` compares with; missing without one."""
+    margin: float | None = None
+    """The largest difference that counts as none; missing without one."""
+    robustness_bounds: tuple[float, float] | None = None
+    """Bounds of the robustness; values beyond them count as the bound. Missing for ``success``."""
+    interval: Estimate
+    """Rate, or difference B - A, with an interval that holds at any time."""
+    p_value: float | None = None
+    """p-value of "no difference" that holds at any time; missing for a rate."""
+    decision: str | None
+    """What ended the simulations: ``narrow``, ``above``, ``below`` or ``equivalent``; ``None``
+    if the rule did not end them."""
+    simulations: int
+    """Number of simulations, or of pairs."""
+    max_simulations: int
+    """Largest number of simulations, or of pairs."""
+    verdict: str
+    """What the rule found, in a sentence."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Control:
+    """The same starts and seeds with every other axis at nominal: what the controller does
+    without the perturbations of the space. Simulation i of the arm is paired with simulation i
+    of the space."""
+
+    trial: int
+    """Number of the trial that holds the simulations of the arm in the run file."""
+    nominal: tuple[str, ...]
+    """Axes that the arm fixes at their nominal values."""
+    simulations: int
+    """Number of simulations of the arm; 1 if all of them would be the same."""
+    success_rate: Estimate
+    """Success rate of the arm over the pairs, with an interval as that of the space."""
+    difference: Estimate
+    """Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with
+    a rule that ends the evaluation, with one that holds at any time."""
+    fails_only_in_space: int
+    """Number of pairs that fail only in the space: the perturbation is what they fail of."""
+    fails_only_in_control: int
+    """Number of pairs that fail only in the arm."""
+    p_value: float
+    """Two-sided p-value of "no difference": exact McNemar test, or one that holds at any time."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Requirement:
     """A named requirement over the simulations of a run."""
 
@@ -1067,6 +1122,12 @@ class Evaluation:
     axis_rates: AxisRates | None = None
     """Success rates over the values of the axes; missing for fewer than 50 random simulations,
     with screening, and without any verdict or axis."""
+    sequential: Sequential | None = None
+    """The rule that ends the evaluation; missing without one. The intervals of the rates then
+    hold at any time, and the completion time has none."""
+    control: Control | None = None
+    """The control arm; missing if no axis is varied but initial states, and if it is switched
+    off."""
     requirements: tuple[Requirement, ...] | None = None
     """Each named requirement over the random simulations; missing without one."""
     reasons: tuple[EndReasons, ...] | None = None
@@ -2645,6 +2706,9 @@ class Comparison:
     """The run B."""
     differences: tuple[str, ...]
     """Facts that differ and can cause differences, as text."""
+    sequential: Sequential | None = None
+    """The rule that ended both evaluations; missing without one. The difference of the success
+    rates and its p-value then hold at any time."""
     pairs: int
     """Number of pairs of random simulations that count."""
     left_out: int
@@ -2719,7 +2783,7 @@ class DifferingFact:
     """A fact in which two runs differ."""
 
     name: str
-    """What the fact is about, such as ``plan action-noise`` or ``hash of the target``."""
+    """Subject of the fact, such as ``plan action-noise`` or ``hash of the target``."""
     first: str | None
     """In A; ``None`` if A has no such fact."""
     second: str | None
@@ -2731,7 +2795,7 @@ class DifferingResult:
     """A rate or mean of two runs."""
 
     name: str
-    """What it is, such as ``success rate``."""
+    """Name, such as ``success rate``."""
     is_fraction: bool
     """Whether it is a fraction, from 0 to 1."""
     first: Estimate | None
@@ -2803,6 +2867,58 @@ class RunDifference:
     """The simulations."""
     space_axes: tuple[AxisFacts, ...]
     """The axes of the scenarios of A."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExpectedPairs:
+    """Expected shares of pairs."""
+
+    both: float
+    """Both succeed."""
+    first_only: float
+    """Only A succeeds."""
+    second_only: float
+    """Only B succeeds."""
+    neither: float
+    """Neither succeeds."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SampleSize:
+    """How many simulations, or pairs, a question takes: fixed beforehand, and with a rule that
+    stops by itself. No target is simulated."""
+
+    until: str
+    """What is to be known: ``decided`` or ``width=W``."""
+    rate: float | None = None
+    """The rate that ``decided`` compares with; missing without one."""
+    margin: float | None = None
+    """The largest difference that counts as none; missing without one."""
+    expected_rate: float | None = None
+    """The expected success rate; missing for pairs."""
+    expected_pairs: ExpectedPairs | None = None
+    """What is expected of pairs; missing for a rate."""
+    fixed: int | None
+    """Smallest number that is fixed beforehand: for ``decided``, its usual 5 % test decides with
+    a probability of 90 %; for a width or an equivalence, the usual interval of the expected
+    counts is narrow enough. ``None`` if it is above the maximum."""
+    median: int | None
+    """Median number of the rule that stops by itself, from replications of the rule; ``None`` if
+    it does not decide in half of them."""
+    ninety_percent: int | None
+    """Number within which the rule decides in 90 % of the replications; ``None`` if it does not."""
+    mean: float
+    """Mean number of the rule; a replication without a decision counts the maximum."""
+    decided: float
+    """Share of the replications in which the rule decides within the maximum."""
+    max_simulations: int
+    """The maximum."""
+    batch: int
+    """Number of simulations, or pairs, between two looks of the rule."""
+    replications: int
+    """Number of replications."""
+    seed: int
+    """Random seed of the replications."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -112,6 +112,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::diff, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::evaluate_pairs, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::sample_size, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::report, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::survival, module)?)?;
     module.add_function(wrap_pyfunction!(artifacts::counterexample, module)?)?;

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan};
+use mishandle::plan::{
+    EvaluatePlan, FalsifyPlan, MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan, Until,
+};
 use mishandle::run::Engine;
 use mishandle::search::{OptionValue, SearchOptions};
 use mishandle::store::RunWriter;
@@ -62,12 +64,26 @@ pub fn check_falsify(
 
 /// Checks the settings of an evaluation in the space of these axes, before the system is simulated.
 #[pyfunction]
-#[pyo3(signature = (axes, *, episodes, batch))]
-pub fn check_evaluate(axes: Vec<AxisTuple>, episodes: u64, batch: u64) -> PyResult<()> {
+#[pyo3(signature = (axes, *, episodes, batch, until, rate))]
+pub fn check_evaluate(
+    axes: Vec<AxisTuple>,
+    episodes: u64,
+    batch: u64,
+    until: Option<String>,
+    rate: Option<f64>,
+) -> PyResult<()> {
     space(axes)?;
-    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
-    mishandle::resolve::check_evaluate(&EvaluatePlan { episodes, batch, ..Default::default() })
-        .map_err(raised)
+    let (batch, until) = (u32::try_from(batch).unwrap_or(u32::MAX), rule(until)?);
+    let evaluate = EvaluatePlan { episodes, batch, until, rate, ..Default::default() };
+    mishandle::resolve::check_evaluate(&evaluate).map_err(raised)
+}
+
+/// Reads a rule that ends simulations.
+pub(crate) fn rule(text: Option<String>) -> PyResult<Option<Until>> {
+    let read = |text: String| {
+        text.parse().map_err(|problem| InvalidValueError::new_err(format!("until: {problem}")))
+    };
+    text.map(read).transpose()
 }
 
 fn search_options(given: Vec<(String, SearchOption)>) -> SearchOptions {
@@ -179,17 +195,22 @@ pub fn falsify(
 
 /// Simulates random scenarios and the corners of the space.
 #[pyfunction]
-#[pyo3(signature = (target, *, episodes, batch, seed, out, progress))]
+#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
+#[pyo3(signature = (target, *, episodes, batch, until, rate, control, seed, out, progress))]
 pub fn evaluate(
     py: Python<'_>,
     target: &PyTarget,
     episodes: u64,
     batch: u32,
+    until: Option<String>,
+    rate: Option<f64>,
+    control: bool,
     seed: u64,
     out: Out,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answered> {
-    let evaluate = EvaluatePlan { episodes, batch, ..EvaluatePlan::default() };
+    let until = rule(until)?;
+    let evaluate = EvaluatePlan { episodes, batch, until, rate, control, ..EvaluatePlan::default() };
     let plan = Plan { evaluate: Some(evaluate), ..plan(target, seed) };
     ask(py, target, &plan, out, None, progress)
 }

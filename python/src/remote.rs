@@ -12,7 +12,7 @@ use mishandle::harden::HardenProgress;
 use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
-use mishandle::run::{Engine, Opening};
+use mishandle::run::{CONTROL_TRIAL, Engine, Opening, system_of};
 use mishandle::stl::Trace;
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
@@ -82,9 +82,11 @@ impl PlanWorker {
                 ..Request::new(Scenario::new(values), Seed(seed))
             })
             .collect();
-        let episodes = py
-            .detach(|| self.pool.install(|| Ok::<_, Error>(self.resolved.system()?.rollout(&requests)?)))
-            .map_err(raised)?;
+        // Only the control arm can be outside of the space, whose axes may be narrowed.
+        let is_inside = |request: &Request| self.resolved.space.check(&request.scenario).is_ok();
+        let trial = if requests.iter().all(is_inside) { 1 } else { CONTROL_TRIAL };
+        let simulate = || Ok::<_, Error>(system_of(&self.resolved, trial)?.0.rollout(&requests)?);
+        let episodes = py.detach(|| self.pool.install(simulate)).map_err(raised)?;
         Ok(episodes.iter().map(|episode| sent(py, episode)).collect())
     }
 }

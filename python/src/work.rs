@@ -32,28 +32,37 @@ pub(crate) fn in_run<T: Send>(
     work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
 ) -> PyResult<(T, Option<PyErr>)> {
     detached_until(py, target, || {
-        let mut found = target.target.clone();
-        let mut run = match &path {
-            Some(path) if is_resumed => {
-                let mut run = RunWriter::resume(path)?;
-                // The probe of a target that is not deterministic can find no difference by chance.
-                found.is_deterministic = run.file().header().target.is_deterministic;
-                let resolved = ResolvedPlan::with_target(plan, found.clone())?;
-                if any_build {
-                    mishandle::run::admit_build(&mut run, &resolved)?;
-                }
-                guard(target, run.file(), &resolved)?;
-                run
-            }
-            _ => {
-                mishandle::run::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?
-            }
-        };
-        if is_durable {
-            run.set_durable()?;
-        }
-        work(&ResolvedPlan::with_target(plan, found)?, run)
+        let (resolved, run) = open_run(target, plan, (path, is_resumed, is_durable, any_build))?;
+        work(&resolved, run)
     })
+}
+
+/// Creates or opens a run of a target and resolves its plan. The caller has released the interpreter
+/// lock.
+pub(crate) fn open_run(
+    target: &PyTarget,
+    plan: &Plan,
+    (path, is_resumed, is_durable, any_build): Out,
+) -> Result<(ResolvedPlan, RunWriter), Error> {
+    let mut found = target.target.clone();
+    let mut run = match &path {
+        Some(path) if is_resumed => {
+            let mut run = RunWriter::resume(path)?;
+            // The probe of a target that is not deterministic can find no difference by chance.
+            found.is_deterministic = run.file().header().target.is_deterministic;
+            let resolved = ResolvedPlan::with_target(plan, found.clone())?;
+            if any_build {
+                mishandle::run::admit_build(&mut run, &resolved)?;
+            }
+            guard(target, run.file(), &resolved)?;
+            run
+        }
+        _ => mishandle::run::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?,
+    };
+    if is_durable {
+        run.set_durable()?;
+    }
+    Ok((ResolvedPlan::with_target(plan, found)?, run))
 }
 
 /// Checks that the system of a run to continue does what it did, as far as that can be checked, and

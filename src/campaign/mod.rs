@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, refuse_link, write_atomically};
 use mishandle_results::Hardening;
-use mishandle_store::{RunWriter, StoreError};
+use mishandle_store::{RunFile, RunKind, RunWriter, StoreError};
 
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, described_target, is_path, is_target_file, recorded_plan};
-use crate::run::{Device, Opening, create_run};
+use crate::run::{Device, Opening, create_run, shares_arm};
 use crate::shipped::{EXPERT, Generation};
 
 /// File of a campaign's folder that contains the campaign.
@@ -66,6 +66,19 @@ impl CampaignRun {
         }
         opening.apply(&mut run, &resolved)?;
         Ok((run, resolved))
+    }
+
+    /// Returns the run of the campaign whose control arm is that of this run: it is simulated once.
+    /// `resolved` is the plan of this run, and `runs` are those of the campaign.
+    ///
+    /// A run that cannot be read, or is written at the moment, has none.
+    pub fn known_arm(&self, resolved: &ResolvedPlan, runs: &[CampaignRun]) -> Option<RunFile> {
+        if resolved.plan.kind() != RunKind::Evaluate {
+            return None;
+        }
+        let others = runs.iter().filter(|other| other.path != self.path && !other.is_hardening());
+        let open = |other: &CampaignRun| RunFile::open_unchecked(&other.path).ok();
+        others.filter_map(open).find(|other| shares_arm(resolved, other).unwrap_or(false))
     }
 
     /// Starts or continues the hardening of the run, or reads a finished one. Returns `None` if it
@@ -282,6 +295,11 @@ pub fn free_campaign_folder() -> PathBuf {
 
 /// Checks the plan of a run.
 fn check(run: &GridRun) -> Result<(), MishandleError> {
+    if run.plan.compare.is_some() {
+        let (what, value) = ("the table [compare] of a campaign", "given".to_string());
+        let expected = "left out, because each run of a campaign ends by its own rule; ask mishandle compare";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
     match run.plan.harden {
         Some(_) => CheckedHardening::new(&run.plan).map(drop),
         None => ResolvedPlan::new(&run.plan).map(drop),

@@ -47,7 +47,7 @@ pub(super) fn measure(
         action_noise,
         controller: path_text(controller),
         seed: seed.0,
-        evaluate: Some(EvaluatePlan { episodes, ..EvaluatePlan::default() }),
+        evaluate: Some(EvaluatePlan { episodes, control: false, ..EvaluatePlan::default() }),
         harden: None,
         ..base.clone()
     };

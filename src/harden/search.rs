@@ -35,7 +35,7 @@ pub(super) fn search(
 ) -> Result<Option<Searched>, MishandleError> {
     let plan =
         |seed: Seed| Plan { controller: path_text(controller), seed: seed.0, harden: None, ..base.clone() };
-    let evaluate = EvaluatePlan { episodes: table.budget.into(), ..EvaluatePlan::default() };
+    let evaluate = EvaluatePlan { episodes: table.budget.into(), control: false, ..EvaluatePlan::default() };
     let mut plans = vec![(CORNERS.to_string(), Plan { evaluate: Some(evaluate), ..plan(seed.child(0)) })];
     for (number, name) in (1..).zip(&table.searches) {
         let falsify = FalsifyPlan {

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_evaluation::{
-    Corners, EndCounts, Estimate, PairedCounts, count_end, decides_careful_success, decides_strict_success,
-    decides_success, paired_mean_difference, rate, sign_test,
+    Corners, EndCounts, PairedCounts, count_end, decides_careful_success, decides_strict_success,
+    decides_success, paired_mean_difference, paired_rates, sign_test,
 };
-use mishandle_results::{ComparedRun, PairedMeans, PairedRates};
+use mishandle_results::{ComparedRun, PairedMeans, PairedRates, Sequential};
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, Simulation};
@@ -15,7 +15,7 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
-use crate::run::{record, unfinished};
+use crate::run::{PairRule, record, unfinished};
 use mishandle_text::{p_value_phrase, plural, shell_quote};
 
 /// Trial of the random simulations of an evaluation.
@@ -47,6 +47,9 @@ pub struct Comparison {
     pub pairs: u64,
     /// Number of other pairs of random simulations: the target cannot start from the scenario.
     pub left_out: u64,
+    /// The rule that ended both evaluations; `None` without one. The difference of the success rates
+    /// and its p-value then hold at any time.
+    pub sequential: Option<Sequential>,
     /// Success.
     pub success: PairedRates,
     /// Strict success; `None` if the target has no such formula.
@@ -89,6 +92,9 @@ impl Comparison {
     pub fn verdict(&self) -> String {
         if let Some(name) = self.untested() {
             return format!("No random simulation of {name} has a verdict, so there is nothing to compare.");
+        }
+        if let Some(sequential) = &self.sequential {
+            return sequential.verdict.clone();
         }
         let PairedRates { first_only, second_only, p_value, .. } = self.success;
         format!(
@@ -143,25 +149,6 @@ pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
     ))
 }
 
-/// Returns the rates of pairs, of which `verdicts` have one in A and in B.
-pub(crate) fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
-    let PairedCounts { both, first_only, second_only, .. } = counts;
-    let n = counts.n();
-    let (first, second) = (rate(both + first_only, verdicts[0], n), rate(both + second_only, verdicts[1], n));
-    let difference = match first.value.and(second.value) {
-        Some(_) => counts.difference(),
-        None => Estimate { n, ..Estimate::default() },
-    };
-    PairedRates {
-        first,
-        second,
-        difference,
-        first_only,
-        second_only,
-        p_value: sign_test(first_only, second_only),
-    }
-}
-
 fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
     let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
     let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
@@ -212,7 +199,10 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     for (name, run) in [("A", first), ("B", second)] {
         if let Some(missing) = unfinished(run)? {
             let path = run.path().to_string_lossy();
+            let is_pair = Plan::from_toml(&run.header().plan).is_ok_and(|plan| plan.compare.is_some());
             let command = match is_python(&run.header().target.kind) {
+                true if is_pair => "the same call of `mishandle.compare` in Python".to_string(),
+                false if is_pair => "mishandle compare --resume A B".to_string(),
                 true => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
                 false => format!("mishandle evaluate --resume {}", shell_quote(&path)),
             };
@@ -226,6 +216,13 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         pairs.push(pair(row_a, row_b)?);
     }
     let mut differences = differences(a, b);
+    let rule = pair_rule(a, &pairs)?;
+    if [a, b].iter().any(|header| stops_by_itself(header)) {
+        differences.push(
+            "number of simulations: a rule of A or of B chose it, and intervals and p-values are those of a fixed number"
+                .to_string(),
+        );
+    }
     match corner_pairs(first, second)? {
         Some(corners) => pairs.extend(corners),
         None => differences.push(
@@ -273,7 +270,17 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         axes: a.axes.clone(),
         pairs: random.len() as u64,
         left_out: (planned - random.len()) as u64,
-        success: rates(Episode::is_success, decides_success),
+        success: match &rule {
+            Some(rule) => {
+                let (difference, p_value) = rule.success();
+                let found = rates(Episode::is_success, decides_success);
+                let has_value = found.difference.value.is_some();
+                let difference = if has_value { difference } else { found.difference };
+                PairedRates { difference, p_value, ..found }
+            }
+            None => rates(Episode::is_success, decides_success),
+        },
+        sequential: rule.as_ref().map(PairRule::result),
         strict: has("strict").then(|| rates(Episode::is_strict_success, decides_strict_success)),
         careful: has("careful").then(|| rates(Episode::is_careful_success, decides_careful_success)),
         robustness: means(|episode| episode.robustness().filter(|rho| rho.is_finite())),
@@ -288,6 +295,21 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         fixed_failures: failures([false, true]),
         compared,
     })
+}
+
+/// Returns whether the results of a run decided how many simulations it has, apart from a comparison.
+fn stops_by_itself(header: &RunHeader) -> bool {
+    let plan = Plan::from_toml(&header.plan).ok();
+    plan.and_then(|plan| plan.evaluate).is_some_and(|evaluate| evaluate.until.is_some())
+}
+
+/// Returns the rule that ended both runs, after all their pairs; `None` without one.
+fn pair_rule(header: &RunHeader, pairs: &[Pair]) -> Result<Option<PairRule>, MishandleError> {
+    let mut rule = PairRule::new(&Plan::from_toml(&header.plan)?);
+    if let Some(rule) = &mut rule {
+        pairs.iter().for_each(|Pair { episodes: [a, b], .. }| rule.add(a, b));
+    }
+    Ok(rule)
 }
 
 /// Returns the random simulations of both runs side by side.
@@ -369,9 +391,12 @@ fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
         return Some(format!("{name} is a run of `{}`; compare runs of `evaluate`", header.kind.name()));
     }
     let settings = |header: &RunHeader| -> Vec<(&'static str, String)> {
+        let plan = Plan::from_toml(&header.plan).ok();
+        let compare = plan.as_ref().and_then(|plan| plan.compare);
         let axes = header.axes.iter().map(|axis| (&axis.name, &axis.kind, axis.low, axis.high));
         vec![
             ("target", header.target.name.clone()),
+            ("rule of a comparison", compare.map_or("none".to_string(), |rule| format!("{rule:?}"))),
             ("formula", header.formula.clone()),
             ("space", header.space.clone()),
             ("seed", header.seed.to_string()),

@@ -15,6 +15,7 @@ mod mode_survey;
 mod requirements;
 mod result;
 mod run_difference;
+mod sample_size;
 mod simulation;
 mod smooth_region;
 mod space_coverage;
@@ -22,7 +23,6 @@ mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
 pub use axis_rates::axis_rates;
-pub(crate) use comparison::paired_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
@@ -37,6 +37,7 @@ pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
 pub(crate) use requirements::requirements;
 pub use result::{counterexamples_result, run_facts};
 pub use run_difference::run_difference;
+pub use sample_size::{Expected, SizeQuestion, sample_size};
 pub use simulation::{Simulated, simulate, simulated};
 pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;

@@ -125,7 +125,8 @@ pub fn replay_states(
 ) -> Result<(ReplayResult, StateTrajectory), MishandleError> {
     let resolved = recorded_plan(run.header(), controller)?;
     let mut recorded = Recorded::new(&resolved)?;
-    let replayed = replay_in(run, trial, number, &resolved, &mut *recorded.system)?;
+    let space = recorded.system.space().clone();
+    let replayed = replay_in(run, (trial, number), &resolved, (&mut *recorded.system, &space))?;
     Ok((replayed, recorded.trajectory()))
 }
 

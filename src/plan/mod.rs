@@ -9,6 +9,7 @@ mod metamorphic;
 mod read;
 mod risk;
 pub(crate) mod search_options;
+mod until;
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -27,6 +28,7 @@ pub use metamorphic::{MetamorphicPlan, RelationPlan};
 pub use mishandle_training::AxisSetting;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
+pub use until::{ComparePlan, Measure, Until};
 
 /// Device of a plan that every front end has.
 pub const CPU: &str = "cpu";
@@ -112,6 +114,9 @@ pub struct Plan {
     /// Settings of an evaluation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluate: Option<EvaluatePlan>,
+    /// Settings of a comparison that stops by itself. Both of its evaluations have them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub compare: Option<ComparePlan>,
     /// Settings of a falsification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub falsify: Option<FalsifyPlan>,
@@ -188,14 +193,24 @@ pub enum StartRegion {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct EvaluatePlan {
-    /// Number of simulations.
+    /// Number of simulations; with `until`, the largest number.
     pub episodes: u64,
+    /// When the evaluation stops by itself. `None`: after `episodes` simulations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub until: Option<Until>,
+    /// The success rate that `until = "decided"` decides about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
     /// Region of the initial states: `box = "whole"` or `"reachable"`.
     #[serde(rename = "box")]
     pub starts: StartRegion,
     /// Whether the corners and the center of the initial box are simulated, too.
     pub corners: bool,
-    /// Batch size: number of simulations run at once. Results do not depend on it.
+    /// Whether the same starts and seeds are simulated with every other axis at nominal, too: the
+    /// control arm.
+    pub control: bool,
+    /// Batch size: number of simulations run at once. Results do not depend on it, but `until` looks
+    /// at the ends of batches.
     pub batch: u32,
 }
 
@@ -203,8 +218,11 @@ impl Default for EvaluatePlan {
     fn default() -> Self {
         EvaluatePlan {
             episodes: 100,
+            until: None,
+            rate: None,
             starts: StartRegion::Whole,
             corners: true,
+            control: true,
             batch: DEFAULT_BATCH_SIZE as u32,
         }
     }
@@ -377,6 +395,7 @@ impl Plan {
             requirements: BTreeMap::new(),
             guard: None,
             evaluate: None,
+            compare: None,
             falsify: None,
             margin: None,
             metamorphic: None,
@@ -397,8 +416,9 @@ impl Plan {
         tables.into_iter().find(|(_, is_given)| *is_given).map_or(RunKind::Evaluate, |(kind, _)| kind)
     }
 
-    /// Removes the tables of other questions.
+    /// Removes the tables of other questions, also of a comparison.
     pub fn only(mut self, kind: RunKind) -> Plan {
+        self.compare = None;
         self.evaluate = self.evaluate.filter(|_| kind == RunKind::Evaluate);
         self.falsify = self.falsify.filter(|_| kind == RunKind::Falsify);
         self.margin = self.margin.filter(|_| kind == RunKind::Margin);
@@ -460,6 +480,7 @@ mod tests {
         let evaluate = EvaluatePlan::default();
         let defaults = Plan {
             evaluate: Some(evaluate),
+            compare: Some(ComparePlan::default()),
             falsify: Some(falsify),
             risk: Some(risk),
             margin,
@@ -474,6 +495,7 @@ mod tests {
         assert_eq!(
             Plan {
                 evaluate: None,
+                compare: None,
                 falsify: None,
                 margin: None,
                 metamorphic: None,

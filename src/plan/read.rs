@@ -15,7 +15,7 @@ use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
 use crate::error::MishandleError;
 use crate::plan::search_options::TomlValue;
-use crate::plan::{AxisSetting, GuardPlan, RelationPlan};
+use crate::plan::{AxisSetting, GuardPlan, Measure, RelationPlan, Until};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;
@@ -45,6 +45,9 @@ const RELATION_KEYS: [&str; 2] = ["change", "holds"];
 const RELATION: &str =
     "a table of texts, such as change = { ball_x = \"+0.02\" } and holds = \"same-verdict\"";
 
+/// Allowed rules that end simulations.
+const UNTIL: &str = "\"decided\", or a width above 0, such as \"width=0.04\"";
+
 /// Allowed settings of an axis.
 const AXIS: &str =
     "a number, a list of two numbers, an interval such as \"[0, 1)\", or the name of a category in quotes";
@@ -64,7 +67,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 65] = [
+const KEYS: [Key; 72] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -92,6 +95,13 @@ const KEYS: [Key; 65] = [
     key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
     key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
     key::<bool>("evaluate.corners", "true or false"),
+    key::<bool>("evaluate.control", "true or false"),
+    key::<Until>("evaluate.until", UNTIL),
+    key::<f64>("evaluate.rate", "a number above 0 and below 1"),
+    key::<Until>("compare.until", UNTIL),
+    key::<Measure>("compare.measure", "\"success\" or \"robustness\""),
+    key::<f64>("compare.margin", "a number above 0"),
+    key::<[f64; 2]>("compare.robustness-bounds", "a list of two numbers, such as [-0.5, 0.5]"),
     key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
     key::<String>("falsify.formula", "a string, such as \"strict\""),
     key::<String>("falsify.search", "a string, such as \"nelder-mead\""),
@@ -185,7 +195,8 @@ pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
 pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are tables or lists already.
     let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS, RELATIONS];
-    !others.contains(&name) && !["harden.searches", "harden.allow"].contains(&name)
+    !others.contains(&name)
+        && !["harden.searches", "harden.allow", "compare.robustness-bounds"].contains(&name)
 }
 
 /// Returns the names of all keys with their tables.
@@ -421,7 +432,7 @@ mod tests {
             (
                 "[evaluate]\nepisods = 1",
                 "evaluate.episods",
-                "episodes, box, corners, batch",
+                "episodes, box, corners, control, until, rate, batch",
                 "did you mean `evaluate.episodes`?",
             ),
             (

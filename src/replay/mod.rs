@@ -13,7 +13,7 @@ use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
 use crate::error::MishandleError;
 use crate::resolve::{Moved, ResolvedPlan, recorded_plan};
-use crate::run::{header, record, recorded_axis};
+use crate::run::{header, record, recorded_axis, system_of};
 
 pub use crate::run::build_differences;
 pub use command::replay_command;
@@ -65,23 +65,22 @@ pub fn replay_with(
     number: u32,
     resolved: &ResolvedPlan,
 ) -> Result<ReplayResult, MishandleError> {
-    let mut system = resolved.system()?;
-    replay_in(run, trial, number, resolved, &mut *system)
+    let (mut system, space) = system_of(resolved, trial)?;
+    replay_in(run, (trial, number), resolved, (&mut *system, &space))
 }
 
-/// Replays a simulation as [`replay`] does, in a given system of the run's target.
+/// Replays a simulation as [`replay`] does, in a given system of the run's target and space.
 pub(crate) fn replay_in(
     run: &RunFile,
-    trial: u32,
-    number: u32,
+    (trial, number): (u32, u32),
     resolved: &ResolvedPlan,
-    system: &mut dyn System,
+    (system, space): (&mut dyn System, &Space),
 ) -> Result<ReplayResult, MishandleError> {
     let recorded = run.simulation(trial, number)?;
     let mut differences = header::differences(run.header(), resolved)?;
     differences.extend(trial::differences(run, &recorded, resolved)?);
     let scenario = Scenario::new(recorded.scenario.clone());
-    if let Err(error) = resolved.space.check(&scenario) {
+    if let Err(error) = space.check(&scenario) {
         differences.push(format!("scenario of simulation {number} of trial {trial}: {error}"));
         return Err(MishandleError::RunMismatch { differences });
     }

@@ -3,7 +3,7 @@
 
 use mishandle_falsification::{FalsificationError, Trial};
 use mishandle_rollout::Request;
-use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
@@ -58,12 +58,7 @@ fn of_evaluation(
     recorded: &Simulation,
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
-    let mut found = Vec::new();
-    // All trials, because a forged run can have one that the plan does not have.
-    for TrialSummary { trial, counts, .. } in run.trials()? {
-        let last = run.last_simulation_number(trial.number)?;
-        found.extend(evaluate::trial_difference(resolved, &trial, counts.simulations, last));
-    }
+    let mut found = evaluate::trial_differences(resolved, run)?;
     let Simulation { trial, number, .. } = *recorded;
     match evaluate::evaluation_request(resolved, trial, number)? {
         Some(expected) => found.extend(request_differences(recorded, &expected)),

@@ -6,7 +6,9 @@ use mishandle_risk::Scenarios;
 use mishandle_rollout::{Axis, AxisKind, Seed, Space, Target};
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, FalsifyPlan, MetamorphicPlan, Plan, RiskPlan, StartRegion};
+use crate::plan::{
+    ComparePlan, EvaluatePlan, FalsifyPlan, Measure, MetamorphicPlan, Plan, RiskPlan, StartRegion, Until,
+};
 use crate::resolve::search::{coordinates, new_search};
 use crate::resolve::{MetamorphicCases, search_entry};
 
@@ -40,11 +42,81 @@ pub(super) fn check_evaluate_in(
 /// If the number of episodes or the batch size is out of its range.
 pub fn check_evaluate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
     check_batch(evaluate.batch)?;
+    check_rate(evaluate)?;
     if Plan::EPISODES.contains(&evaluate.episodes) {
         return Ok(());
     }
     let (what, expected) = ("the number of episodes", "from 1 to 1000000000");
     Err(MishandleError::InvalidValue { what, value: evaluate.episodes.to_string(), expected })
+}
+
+/// Checks the rule that ends an evaluation.
+fn check_rate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
+    let expected = match (evaluate.until, evaluate.rate) {
+        (Some(Until::Decided), None) => {
+            "a number above 0 and below 1 (--rate 0.95), because `decided` decides on which side of it the success rate is"
+        }
+        (Some(Until::Decided), Some(rate)) if rate <= 0.0 || rate >= 1.0 || rate.is_nan() => {
+            "a number above 0 and below 1"
+        }
+        (Some(Until::Width(_)) | None, Some(_)) => {
+            "left out, because only `until = \"decided\"` decides about it"
+        }
+        (Some(Until::Width(width)), None) if width >= 1.0 => {
+            let expected = "below 1, because a rate is from 0 to 1";
+            return Err(MishandleError::InvalidValue {
+                what: "the width",
+                value: width.to_string(),
+                expected,
+            });
+        }
+        _ => return Ok(()),
+    };
+    let value = evaluate.rate.map_or("missing".to_string(), |rate| rate.to_string());
+    Err(MishandleError::InvalidValue { what: "the rate", value, expected })
+}
+
+/// Checks the settings of a comparison that stops by itself.
+///
+/// # Errors
+/// If the margin or the bounds of the robustness are missing, superfluous or not possible.
+pub fn check_compare(compare: &ComparePlan) -> Result<(), MishandleError> {
+    let invalid = |what, value, expected| Err(MishandleError::InvalidValue { what, value, expected });
+    let missing = || "missing".to_string();
+    if let Some([low, high]) = compare.robustness_bounds {
+        let value = format!("{low}:{high}");
+        if compare.measure == Measure::Success {
+            let expected = "left out, because the rule watches the success rates (--measure robustness)";
+            return invalid("the setting robustness-bounds", value, expected);
+        }
+        if !low.is_finite() || !high.is_finite() || low >= high {
+            return invalid(
+                "the setting robustness-bounds",
+                value,
+                "two finite numbers, the smaller one first",
+            );
+        }
+    } else if compare.measure == Measure::Robustness {
+        let expected = "given (--robustness-bounds LOW:HIGH; values beyond count as the bound), because without bounds \
+                        no interval of a mean holds at any time: a rare value can move the mean anywhere";
+        return invalid("the setting robustness-bounds", missing(), expected);
+    }
+    match (compare.margin, compare.until) {
+        (None, Until::Width(width)) if compare.measure == Measure::Success && width >= 2.0 => {
+            invalid("the width", width.to_string(), "below 2, because a difference of rates is from -1 to 1")
+        }
+        (Some(margin), Until::Width(_)) => {
+            let expected = "left out, because only `decided` needs it";
+            invalid("the margin", margin.to_string(), expected)
+        }
+        (Some(margin), _) if !(margin > 0.0 && margin.is_finite()) => {
+            invalid("the margin", margin.to_string(), "a number above 0")
+        }
+        (Some(margin), _) if compare.measure == Measure::Success && margin >= 1.0 => {
+            invalid("the margin", margin.to_string(), "below 1, because it is a difference of rates")
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Checks a batch size.

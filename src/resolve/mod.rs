@@ -46,7 +46,7 @@ use crate::resolve::simulator::simulator_target;
 
 pub use axis_setting::with_settings;
 pub use catalog::{search_result, target_result, task_result};
-pub use check::{check_evaluate, check_falsify, check_metamorphic, check_risk};
+pub use check::{check_compare, check_evaluate, check_falsify, check_metamorphic, check_risk};
 pub(crate) use controller::is_path;
 pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
@@ -55,6 +55,7 @@ pub use guard::{monitor as guard_monitor, recorded_guard};
 pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
 pub use kind::{has_scene, is_python};
 pub use metamorphic::{MetamorphicCases, metamorphic_cases};
+pub(crate) use randomness::depends_on_seed_at_nominal;
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
 pub use recorded::{Moved, recorded_plan};
@@ -187,6 +188,9 @@ impl ResolvedPlan {
         if let Some(evaluate) = &plan.evaluate {
             check::check_evaluate_in(evaluate, &target, &space)?;
         }
+        if let Some(compare) = &plan.compare {
+            check_compare(compare)?;
+        }
         let mut text = target.formulas.first().map_or("", |formula| &formula.name).to_string();
         if let Some(screening) = &plan.screening {
             check_screening(screening, &plan, &target)?;
@@ -292,6 +296,11 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
             plan.requirements.len().to_string(),
             "0, because a device returns one robustness; ask without --gpu",
         )
+    } else if let Some(until) = plan.evaluate.as_ref().and_then(|evaluate| evaluate.until) {
+        let expected = "left out, because a screened rate is that of a two-phase sample, whose interval holds for one number only; ask without --gpu";
+        ("the rule of a screened evaluation", until.to_string(), expected)
+    } else if plan.compare.is_some() {
+        ("the question of a screening", "compare".to_string(), "evaluate, falsify or risk")
     } else if plan.margin.is_some() {
         ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
     } else if plan.metamorphic.is_some() {

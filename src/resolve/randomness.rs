@@ -6,14 +6,20 @@ use crate::resolve::ResolvedPlan;
 
 /// Returns whether two simulations of `scenario` with different seeds can differ.
 pub fn depends_on_seed(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
+    depends_on_seed_at_nominal(resolved)
+        || scenario.values().contains(&None)
+        || random_values(resolved).any(|(place, nominal)| scenario.get(place) != nominal)
+}
+
+/// Returns whether two simulations with different seeds can differ although every axis that adds
+/// randomness is at its nominal value.
+pub(crate) fn depends_on_seed_at_nominal(resolved: &ResolvedPlan) -> bool {
     let ResolvedPlan { plan, target, .. } = resolved;
     target.depends_on_seed
         || !target.is_deterministic
         || plan.stochastic
         || plan.action_noise > 0.0
         || plan.observation_noise > 0.0
-        || scenario.values().contains(&None)
-        || random_values(resolved).any(|(place, nominal)| scenario.get(place) != nominal)
 }
 
 /// Returns whether two simulations of a scenario of the plan's space with different seeds can

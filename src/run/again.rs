@@ -10,7 +10,7 @@ use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::evaluate::with_requests;
 use crate::run::falsify::{new_trial, status};
-use crate::run::record;
+use crate::run::{record, system_of};
 
 /// Runs a trial of a falsification from its seed to its end. Returns its record and its
 /// simulations, as a run file stores them;
@@ -54,7 +54,7 @@ pub fn run_simulations(
     let requests: Vec<Request> = with_requests(resolved, |requests| {
         numbers.map_while(|number| requests.request(trial, number).transpose()).collect()
     })?;
-    let mut system = resolved.system()?;
+    let (mut system, _) = system_of(resolved, trial)?;
     let mut simulations = Vec::with_capacity(requests.len());
     for batch in requests.chunks(batch(&resolved.plan)) {
         simulations.extend(system.rollout(batch)?.iter().map(|episode| record::record(episode, resolved)));

@@ -5,6 +5,7 @@ use mishandle_store::{RunFile, RunKind, TrialStatus};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::run::evaluate::TRIAL;
+use crate::run::evaluating::stops_by_itself;
 use mishandle_text::plural;
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
@@ -45,12 +46,20 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
             let isolated = || if is_isolated { isolated() } else { None };
             has(trials.len() as u64, planned, "trial").or_else(isolated)
         }
+        // The rule decides, so only the status says whether it did.
+        RunKind::Evaluate if plan.as_ref().is_some_and(stops_by_itself) => {
+            trials.is_empty().then(|| "it has no simulation".to_string())
+        }
         RunKind::Evaluate => {
             let planned = plan.and_then(|plan| plan.evaluate).map_or(1, |evaluate| evaluate.episodes);
             let random = trials.iter().find(|found| found.trial.number == TRIAL);
             has(random.map_or(0, |found| found.counts.simulations), planned, "random simulation")
         }
     };
+    let control = run.derived_trials()?.into_iter().filter(|_| run.header().kind == RunKind::Evaluate);
+    let is_control_missing =
+        control.map(|found| found.trial.status).any(|status| status == TrialStatus::Running);
+    let missing = missing.or_else(|| is_control_missing.then(|| "its control arm has not ended".to_string()));
     let running = trials.iter().find(|found| found.trial.status == TrialStatus::Running);
     Ok(missing.or(running.map(|found| format!("trial {} has not ended", found.trial.number))))
 }

@@ -1,33 +1,33 @@
-use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{
-    CornerReport, Corners, Evaluation, FormulaRoles, MetricCounter, Metrics, evaluate_corners,
-};
-use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
+use mishandle_evaluation::{CornerReport, Corners, Evaluation, FormulaRoles, Metrics};
+use mishandle_results::Control;
+use mishandle_rollout::{Request, Scenario, Seed, Space};
 use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
 use crate::plan::StartRegion;
 use crate::resolve::ResolvedPlan;
-use crate::run::{header, record};
+use crate::run::control::{self, ControlArm};
+use crate::run::evaluating::{Evaluating, RateRule, stops_by_itself};
 use mishandle_text::plural;
 
-/// Number of the trial of the random simulations. [`Corners::TRIAL`] is the other one.
+/// Number of the trial of the random simulations. [`Corners::TRIAL`] and [`control::TRIAL`] are the
+/// other ones.
 pub(crate) const TRIAL: u32 = 1;
 
-/// The task preset whose completion times include failed episodes, as in the code of the original
-/// benchmark.
-const COUNTS_FAILURES: &str = "code";
-
 /// Results of an evaluation.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct EvaluationOutcome {
     /// Metrics of the random simulations.
     pub report: Metrics,
     /// Results at the corners and the center of the initial box; `None` if the space has no numeric
     /// axis of kind `start`.
     pub corners: Option<CornerReport>,
+    /// The rule that ends the evaluation, if the plan has one.
+    pub(crate) rule: Option<RateRule>,
+    /// Results of the control arm; `None` without one, and before its first simulation.
+    pub control: Option<Control>,
     /// Whether all simulations of the plan are finished.
     pub is_complete: bool,
 }
@@ -36,6 +36,7 @@ pub struct EvaluationOutcome {
 pub(crate) struct Requests<'a> {
     pub random: Evaluation<'a>,
     pub corners: Option<Corners>,
+    pub control: Option<ControlArm>,
     space: &'a Space,
 }
 
@@ -45,8 +46,26 @@ impl Requests<'_> {
         if trial == Corners::TRIAL {
             return Ok(self.corners.as_ref().and_then(|corners| corners.request(number)));
         }
-        let is_planned = trial == TRIAL && number > 0 && u64::from(number) <= self.random.episodes;
-        Ok(if is_planned { Some(self.random.request(self.space, number)?) } else { None })
+        let planned = match (trial, &self.control) {
+            (TRIAL, _) => self.random.episodes,
+            (control::TRIAL, Some(arm)) => arm.simulations(self.random.episodes),
+            _ => 0,
+        };
+        if !(1..=planned).contains(&number.into()) {
+            return Ok(None);
+        }
+        let random = self.random.request(self.space, number)?;
+        Ok(Some(match &self.control {
+            Some(arm) if trial == control::TRIAL => arm.request(&random),
+            _ => random,
+        }))
+    }
+
+    /// Returns the numbers of the trials.
+    pub(crate) fn trials(&self) -> impl Iterator<Item = u32> {
+        let corners = self.corners.as_ref().map(|_| Corners::TRIAL);
+        let control = self.control.as_ref().map(|_| control::TRIAL);
+        [Some(TRIAL), corners, control].into_iter().flatten()
     }
 }
 
@@ -63,7 +82,8 @@ pub(crate) fn with_requests<T>(
         batch: evaluate.batch as usize,
         ..Evaluation::new(evaluate.episodes, Seed(resolved.plan.seed))
     };
-    with(&Requests { random, corners: corners(resolved), space: &resolved.space })
+    let control = ControlArm::new(resolved)?;
+    with(&Requests { random, corners: corners(resolved), control, space: &resolved.space })
 }
 
 /// Returns the corner simulations of the plan.
@@ -73,20 +93,29 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
     Corners::new(space, crate::resolve::space_depends_on_seed(resolved), Seed(plan.seed))
 }
 
-/// Returns the number of simulations of an evaluation: the random ones, and those of the corners
-/// and the center.
-pub fn evaluation_simulations(resolved: &ResolvedPlan) -> u64 {
-    [TRIAL, Corners::TRIAL].into_iter().filter_map(|trial| planned_simulations(resolved, trial)).sum()
+/// Returns the number of simulations of an evaluation: the random ones, those of the corners and the
+/// center, and those of the control arm; the largest one if a rule ends the evaluation.
+///
+/// # Errors
+/// If the axes of the control arm make no space.
+pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleError> {
+    let mut sum = 0;
+    for trial in [TRIAL, Corners::TRIAL, control::TRIAL] {
+        sum += planned_simulations(resolved, trial)?.unwrap_or(0);
+    }
+    Ok(sum)
 }
 
 /// Returns the number of simulations of a trial of an evaluation; `None` if its plan has no such
 /// trial.
-fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Option<u64> {
-    match trial {
-        TRIAL => Some(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes)),
+fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Result<Option<u64>, MishandleError> {
+    let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    Ok(match trial {
+        TRIAL => Some(episodes),
         Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
+        control::TRIAL => ControlArm::new(resolved)?.map(|arm| arm.simulations(episodes)),
         _ => None,
-    }
+    })
 }
 
 /// Returns the request that the plan of an evaluation derives for a simulation; `None` if it has no
@@ -105,95 +134,50 @@ pub fn evaluation_request(
 }
 
 /// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of
-/// the corners as trial 2.
+/// the corners as trial 2, those of the control arm as a derived trial.
 ///
 /// `run` is an open run file of the same plan. The simulations that it already contains are
 /// counted, not repeated. `watch` gets the number of finished simulations after each batch and can
 /// stop the evaluation; the report then covers the finished simulations.
 ///
 /// # Errors
-/// If the plan has no table `[evaluate]`, `run` contains other simulations than the plan, or a
-/// simulation cannot be run or stored.
+/// If the plan has no table `[evaluate]` or one `[compare]`, `run` contains other simulations than the
+/// plan, or a simulation cannot be run or stored.
 pub fn evaluate(
     resolved: &ResolvedPlan,
     run: RunWriter,
     watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
-    with_requests(resolved, |requests| run_requests(resolved, requests, run, watch))
+    evaluate_with_arm(resolved, run, None, watch)
 }
 
-fn run_requests(
+/// Evaluates a target as [`evaluate`] does. Simulations of the control arm that the run `known_arm`
+/// has are copied from there: see [`shares_arm`](crate::run::shares_arm).
+///
+/// # Errors
+/// Those of [`evaluate`].
+pub(crate) fn evaluate_with_arm(
     resolved: &ResolvedPlan,
-    requests: &Requests<'_>,
-    mut run: RunWriter,
+    run: RunWriter,
+    known_arm: Option<RunFile>,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
-    header::check_run(run.file(), resolved)?;
-    check_trials(resolved, run.file())?;
-    let (plan, roles) = (&resolved.plan, FormulaRoles::of(&resolved.specification));
-    let mut metrics =
-        MetricCounter::new(roles).with_completion_times_of_failures(plan.preset == COUNTS_FAILURES);
-    let mut corners = requests.corners.as_ref().map(|corners| (corners, corner_report(resolved, corners)));
-    let total = evaluation_simulations(resolved);
-    let outcome = |metrics: &MetricCounter, corners: Option<CornerReport>, done: u64| EvaluationOutcome {
-        report: metrics.report(Seed(plan.seed)),
-        corners,
-        is_complete: done == total,
-    };
-
-    // A process that was killed here can have started the first of the two alone.
-    let trials = [Some(TRIAL), requests.corners.as_ref().map(|_| Corners::TRIAL)];
-    let recorded: Vec<u32> = run.file().trials()?.iter().map(|trial| trial.trial.number).collect();
-    for trial in trials.into_iter().flatten().filter(|trial| !recorded.contains(trial)) {
-        run.start_trial(trial, plan.seed)?;
+    if resolved.plan.compare.is_some() {
+        let (what, value) = ("the plan of the run", "one of a comparison that stops by itself".to_string());
+        let expected = "continued together with the other run: mishandle compare --resume A B";
+        return Err(MishandleError::InvalidValue { what, value, expected });
     }
-    let mut done = 0;
-    for simulation in run.file().simulations() {
-        let episode = record::episode(&simulation?, resolved)?;
-        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
-        let next = match (&corners, *trial) {
-            (Some((_, report)), Corners::TRIAL) => u64::from(report.simulations()) + 1,
-            _ => metrics.simulations() + 1,
-        };
-        let is_expected = requests.request(*trial, *number)?.is_some_and(|expected| {
-            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
-        });
-        if u64::from(*number) != next || !is_expected {
-            return Err(MishandleError::SimulationMismatch { number: next as u32 });
+    with_requests(resolved, |requests| {
+        let mut evaluating = Evaluating::open(resolved, requests, run, |_| {})?.with_known_arm(known_arm);
+        if watch(evaluating.done()).is_break() {
+            return evaluating.interrupt();
         }
-        match &mut corners {
-            Some((_, report)) if *trial == Corners::TRIAL => report.add(&episode),
-            _ => metrics.add(&episode),
+        let on_batch = &mut |done, _: &[_]| watch(done);
+        match evaluating.advance(requests.random.episodes, on_batch)? {
+            ControlFlow::Continue(()) => evaluating.finish(on_batch),
+            ControlFlow::Break(()) => evaluating.interrupt(),
         }
-        done += 1;
-    }
-    if watch(done).is_break() {
-        return Ok(outcome(&metrics, corners.map(|(_, report)| report), done));
-    }
-
-    let mut system = resolved.system()?;
-    let is_stopped = Cell::new(false);
-    let mut on_batch = |episodes: &[Episode]| {
-        run.record(&episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>())?;
-        done += episodes.len() as u64;
-        let flow = watch(done);
-        is_stopped.set(flow.is_break());
-        Ok::<_, MishandleError>(flow)
-    };
-    mishandle_evaluation::evaluate(&mut *system, &requests.random, &mut metrics, &mut on_batch)?;
-    if !is_stopped.get()
-        && let Some((corners, report)) = &mut corners
-    {
-        evaluate_corners(&mut *system, corners, requests.random.batch, report, &mut on_batch)?;
-    }
-    let outcome = outcome(&metrics, corners.map(|(_, report)| report), done);
-    for trial in trials.into_iter().flatten() {
-        if outcome.is_complete && run.file().trial(trial)?.status == TrialStatus::Running {
-            run.end_trial(trial, TrialStatus::BudgetSpent)?;
-        }
-    }
-    run.close()?;
-    Ok(outcome)
+    })
 }
 
 /// Returns the report on the corners before their simulations.
@@ -210,29 +194,41 @@ pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> Corne
 }
 
 /// Checks that a run has no trials but those of an evaluation.
-fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
-    let mut differences = Vec::new();
-    for TrialSummary { trial, counts, .. } in run.trials()? {
-        let last = run.last_simulation_number(trial.number)?;
-        differences.extend(trial_difference(resolved, &trial, counts.simulations, last));
-    }
+pub(crate) fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
+    let differences = trial_differences(resolved, run)?;
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+}
+
+/// Lists the differences between the trials of a run and those that the plan of an evaluation
+/// implies. A forged run can have others.
+pub(crate) fn trial_differences(
+    resolved: &ResolvedPlan,
+    run: &RunFile,
+) -> Result<Vec<String>, MishandleError> {
+    let mut differences = Vec::new();
+    for TrialSummary { trial, counts, .. } in run.trials()?.into_iter().chain(run.derived_trials()?) {
+        let last = run.last_simulation_number(trial.number)?;
+        differences.extend(trial_difference(resolved, &trial, counts.simulations, last)?);
+    }
+    Ok(differences)
 }
 
 /// Describes the difference between a recorded trial with this number of simulations, the last of
 /// which has the number `last`, and the trial that the plan of an evaluation implies.
-pub(crate) fn trial_difference(
+fn trial_difference(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
     simulations: u64,
     last: u32,
-) -> Option<String> {
+) -> Result<Option<String>, MishandleError> {
     let TrialRecord { number, seed, status } = *trial;
-    let Some(planned) = planned_simulations(resolved, number) else {
-        return Some(format!("trial {number}: the plan has no such trial"));
+    let Some(planned) = planned_simulations(resolved, number)? else {
+        return Ok(Some(format!("trial {number}: the plan has no such trial")));
     };
+    // Then the rows decide, which are checked one by one.
+    let may_be_fewer = stops_by_itself(&resolved.plan) && number != Corners::TRIAL;
     let expected = resolved.plan.seed;
-    if seed != expected {
+    Ok(if seed != expected {
         Some(format!("seed of trial {number}: recorded {seed}, expected {expected}"))
     } else if !matches!(status, TrialStatus::Running | TrialStatus::BudgetSpent) {
         Some(format!("status of trial {number}: recorded {status:?}, expected Running or BudgetSpent"))
@@ -244,14 +240,14 @@ pub(crate) fn trial_difference(
     } else if simulations > planned {
         let planned = plural(planned, "simulation");
         Some(format!("trial {number}: it has {simulations} simulations, but the plan has {planned}"))
-    } else if status == TrialStatus::BudgetSpent && simulations < planned {
+    } else if status == TrialStatus::BudgetSpent && simulations < planned && !may_be_fewer {
         Some(format!(
             "status of trial {number}: recorded as complete, but it has {simulations} of {}",
             plural(planned, "simulation")
         ))
     } else {
         None
-    }
+    })
 }
 
 fn is_reachable(resolved: &ResolvedPlan, scenario: &Scenario) -> bool {
@@ -272,7 +268,7 @@ pub fn rejects_scenarios(resolved: &ResolvedPlan) -> bool {
 mod tests {
     use super::*;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::run::create_run;
+    use crate::run::{create_run, record};
 
     #[test]
     fn a_recorded_simulation_that_differs_from_the_plan_is_an_error() {
@@ -304,7 +300,7 @@ mod tests {
         let whole = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
         // One axis has two corners and a center, and the noise needs 20 seeds.
         let corners = whole.corners.clone().unwrap();
-        assert!(whole.is_complete && evaluation_simulations(&resolved) == 70);
+        assert!(whole.is_complete && evaluation_simulations(&resolved).unwrap() == 70);
         assert_eq!(corners.points.iter().map(|point| point.n).collect::<Vec<_>>(), [20, 20, 20]);
         let values = |point: &mishandle_evaluation::CornerResult| point.scenario.get(0).unwrap();
         assert_eq!(corners.points.iter().map(values).collect::<Vec<_>>(), [0.0, 1.0, 0.5]);
@@ -320,7 +316,8 @@ mod tests {
             assert!(!outcome.unwrap().is_complete);
             stopped = RunWriter::resume(&other).unwrap();
         }
-        assert_eq!(evaluate(&resolved, stopped, |_| ControlFlow::Continue(())).unwrap(), whole);
+        let resumed = evaluate(&resolved, stopped, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!((resumed.report, resumed.corners), (whole.report, whole.corners));
 
         let file = RunFile::open(&path).unwrap();
         let counts: Vec<usize> = [1, 2]

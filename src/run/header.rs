@@ -56,6 +56,12 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
         found.compare("episodes", &then.episodes, &now.episodes);
         found.compare("corners", &then.corners, &now.corners);
+        found.compare("control", &then.control, &now.control);
+        found.compare("until", &then.until, &now.until);
+        found.compare("rate", &then.rate, &now.rate);
+        if then.until.is_some() {
+            found.compare("batch", &then.batch, &now.batch);
+        }
     }
     if let (Some(then), Some(now)) = (&recorded.margin, &given.margin) {
         found.compare("budget", &then.budget, &now.budget);
@@ -70,6 +76,7 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
         found.compare("method", &then.method, &now.method);
         found.compare("distributions", &then.distributions, &now.distributions);
     }
+    found.compare("compare", &recorded.compare, &given.compare);
     found.compare("screening", &recorded.screening, &given.screening);
     found.differences
 }

@@ -122,9 +122,25 @@ pub fn ask(
     engine: Engine<'_>,
     watch: Watch<'_>,
 ) -> Result<Answer, MishandleError> {
+    ask_with_arm(resolved, run, engine, None, watch)
+}
+
+/// Asks the question of a plan as [`ask`] does. Simulations of the control arm of an evaluation that
+/// the run `known_arm` has are copied from there: see
+/// [`CampaignRun::known_arm`](crate::campaign::CampaignRun::known_arm).
+///
+/// # Errors
+/// Those of [`ask`].
+pub fn ask_with_arm(
+    resolved: &ResolvedPlan,
+    run: RunWriter,
+    engine: Engine<'_>,
+    known_arm: Option<RunFile>,
+    watch: Watch<'_>,
+) -> Result<Answer, MishandleError> {
     header::check_run(run.file(), resolved)?;
     match (&resolved.plan.screening, engine) {
-        (None, _) => ask_directly(resolved, run, watch),
+        (None, _) => ask_directly(resolved, run, known_arm, watch),
         (Some(plan), Engine::Screening(device)) => {
             let screening = screening::screening(resolved, device, plan.rows as usize)?;
             let journal = Journal::new(resolved, run)?;
@@ -139,13 +155,18 @@ pub fn ask(
     }
 }
 
-fn ask_directly(resolved: &ResolvedPlan, run: RunWriter, watch: Watch<'_>) -> Result<Answer, MishandleError> {
+fn ask_directly(
+    resolved: &ResolvedPlan,
+    run: RunWriter,
+    known_arm: Option<RunFile>,
+    watch: Watch<'_>,
+) -> Result<Answer, MishandleError> {
     match resolved.plan.kind() {
         RunKind::Evaluate => {
-            let max_simulations = evaluate::evaluation_simulations(resolved);
+            let max_simulations = evaluate::evaluation_simulations(resolved)?;
             let watch =
                 |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
-            Ok(Answer::Evaluation(evaluate::evaluate(resolved, run, watch)?))
+            Ok(Answer::Evaluation(evaluate::evaluate_with_arm(resolved, run, known_arm, watch)?))
         }
         RunKind::Falsify => Ok(Answer::Falsification(falsify(resolved, run, watch)?, None)),
         RunKind::Margin | RunKind::Metamorphic | RunKind::Risk => {

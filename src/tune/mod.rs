@@ -209,7 +209,14 @@ impl<'p> Tuner<'p> {
             seed: seed.0,
             guard: Some(guard.clone()),
             // Corners are not a random sample, so no rate counts them.
-            evaluate: Some(EvaluatePlan { episodes, corners: false, ..evaluate }),
+            evaluate: Some(EvaluatePlan {
+                episodes,
+                corners: false,
+                control: false,
+                until: None,
+                rate: None,
+                ..evaluate
+            }),
             falsify: None,
             margin: None,
             risk: None,

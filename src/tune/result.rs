@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mishandle_evaluation::{PairedCounts, wilson};
+use mishandle_evaluation::{PairedCounts, paired_rates, wilson};
 use mishandle_guard::Switch;
 use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed};
 use mishandle_rollout::Episode;
@@ -13,7 +13,6 @@ use super::alarm::{Requirement, WatchedRun};
 use super::threshold::Least;
 use super::{Asked, CHOSEN, TuneSettings};
 use crate::error::MishandleError;
-use crate::inspect::paired_rates;
 use crate::plan::GuardPlan;
 use crate::run::record;
 

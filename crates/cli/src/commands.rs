@@ -30,6 +30,7 @@ mod risk;
 mod runs;
 mod searches;
 mod simulate;
+mod size;
 mod target;
 mod targets;
 mod tasks;
@@ -46,7 +47,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "reproduce"]),
     ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["train", "harden", "guard", "controller"]),
@@ -65,6 +66,7 @@ pub enum Command {
     Risk(risk::Arguments),
     Compare(compare::Arguments),
     Diff(diff::Arguments),
+    Size(size::Arguments),
     Reproduce(reproduce::Arguments),
     Explain(explain::Arguments),
     Simulate(simulate::Arguments),
@@ -105,6 +107,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Risk(arguments) => risk::run(arguments, gpu),
         Command::Compare(arguments) => compare::run(arguments),
         Command::Diff(arguments) => diff::run(arguments),
+        Command::Size(arguments) => size::run(arguments),
         Command::Reproduce(arguments) => reproduce::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

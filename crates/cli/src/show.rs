@@ -34,6 +34,7 @@ pub mod sarif;
 pub mod scenario;
 pub mod screening;
 pub mod simulation;
+pub mod size;
 pub mod subject;
 pub mod train_reporter;
 pub mod video;

@@ -69,8 +69,8 @@ pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{
     FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success, rate,
 };
-pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats, SampleSize};
-pub use paired::{PairedCounts, paired_mean_difference};
+pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats};
+pub use paired::{PairedCounts, paired_mean_difference, paired_rates};
 pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use screened::{
@@ -79,8 +79,8 @@ pub use screened::{
 };
 pub use sensitivity::{SensitivitySample, total_effects};
 pub use sequential::{
-    ClippedDifferences, Decision, DifferenceSequence, RateSequence, SizeSettings, StopRule, anytime_rate,
-    pair_size, rate_size,
+    ClippedDifferences, Decision, DifferenceSequence, RateSequence, SizeSettings, Sizes, StopRule,
+    anytime_rate, pair_size, rate_size,
 };
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};

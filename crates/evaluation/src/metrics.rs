@@ -4,7 +4,8 @@ use mishandle_results::{Estimate, Metrics};
 use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 use mishandle_stl::is_satisfied;
 
-use crate::{betting_mean, bootstrap_mean, wilson};
+use crate::betting::anytime_mean;
+use crate::{anytime_rate, betting_mean, bootstrap_mean, wilson};
 
 /// The optional formulas of a specification. Each of them defines a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,15 +46,15 @@ impl Count {
     }
 
     /// Returns the rate among `n` simulations.
-    fn rate(self, n: u64) -> Estimate {
-        rate(self.successes, self.verdicts, n)
+    fn rate(self, n: u64, interval: fn(u64, u64) -> Estimate) -> Estimate {
+        if self.verdicts == 0 { Estimate { n, ..Estimate::default() } } else { interval(self.successes, n) }
     }
 }
 
 /// Returns the rate of successes among `n` simulations, of which `verdicts` have a verdict, with
 /// its Wilson interval. Without any verdict nothing was measured, so there is no value.
 pub fn rate(successes: u64, verdicts: u64, n: u64) -> Estimate {
-    if verdicts == 0 { Estimate { n, ..Estimate::default() } } else { wilson(successes, n) }
+    Count { successes, verdicts }.rate(n, wilson)
 }
 
 /// Returns whether an episode has a verdict on success.
@@ -105,6 +106,7 @@ pub struct MetricCounter {
     completion_steps: Vec<f64>,
     roles: FormulaRoles,
     counts_failures: bool,
+    is_any_time: bool,
 }
 
 impl MetricCounter {
@@ -117,6 +119,12 @@ impl MetricCounter {
     /// code of the original benchmark.
     pub fn with_completion_times_of_failures(self, counts_failures: bool) -> MetricCounter {
         MetricCounter { counts_failures, ..self }
+    }
+
+    /// Chooses intervals that hold at any time if `is_any_time` is `true`, because the results
+    /// decide how many simulations there are. The completion time has none then.
+    pub fn with_intervals_at_any_time(self, is_any_time: bool) -> MetricCounter {
+        MetricCounter { is_any_time, ..self }
     }
 
     /// Returns the number of simulations.
@@ -191,6 +199,12 @@ impl MetricCounter {
     /// draws depend on it.
     pub fn report(&self, seed: Seed) -> Metrics {
         let started = self.started();
+        let interval = if self.is_any_time { anytime_rate } else { wilson };
+        let fractions = if self.is_any_time { anytime_mean } else { betting_mean };
+        let time = || match (self.is_any_time, bootstrap_mean(&self.completion_steps, seed)) {
+            (true, time) => Estimate { low: None, high: None, ..time },
+            (false, time) => time,
+        };
         Metrics {
             simulations: self.simulations,
             diverged: self.diverged,
@@ -199,18 +213,18 @@ impl MetricCounter {
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             careful_undecided: self.roles.careful.then_some(self.careful_undecided),
-            success_rate: self.success.rate(started),
-            strict_success_rate: self.roles.strict.then(|| self.strict.rate(started)),
-            careful_success_rate: self.roles.careful.then(|| self.careful.rate(started)),
-            dangerous_behavior_rate: self.roles.safe.then(|| betting_mean(&self.dangerous_fractions)),
-            dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate()),
-            task_completion_time: self.roles.completion.then(|| bootstrap_mean(&self.completion_steps, seed)),
+            success_rate: self.success.rate(started, interval),
+            strict_success_rate: self.roles.strict.then(|| self.strict.rate(started, interval)),
+            careful_success_rate: self.roles.careful.then(|| self.careful.rate(started, interval)),
+            dangerous_behavior_rate: self.roles.safe.then(|| fractions(&self.dangerous_fractions)),
+            dangerous_episode_rate: self.roles.safe.then(|| self.dangerous_episode_rate(interval)),
+            task_completion_time: self.roles.completion.then(time),
         }
     }
 
-    fn dangerous_episode_rate(&self) -> Estimate {
+    fn dangerous_episode_rate(&self, interval: fn(u64, u64) -> Estimate) -> Estimate {
         let dangerous = self.dangerous_fractions.iter().filter(|fraction| **fraction > 0.0).count();
-        wilson(dangerous as u64, self.dangerous_fractions.len() as u64)
+        interval(dangerous as u64, self.dangerous_fractions.len() as u64)
     }
 }
 

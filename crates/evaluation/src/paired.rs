@@ -4,7 +4,9 @@ use std::cmp::Ordering;
 
 use mishandle_random::Seed;
 
-use crate::{Estimate, bootstrap_mean, mean, wilson};
+use mishandle_results::PairedRates;
+
+use crate::{Estimate, bootstrap_mean, mean, rate, sign_test, wilson};
 
 /// Numbers of pairs by who has a property, such as success.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,6 +86,26 @@ impl PairedCounts {
         let cross = e * h - f * g;
         let corrected = if cross > 0.0 { (cross - self.n() as f64 / 2.0).max(0.0) } else { cross };
         corrected / margins.sqrt()
+    }
+}
+
+/// Returns the rates of pairs, of which `verdicts` have a verdict in the first and in the second.
+/// Without any verdict a rate was not measured, so it has no value, and the difference has none.
+pub fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
+    let PairedCounts { both, first_only, second_only, .. } = counts;
+    let n = counts.n();
+    let (first, second) = (rate(both + first_only, verdicts[0], n), rate(both + second_only, verdicts[1], n));
+    let difference = match first.value.and(second.value) {
+        Some(_) => counts.difference(),
+        None => Estimate { n, ..Estimate::default() },
+    };
+    PairedRates {
+        first,
+        second,
+        difference,
+        first_only,
+        second_only,
+        p_value: sign_test(first_only, second_only),
     }
 }
 

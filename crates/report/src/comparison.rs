@@ -204,6 +204,13 @@ fn differences(found: &Comparison) -> String {
     }
     let head = ["mean over the random simulations", "A", "B", "B − A", "95 % interval", "p-value", "pairs"];
     table("Paired differences", &head, &rows)
+        + match &found.sequential {
+            Some(_) => {
+                "<p class=\"notes\">A rule ended both evaluations: interval and p-value of the success rate hold at any time, \
+                        the others are for a number of pairs that is fixed beforehand.</p>\n"
+            }
+            None => "",
+        }
         + "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
            sign test, which asks whether B is as often above A as below it. Tests are two-sided and not corrected for their \
            number.</p>\n"

@@ -9,7 +9,7 @@ use mishandle::inspect::{
 };
 use mishandle::results::{Answer, AxisRates};
 use mishandle::rollout::{Axis, Seed};
-use mishandle::run::{recorded_answer, recorded_axis};
+use mishandle::run::{RecordedParts, recorded_answer, recorded_axis, recorded_parts};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -51,6 +51,8 @@ pub struct RunReport {
     pub(crate) rates: Option<Metrics>,
     /// Of an evaluation: success over the values of the axes.
     pub(crate) axis_rates: Option<AxisRates>,
+    /// Of an evaluation: its rule and its control arm.
+    pub(crate) parts: RecordedParts,
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
@@ -159,7 +161,8 @@ impl RunReport {
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
         let (has_strict, has_careful) = (has("strict"), has("careful"));
-        let mut metrics = metric_counter(&header);
+        let parts = recorded_parts(run)?;
+        let mut metrics = metric_counter(&header).with_intervals_at_any_time(parts.stops_by_itself);
         let (mut robustness, mut corners) = (Vec::new(), Vec::new());
         let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
         for simulation in run.simulations() {
@@ -220,11 +223,19 @@ impl RunReport {
             format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
         });
         let notes = preflight.chain(reasons).collect();
+        let rates = (header.kind == RunKind::Evaluate).then(|| {
+            let mut rates = metrics.report(Seed(header.seed));
+            if let Some(sequential) = &parts.sequential {
+                rates.success_rate = sequential.interval;
+            }
+            rates
+        });
         Ok(RunReport {
             path: path.to_string(),
             plan,
-            rates: (header.kind == RunKind::Evaluate).then(|| metrics.report(Seed(header.seed))),
+            rates,
             axis_rates: axis_rates(run)?,
+            parts,
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
             counts,

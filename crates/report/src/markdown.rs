@@ -29,12 +29,13 @@ fn run(report: &RunReport) -> String {
     );
     let rates = tables::rate_rows(report);
     if !rates.is_empty() {
-        out.push_str(&table(&["rate", "value", "95 % interval", "simulations"], 1, &rates));
+        out.push_str(&table(&["rate", "value", tables::interval_head(report), "simulations"], 1, &rates));
     }
-    for note in &report.notes {
+    let rate_notes = tables::rate_notes(report);
+    for note in rate_notes.iter().chain(&report.notes) {
         out.push_str(&format!("- {}\n", escaped(note)));
     }
-    if !report.notes.is_empty() {
+    if !(rate_notes.is_empty() && report.notes.is_empty()) {
         out.push('\n');
     }
     let modes = &report.modes.modes;

@@ -72,8 +72,15 @@ pub fn rates(report: &RunReport) -> String {
     if rows.is_empty() {
         return String::new();
     }
-    let head = ["mean over the random simulations", "value", "95 % interval", "simulations"];
-    table("Rates", &head, &rows)
+    let head = ["mean over the random simulations", "value", interval_head(report), "simulations"];
+    let notes = rate_notes(report);
+    let notes = notes.iter().map(|note| format!("<p>{}</p>\n", text(note)));
+    table("Rates", &head, &rows) + &notes.collect::<String>()
+}
+
+/// Returns what the intervals of the rates are.
+pub fn interval_head(report: &RunReport) -> &'static str {
+    if report.parts.stops_by_itself { "95 % interval at any time" } else { "95 % interval" }
 }
 
 /// Returns the rows of the rates of an evaluation: name, value, interval and number of simulations.
@@ -97,7 +104,36 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
         ("simulations with a dangerous step", found.dangerous_episode_rate, &percent),
         ("control steps until completion", found.task_completion_time, &steps),
     ];
-    rows.into_iter().filter_map(row).collect()
+    let mut rows: Vec<Vec<String>> = rows.into_iter().filter_map(row).collect();
+    if let Some(control) = &report.parts.control {
+        let points =
+            |value: f64| format!("{}{} points", if value > 0.0 { "+" } else { "" }, number(1e2 * value));
+        let of_control = [
+            (
+                "success rate of the control, at nominal",
+                Some(control.success_rate),
+                &percent as &dyn Fn(f64) -> String,
+            ),
+            ("paired difference of the success rates", Some(control.difference), &points),
+        ];
+        rows.splice(1..1, of_control.into_iter().filter_map(row));
+    }
+    rows
+}
+
+/// Returns sentences about the rates: what fails only under the perturbation, and what ended the
+/// evaluation.
+pub fn rate_notes(report: &RunReport) -> Vec<String> {
+    let control = report.parts.control.iter().map(|control| {
+        format!(
+            "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.",
+            mishandle_text::plural(control.difference.n, "pair"),
+            control.fails_only_in_space,
+            control.fails_only_in_control,
+            control.nominal.join(", "),
+        )
+    });
+    control.chain(report.parts.sequential.iter().map(|sequential| sequential.verdict.clone())).collect()
 }
 
 /// Says that a table is cut.

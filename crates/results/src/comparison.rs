@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, optional};
+use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, Sequential, optional};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
@@ -21,6 +21,10 @@ pub struct Comparison {
     pub second: ComparedRun,
     /// Facts that differ and can cause differences, as text.
     pub differences: Vec<String>,
+    /// The rule that ended both evaluations; missing without one. The difference of the success
+    /// rates and its p-value then hold at any time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequential: Option<Sequential>,
     /// Number of pairs of random simulations that count.
     pub pairs: u64,
     /// Number of other pairs: the target cannot start from the scenario in A or in B.

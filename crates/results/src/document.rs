@@ -8,8 +8,8 @@ use crate::{
     Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
     Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription, GuardTuning,
     Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck,
-    Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary, Search, Simulation, Tables,
-    Target, Targets, Task, Training, TrainingPlan, Verification,
+    Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary, SampleSize, Search, Simulation,
+    Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -66,6 +66,7 @@ impl Document {
             Document::object::<Campaign>("campaign"),
             Document::object::<Comparison>("compare"),
             Document::object::<RunDifference>("diff"),
+            Document::object::<SampleSize>("size"),
             Document::object::<Tables>("reproduce"),
             Document::object::<Verification>("reproduce verify"),
             Document::array::<RunSummary>("runs"),

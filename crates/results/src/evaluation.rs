@@ -1,7 +1,9 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Subject};
+use crate::{
+    AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential, Subject,
+};
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -30,6 +32,13 @@ pub struct Evaluation {
     /// with screening, and without any verdict or axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axis_rates: Option<AxisRates>,
+    /// The rule that ends the evaluation; missing without one. The intervals of the rates then hold
+    /// at any time, and the completion time has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequential: Option<Sequential>,
+    /// The control arm; missing if no axis is varied but initial states, and if it is switched off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control: Option<Control>,
     /// Each named requirement over the random simulations; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<Requirement>>,
@@ -43,6 +52,29 @@ pub struct Evaluation {
     /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failures: Option<Vec<ScreenedFailure>>,
+}
+
+/// The same starts and seeds with every other axis at nominal: what the controller does without the
+/// perturbations of the space. Simulation i of the arm is paired with simulation i of the space.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Control {
+    /// Number of the trial that holds the simulations of the arm in the run file.
+    pub trial: u32,
+    /// Axes that the arm fixes at their nominal values.
+    pub nominal: Vec<String>,
+    /// Number of simulations of the arm; 1 if all of them would be the same.
+    pub simulations: u64,
+    /// Success rate of the arm over the pairs, with an interval as that of the space.
+    pub success_rate: Estimate,
+    /// Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with a
+    /// rule that ends the evaluation, with one that holds at any time.
+    pub difference: Estimate,
+    /// Number of pairs that fail only in the space: the perturbation is what they fail of.
+    pub fails_only_in_space: u64,
+    /// Number of pairs that fail only in the arm.
+    pub fails_only_in_control: u64,
+    /// Two-sided p-value of "no difference": exact McNemar test, or one that holds at any time.
+    pub p_value: f64,
 }
 
 /// A simulation without success.

@@ -81,7 +81,7 @@ pub use controller::{Controller, ControllerExport, ControllerImport, Validation}
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
 pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
-pub use evaluation::{CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
+pub use evaluation::{Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
 pub use evidence::{
     Evidence, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation, VerifiedRun,
 };
@@ -121,7 +121,7 @@ pub use run_difference::{
 };
 pub use runs::{RunFacts, RunSummary};
 pub use screening::{Confirmed, Finding, Screening};
-pub use sequential::{SampleSize, Sequential};
+pub use sequential::{ExpectedPairs, SampleSize, Sequential};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
 pub use tables::{Table, TablePage, Tables};

@@ -1,7 +1,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::{Estimate, Number};
+use crate::{Estimate, Number, Seed};
 
 /// A rule that ends simulations, and what it found. Its interval holds at any time: at all ends of
 /// batches together, it contains the true value with a probability of at least 95 %.
@@ -37,15 +37,29 @@ pub struct Sequential {
 }
 
 /// How many simulations, or pairs, a question takes: fixed beforehand, and with a rule that stops
-/// by itself.
+/// by itself. No target is simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct SampleSize {
+    /// What is to be known: `decided` or `width=W`.
+    pub until: String,
+    /// The rate that `decided` compares with; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<Number>,
+    /// The largest difference that counts as none; missing without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub margin: Option<Number>,
+    /// The expected success rate; missing for pairs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_rate: Option<Number>,
+    /// What is expected of pairs; missing for a rate.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_pairs: Option<ExpectedPairs>,
     /// Smallest number that is fixed beforehand: for `decided`, its usual 5 % test decides with a
-    /// probability of 90 %; for a width, the usual interval of the expected counts is that narrow.
-    /// `null` if it is above the maximum.
+    /// probability of 90 %; for a width or an equivalence, the usual interval of the expected counts
+    /// is narrow enough. `null` if it is above the maximum.
     pub fixed: Option<u64>,
-    /// Median number of the rule, by simulation of the rule; `null` if it does not decide in half
-    /// of the replications.
+    /// Median number of the rule that stops by itself, from replications of the rule; `null` if it
+    /// does not decide in half of them.
     pub median: Option<u64>,
     /// Number within which the rule decides in 90 % of the replications; `null` if it does not.
     pub ninety_percent: Option<u64>,
@@ -55,6 +69,23 @@ pub struct SampleSize {
     pub decided: Number,
     /// The maximum.
     pub max_simulations: u64,
-    /// Number of replications of the rule. No target is simulated.
+    /// Number of simulations, or pairs, between two looks of the rule.
+    pub batch: u64,
+    /// Number of replications.
     pub replications: u64,
+    /// Random seed of the replications.
+    pub seed: Seed,
+}
+
+/// Expected shares of pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct ExpectedPairs {
+    /// Both succeed.
+    pub both: Number,
+    /// Only A succeeds.
+    pub first_only: Number,
+    /// Only B succeeds.
+    pub second_only: Number,
+    /// Neither succeeds.
+    pub neither: Number,
 }

@@ -15,6 +15,7 @@ impl Comparison {
             first: self.first.clone(),
             second: self.second.clone(),
             differences: self.differences.clone(),
+            sequential: self.sequential.clone(),
             pairs: self.pairs,
             left_out: self.left_out,
             success: self.success,

@@ -12,9 +12,12 @@ use crate::run::{EvaluationOutcome, ScreenedEvaluationOutcome, rejects_scenarios
 
 /// Returns the result of an evaluation. `run` is the path of its run file.
 pub fn evaluation_result(resolved: &ResolvedPlan, found: &EvaluationOutcome, run: &Path) -> Evaluation {
+    let evaluate = resolved.plan.evaluate.clone().unwrap_or_default();
     Evaluation {
         metrics: found.report.clone(),
         corners: found.corners.as_ref().map(|report| corners(resolved.space.axes(), report)),
+        sequential: found.rule.as_ref().map(|rule| rule.result(&evaluate)),
+        control: found.control.clone(),
         ..empty(resolved, run, found.is_complete)
     }
 }
@@ -87,6 +90,8 @@ fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
         metrics: Metrics::default(),
         corners: None,
         axis_rates: None,
+        sequential: None,
+        control: None,
         requirements: None,
         reasons: None,
         screening: None,

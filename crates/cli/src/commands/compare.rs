@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::plan::EvaluatePlan;
+use mishandle::plan::{ComparePlan, EvaluatePlan, Measure, Until};
+use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
 use mishandle_text::shell_quote;
@@ -16,11 +17,13 @@ use crate::show::{comparison, output};
 /// Compare two controllers, or two versions of one, on the same scenarios and seeds
 #[derive(Debug, Args)]
 #[command(override_usage = "mishandle compare [OPTIONS] <A> <B>\n       \
-    mishandle compare [OPTIONS] <TARGET> --controller <C> --against <C>")]
+    mishandle compare [OPTIONS] <TARGET> --controller <C> --against <C>\n       \
+    mishandle compare --resume <A> <B>")]
 #[command(after_help = "Examples:
   mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
   mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
+  mishandle compare point-reaching --controller ppo --against ddpg --episodes 5000 --until decided --margin 0.02
   mishandle compare old.sqlite new.sqlite --out compare.html     write a page
 
 A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
@@ -42,6 +45,27 @@ pub struct Arguments {
     /// plan]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
+    /// Stop by itself, looking after each batch of pairs, at most after --episodes pairs: decided
+    /// (the interval of the difference excludes 0, or lies within --margin), or width=W. The
+    /// interval and the p-value hold at any time
+    #[arg(long, value_name = "RULE", requires = "against")]
+    pub until: Option<Until>,
+    /// With --until decided: the largest difference that counts as none, such as 0.02
+    #[arg(long, value_name = "D", requires = "against", value_parser = numbers::number("a number above 0", |margin| margin > 0.0 && margin.is_finite()))]
+    pub margin: Option<f64>,
+    /// What --until watches: success, or robustness (its mean, clipped to --robustness-bounds)
+    /// [default: success]
+    #[arg(long, value_name = "WHAT", requires = "against", value_parser = measure)]
+    pub measure: Option<Measure>,
+    /// With --measure robustness: bounds of the robustness; values beyond count as the bound
+    #[arg(long, value_name = "LOW:HIGH", requires = "against", allow_hyphen_values = true, value_parser = bounds)]
+    pub robustness_bounds: Option<[f64; 2]>,
+    /// Do not simulate the same starts and seeds with every other axis at nominal
+    #[arg(long, requires = "against")]
+    pub no_control: bool,
+    /// Continue the two run files of a comparison that stops by itself
+    #[arg(long, requires = "second")]
+    pub resume: bool,
     /// HTML page to write about the comparison
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -78,7 +102,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         drop(output::create(out, command.force)?);
     }
     let paths = match (&command.subject.target, &command.second) {
-        (Some(first), Some(second)) => [PathBuf::from(first), second.clone()],
+        (Some(first), Some(second)) => {
+            let paths = [PathBuf::from(first), second.clone()];
+            if command.resume && !resume_pairs(&paths)? {
+                return Ok(ExitStatus::Interrupted);
+            }
+            paths
+        }
         (_, None) if command.against.is_some() => match evaluate_both(command)? {
             Some(paths) => paths,
             None => return Ok(ExitStatus::Interrupted),
@@ -113,9 +143,13 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let mut plan = flags::plan(&command.subject, &command.run)?;
     let evaluate = plan.evaluate.take().unwrap_or_default();
     (plan.falsify, plan.risk) = (None, None);
+    plan.compare = compare_plan(command, plan.compare)?;
     plan.evaluate = Some(EvaluatePlan {
         episodes: command.episodes.unwrap_or(evaluate.episodes),
         batch: command.subject.batch.unwrap_or(evaluate.batch),
+        control: evaluate.control && !command.no_control,
+        until: None,
+        rate: None,
         ..evaluate
     });
     let mut other = plan.clone();
@@ -129,8 +163,11 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let files = [mishandle::run::create_run(first, None)?, mishandle::run::create_run(second, None)?];
     let paths = files.each_ref().map(|run| run.file().path().to_path_buf());
     let names = paths.each_ref().map(|path| shell_quote(&path.to_string_lossy()));
+    if plan.compare.is_some() {
+        return Ok(run_pairs([first, second], files, &names, &bar)?.then_some(paths));
+    }
     for (index, (resolved, file)) in plans.iter().zip(files).enumerate() {
-        bar.set_length(mishandle::run::evaluation_simulations(resolved));
+        bar.set_length(mishandle::run::evaluation_simulations(resolved)?);
         bar.set_note(resolved.plan.controller.clone());
         let outcome = mishandle::run::evaluate(resolved, file, |done| {
             bar.set_position(done);
@@ -148,4 +185,87 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     }
     bar.clear();
     Ok(Some(paths))
+}
+
+/// Returns the rule of a comparison that stops by itself; `None` if it does not.
+fn compare_plan(command: &Arguments, given: Option<ComparePlan>) -> Result<Option<ComparePlan>> {
+    let other = [
+        ("--margin", command.margin.is_some()),
+        ("--measure", command.measure.is_some()),
+        ("--robustness-bounds", command.robustness_bounds.is_some()),
+    ];
+    let Some(until) = command.until.or(given.map(|given| given.until)) else {
+        let other = other.into_iter().find(|(_, is_given)| *is_given);
+        ensure!(other.is_none(), "{} needs --until decided or --until width=W", other.unwrap_or_default().0);
+        return Ok(None);
+    };
+    let given = given.unwrap_or_default();
+    Ok(Some(ComparePlan {
+        until,
+        measure: command.measure.unwrap_or(given.measure),
+        margin: command.margin.or(given.margin),
+        robustness_bounds: command.robustness_bounds.or(given.robustness_bounds),
+    }))
+}
+
+/// Runs both evaluations in step until the rule decides. Returns `false` if a signal interrupts them.
+fn run_pairs(
+    plans: [&ResolvedPlan; 2],
+    files: [RunWriter; 2],
+    names: &[String; 2],
+    bar: &Bar,
+) -> Result<bool> {
+    let is_complete = mishandle::run::evaluate_pairs(plans, files, |done, max| {
+        bar.set_length(max);
+        bar.set_position(done);
+        run::control_flow()
+    })?;
+    bar.clear();
+    if is_complete {
+        names.iter().for_each(|name| output::message(&format!("Run file: {name}")));
+    } else {
+        output::message(&format!(
+            "interrupted; continue with:\nmishandle compare --resume {}",
+            names.join(" ")
+        ));
+    }
+    Ok(is_complete)
+}
+
+/// Continues the run files of a comparison that stops by itself. Returns `false` if a signal
+/// interrupts it.
+fn resume_pairs(paths: &[PathBuf; 2]) -> Result<bool> {
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let mut files = Vec::new();
+    for path in paths {
+        let file = RunWriter::resume(path)?;
+        let resolved = mishandle::resolve::recorded_plan(file.file().header(), None)?;
+        ensure!(
+            resolved.plan.compare.is_some(),
+            "{} is no run of a comparison that stops by itself; resume it with mishandle evaluate --resume",
+            path.display()
+        );
+        files.push((resolved, file));
+    }
+    let names = paths.each_ref().map(|path| shell_quote(&path.to_string_lossy()));
+    match <[_; 2]>::try_from(files) {
+        Ok([(first, a), (second, b)]) => run_pairs([&first, &second], [a, b], &names, &bar),
+        Err(_) => bail!("expected two run files"),
+    }
+}
+
+/// Parses what a rule watches.
+fn measure(text: &str) -> std::result::Result<Measure, String> {
+    match text {
+        "success" => Ok(Measure::Success),
+        "robustness" => Ok(Measure::Robustness),
+        _ => Err("expected success or robustness".to_string()),
+    }
+}
+
+/// Parses `LOW:HIGH`.
+fn bounds(text: &str) -> std::result::Result<[f64; 2], String> {
+    let parsed = text.split_once(':').and_then(|(low, high)| Some([low.parse().ok()?, high.parse().ok()?]));
+    parsed.ok_or_else(|| "expected two numbers, such as -0.5:0.5".to_string())
 }

@@ -1,7 +1,7 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::Plan;
-use mishandle::plan::{EvaluatePlan, StartRegion};
+use mishandle::plan::{EvaluatePlan, StartRegion, Until};
 use mishandle::results::{Answer, CornerPoint};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
@@ -17,12 +17,14 @@ use crate::show::{evaluation, output};
 #[command(after_help = "Examples:
   mishandle evaluate point-reaching --controller ppo --episodes 1000
   mishandle evaluate point-reaching --controller ppo --episodes 1000 --action-noise 0.5
+  mishandle evaluate point-reaching --controller ppo --episodes 5000 --until width=0.04
+  mishandle evaluate point-reaching --controller ppo --episodes 5000 --until decided --rate 0.95
   mishandle evaluate point-reaching --controller my_controller.safetensors --json")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
     /// Number of random initial states; the corners and the center of the initial box are simulated
-    /// as well [default: 100]
+    /// as well. With --until, the largest number [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     #[arg(conflicts_with = "resume")]
     pub episodes: Option<u64>,
@@ -30,6 +32,17 @@ pub struct Arguments {
     /// is feasible) [default: whole]
     #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
     pub starts: Option<String>,
+    /// Stop by itself, looking after each batch: decided (the interval of the success rate lies on
+    /// one side of --rate), or width=W (it is at most W wide, such as width=0.04). The interval
+    /// holds at any time
+    #[arg(long, value_name = "RULE", conflicts_with = "resume")]
+    pub until: Option<Until>,
+    /// The success rate that --until decided decides about, such as 0.95
+    #[arg(long, value_name = "R", conflicts_with = "resume", value_parser = numbers::number("a number above 0 and below 1", |rate| rate > 0.0 && rate < 1.0))]
+    pub rate: Option<f64>,
+    /// Do not simulate the same starts and seeds with every other axis at nominal
+    #[arg(long, conflicts_with = "resume")]
+    pub no_control: bool,
     #[command(flatten)]
     pub screening: flags::Screening,
     #[command(flatten)]
@@ -86,6 +99,9 @@ fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut evaluate = plan.evaluate.take().unwrap_or_default();
     evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
+    evaluate.until = command.until.or(evaluate.until);
+    evaluate.rate = command.rate.or(evaluate.rate);
+    evaluate.control &= !command.no_control;
     evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
     if let Some(starts) = &command.starts {
         evaluate.starts = match starts.as_str() {

@@ -50,7 +50,7 @@ pub fn run_all(
                     interrupt::control_flow()
                 }
             };
-            let result = match run_one(run, opening, gpu, watch) {
+            let result = match run_one((run, runs), opening, gpu, watch) {
                 Err(error) if is_stopped(&error) => {
                     if let Ok(mut stopped) = stopped.lock() {
                         stopped.push((index, run.name.clone(), error.to_string()));
@@ -134,7 +134,7 @@ impl Progress<'_> {
 
 /// Runs or completes one run. Returns `None` if it was interrupted.
 fn run_one(
-    run: &PlannedRun,
+    (run, runs): (&PlannedRun, &[PlannedRun]),
     opening: Opening,
     gpu: Option<&Device>,
     watch: impl Fn(Step<'_>) -> ControlFlow<()> + Sync,
@@ -154,7 +154,8 @@ fn run_one(
         report_build_differences("started", &differences);
     }
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
-    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
+    let known_arm = run.known_arm(&resolved, runs);
+    let answer = mishandle::run::ask_with_arm(&resolved, file, engine, known_arm, &mut |progress| {
         watch(Step::Question(progress.simulations, progress.max_simulations))
     })?;
     if !answer.is_complete() {

@@ -16,6 +16,9 @@ pub fn text(found: &Campaign) -> String {
             "run",
             "success rate",
             "95 % interval",
+            "control",
+            "difference",
+            "95 % interval",
             "strict",
             "careful",
             "dangerous",
@@ -119,7 +122,10 @@ fn falsification_cells(found: &Falsification) -> Vec<String> {
 }
 
 fn evaluation_cells(found: &Evaluation) -> Vec<String> {
-    let report = &found.metrics;
+    let (report, control) = (&found.metrics, found.control.as_ref());
+    let points = |difference: &Estimate| {
+        difference.value.map_or("-".to_string(), |value| format!("{:+.2} points", 100.0 * value))
+    };
     let optional = |rate: &Option<Estimate>| rate.as_ref().map_or("-".to_string(), percent);
     let without = match &found.screening {
         Some(counts) => counts.confirmed_without_verdict,
@@ -128,6 +134,9 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
     vec![
         percent(&report.success_rate),
         interval(&report.success_rate),
+        control.map_or("-".to_string(), |control| percent(&control.success_rate)),
+        control.map_or("-".to_string(), |control| points(&control.difference)),
+        control.map_or("-".to_string(), |control| interval(&control.difference)),
         optional(&report.strict_success_rate),
         optional(&report.careful_success_rate),
         optional(&report.dangerous_behavior_rate),

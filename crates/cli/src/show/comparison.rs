@@ -36,7 +36,14 @@ pub fn text(found: &Comparison) -> String {
     }
     parts.push(output::table(&table(found)));
     parts.extend(without_verdict(found));
-    parts.push(format!("{} The other p-values are of exact sign tests.", found.verdict));
+    parts.push(match &found.sequential {
+        Some(_) => format!(
+            "{} The other intervals and p-values, but those of the success rate, are for a number of pairs that is fixed \
+             beforehand.",
+            found.verdict
+        ),
+        None => format!("{} The other p-values are of exact sign tests.", found.verdict),
+    });
     let lists = [
         ("New failures: A succeeds, B fails", &found.new_failures),
         ("Fixed failures: A fails, B succeeds", &found.fixed_failures),

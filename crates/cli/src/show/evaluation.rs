@@ -1,9 +1,12 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Estimate, Evaluation};
-use mishandle_text::plural;
+use mishandle::results::{Control, Estimate, Evaluation};
+use mishandle_text::{p_value_text, plural};
 
-use super::{corners, output, reasons, requirements, screening, simulation, subject};
+use super::{corners, escape, output, reasons, requirements, screening, simulation, subject};
+
+/// Largest number of axes of a control arm that the text names.
+const MAX_AXES: usize = 4;
 
 /// Returns the first line of the result.
 fn heading(found: &Evaluation) -> String {
@@ -43,8 +46,19 @@ fn direct_text(found: &Evaluation) -> String {
         let [value, interval] = cells(estimate);
         vec![name.to_string(), value, interval, estimate.n.to_string()]
     };
-    let mut rows = vec![["", "value", "95 % interval", "n"].map(String::from).to_vec()];
+    let interval = match &found.sequential {
+        Some(_) => "95 % interval at any time",
+        None => "95 % interval",
+    };
+    let mut rows = vec![["", "value", interval, "n"].map(String::from).to_vec()];
     rows.push(row("success rate", &report.success_rate, &percent));
+    if let Some(control) = &found.control {
+        rows.push(row("control, at nominal", &control.success_rate, &percent));
+        let points = |points: f64| format!("{:+.2}", 100.0 * points);
+        let signed =
+            |estimate: &Estimate| cells(estimate, &|value| format!("{} points", points(value)), &points);
+        rows.push(row("paired difference", &control.difference, &signed));
+    }
     rows.extend(report.strict_success_rate.iter().map(|rate| row("strict success rate", rate, &percent)));
     rows.extend(report.careful_success_rate.iter().map(|rate| row("careful success rate", rate, &percent)));
     rows.extend(
@@ -55,6 +69,12 @@ fn direct_text(found: &Evaluation) -> String {
     );
     rows.extend(report.task_completion_time.iter().map(|time| row("task completion time", time, &steps)));
     let mut text = format!("{}\n\n{}", heading(found), output::table(&rows));
+    if let Some(sequential) = &found.sequential {
+        text.push_str(&format!("\n\n{}", sequential.verdict));
+    }
+    if let Some(control) = &found.control {
+        text.push_str(&format!("\n\n{}", control_text(control)));
+    }
     if let Some(report) = &found.corners {
         text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
     }
@@ -71,4 +91,31 @@ fn direct_text(found: &Evaluation) -> String {
         }
     }
     text + &reasons::text(found.reasons.as_deref()) + &requirements::text(found.requirements.as_deref())
+}
+
+/// Says what only the perturbations cause, and what the control arm is.
+fn control_text(control: &Control) -> String {
+    let shown: Vec<String> = control.nominal.iter().take(MAX_AXES).map(|name| escape::name(name)).collect();
+    let axes = match control.nominal.len().saturating_sub(MAX_AXES) {
+        0 => shown.join(", "),
+        more => format!("{} and {more} more", shown.join(", ")),
+    };
+    let p = control.difference.value.map_or(String::new(), |_| match p_value_text(control.p_value) {
+        small if small.starts_with('<') => format!(" (p {small})"),
+        value => format!(" (p = {value})"),
+    });
+    let once = match control.simulations {
+        1 if control.difference.n > 1 => ": one simulation, because all of them are the same",
+        _ => "",
+    };
+    format!(
+        "of {}, {} only in the space and {} only in the control{p}\ncontrol: the same starts and seeds, and at nominal {axes}{once}",
+        plural(control.difference.n, "pair"),
+        fail(control.fails_only_in_space),
+        fail(control.fails_only_in_control),
+    )
+}
+
+fn fail(count: u64) -> String {
+    if count == 1 { "1 fails".to_string() } else { format!("{count} fail") }
 }

@@ -36,7 +36,7 @@ pub use clipped::ClippedDifferences;
 pub use difference::DifferenceSequence;
 pub use rate::{RateSequence, anytime_rate};
 pub use rule::{Decision, StopRule};
-pub use size::{SizeSettings, pair_size, rate_size};
+pub use size::{SizeSettings, Sizes, pair_size, rate_size};
 
 use crate::Estimate;
 

@@ -1,7 +1,6 @@
 //! How many simulations a question takes, fixed beforehand or with a rule that stops by itself.
 
 use mishandle_random::{Seed, Sequence};
-use mishandle_results::SampleSize;
 
 use super::{DifferenceSequence, RateSequence, StopRule};
 use crate::f_distribution::{incomplete_beta, ln_beta};
@@ -29,6 +28,26 @@ pub struct SizeSettings {
     pub seed: Seed,
 }
 
+impl SizeSettings {
+    /// Largest maximum: larger ones would take minutes.
+    pub const LARGEST: u64 = 100_000;
+}
+
+/// Numbers of simulations, or of pairs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sizes {
+    /// Smallest number that is fixed beforehand; `None` above the maximum.
+    pub fixed: Option<u64>,
+    /// Median number of the rule; `None` if it does not decide in half of the replications.
+    pub median: Option<u64>,
+    /// Number within which the rule decides in 90 % of the replications; `None` if it does not.
+    pub ninety_percent: Option<u64>,
+    /// Mean number of the rule; a replication without a decision counts the maximum.
+    pub mean: f64,
+    /// Share of the replications in which the rule decides.
+    pub decided: f64,
+}
+
 /// Returns how many simulations it takes to know a rate that is probably `rate`.
 ///
 /// For a fixed number, the interval is Wilson's.
@@ -42,7 +61,7 @@ pub struct SizeSettings {
 /// // Wilson's interval of 381 simulations is 0.1 wide.
 /// assert!((380..=382).contains(&found.fixed.unwrap()) && found.median > found.fixed);
 /// ```
-pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> SampleSize {
+pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> Sizes {
     let is_enough = |n: u64| match rule {
         StopRule::Rate(limit) => rate_power(rate, limit, n) >= POWER,
         _ => rule.decide(&wilson((rate * n as f64).round() as u64, n)).is_some(),
@@ -69,12 +88,13 @@ pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> SampleSiz
 /// use mishandle_random::Seed;
 /// let settings = SizeSettings { max: 4000, batch: 64, replications: 50, seed: Seed(0) };
 /// let found = pair_size([0.85, 0.03, 0.1, 0.02], StopRule::Difference(None), settings);
-/// assert!(found.fixed.unwrap() < 400 && found.decided.0 > 0.9);
+/// assert!(found.fixed.unwrap() < 400 && found.decided > 0.9);
 /// ```
-pub fn pair_size(cells: [f64; 4], rule: StopRule, settings: SizeSettings) -> SampleSize {
+pub fn pair_size(cells: [f64; 4], rule: StopRule, settings: SizeSettings) -> Sizes {
     let [both, first_only, second_only, _] = cells;
     let is_enough = |n: u64| match rule {
         StopRule::Difference(None) => mcnemar_power(first_only, second_only, n) >= POWER,
+        StopRule::Difference(Some(_)) if mcnemar_power(first_only, second_only, n) >= POWER => true,
         _ => rule.decide(&expected_counts(cells, n).difference()).is_some(),
     };
     let replicate = |sequence: &mut Sequence| {
@@ -123,7 +143,7 @@ fn summary(
     fixed: Option<u64>,
     settings: SizeSettings,
     replicate: impl Fn(&mut Sequence) -> Option<u64>,
-) -> SampleSize {
+) -> Sizes {
     let SizeSettings { max, replications, seed, .. } = settings;
     let mut found: Vec<Option<u64>> =
         (0..replications).map(|stream| replicate(&mut Sequence::new(seed.0, stream))).collect();
@@ -135,14 +155,12 @@ fn summary(
     };
     let total: f64 = found.iter().map(|n| n.unwrap_or(max) as f64).sum();
     let decided = found.iter().flatten().count() as f64;
-    SampleSize {
+    Sizes {
         fixed,
         median: at(0.5),
         ninety_percent: at(0.9),
-        mean: (total / replications.max(1) as f64).into(),
-        decided: (decided / replications.max(1) as f64).into(),
-        max_simulations: max,
-        replications,
+        mean: total / replications.max(1) as f64,
+        decided: decided / replications.max(1) as f64,
     }
 }
 
@@ -190,6 +208,9 @@ fn rate_power(rate: f64, limit: f64, n: u64) -> f64 {
 /// Returns the probability with which the exact McNemar test finds the difference at 5 %.
 fn mcnemar_power(first_only: f64, second_only: f64, n: u64) -> f64 {
     let discordant = first_only + second_only;
+    if discordant == 0.0 {
+        return 0.0;
+    }
     let share = first_only.max(second_only) / discordant;
     let (mean, deviation) = (discordant * n as f64, (discordant * (1.0 - discordant) * n as f64).sqrt());
     let low = (mean - DEVIATIONS * deviation).floor().max(0.0) as u64;
@@ -243,6 +264,6 @@ mod tests {
     fn replications_without_a_decision_count_the_maximum() {
         let settings = SizeSettings { max: 100, batch: 64, replications: 20, seed: Seed(1) };
         let found = pair_size([0.9, 0.05, 0.05, 0.0], StopRule::Width(0.001), settings);
-        assert_eq!((found.fixed, found.median, found.mean.0, found.decided.0), (None, None, 100.0, 0.0));
+        assert_eq!((found.fixed, found.median, found.mean, found.decided), (None, None, 100.0, 0.0));
     }
 }

@@ -1,0 +1,229 @@
+//! The control arm of an evaluation: the same starts and seeds with every other axis at nominal.
+
+use mishandle_evaluation::{DifferenceSequence, PairedCounts, anytime_rate, decides_success, paired_rates};
+use mishandle_results::{Control, Estimate, PairedRates};
+use mishandle_rollout::{Axis, AxisKind, Episode, Request, Scenario, Space, System};
+use mishandle_store::{MAX_TRIALS, RunFile, Simulation};
+
+use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::resolve::{ResolvedPlan, depends_on_seed_at_nominal};
+use crate::run::record;
+
+/// Number of the trial that holds the arm. It is above those of the question, so that no count or
+/// rate of a run includes the arm by mistake: see [`MAX_TRIALS`].
+pub const TRIAL: u32 = MAX_TRIALS + 1;
+
+/// The simulations of the arm.
+#[derive(Clone, Debug)]
+pub(crate) struct ControlArm {
+    /// The space with all bounds of the target, so that it contains the nominal values, also if the
+    /// plan narrows an axis to other values.
+    space: Space,
+    /// Names of the axes that the arm fixes.
+    nominal: Vec<String>,
+    /// Whether all simulations of the arm are the same.
+    is_single: bool,
+}
+
+impl ControlArm {
+    /// Returns the control arm of a plan; `None` if nothing but initial states is varied, the plan
+    /// switches it off, or a device screens.
+    pub(crate) fn new(resolved: &ResolvedPlan) -> Result<Option<ControlArm>, MishandleError> {
+        let ResolvedPlan { plan, target, space, .. } = resolved;
+        let is_off = plan.evaluate.as_ref().is_none_or(|evaluate| !evaluate.control);
+        if is_off || plan.screening.is_some() {
+            return Ok(None);
+        }
+        let (mut axes, mut nominal) = (Vec::new(), Vec::new());
+        for axis in space.axes() {
+            if axis.kind == AxisKind::Start {
+                axes.push(axis.clone());
+                continue;
+            }
+            let whole = target.axes.iter().find(|known| known.name == axis.name).unwrap_or(axis);
+            if !(axis.is_fixed() && Some(axis.low) == whole.nominal) {
+                nominal.push(axis.name.clone());
+            }
+            axes.push(whole.clone());
+        }
+        if nominal.is_empty() {
+            return Ok(None);
+        }
+        let is_varied = |axis: &Axis| axis.kind == AxisKind::Start && !axis.is_fixed();
+        let space = Space::new(space.name(), axes)?;
+        let is_single = !space.axes().iter().any(is_varied)
+            && !depends_on_seed_at_nominal(resolved)
+            && !space.nominal().values().contains(&None);
+        Ok(Some(ControlArm { space, nominal, is_single }))
+    }
+
+    /// Returns the simulation of the arm that is paired with a simulation of the space.
+    pub(crate) fn request(&self, random: &Request) -> Request {
+        let values = self.space.axes().iter().zip(random.scenario.values());
+        let value = |(axis, value): (&Axis, &Option<f64>)| match axis.kind {
+            AxisKind::Start => *value,
+            _ => axis.nominal,
+        };
+        let scenario = Scenario::new(values.map(value).collect());
+        Request { trial: TRIAL, number: random.number, ..Request::new(scenario, random.seed) }
+    }
+
+    /// Returns the number of simulations for this number of simulations of the space.
+    pub(crate) fn simulations(&self, random: u64) -> u64 {
+        if self.is_single { random.min(1) } else { random }
+    }
+
+    /// Returns the names of the axes that the arm fixes.
+    pub(crate) fn nominal(&self) -> &[String] {
+        &self.nominal
+    }
+
+    /// Returns whether all simulations of the arm are the same.
+    pub(crate) fn is_single(&self) -> bool {
+        self.is_single
+    }
+
+    /// Returns the system that runs the simulations of the arm.
+    pub(crate) fn system(&self, resolved: &ResolvedPlan) -> Result<Box<dyn System>, MishandleError> {
+        Ok(resolved.target.system(&self.space, &resolved.specification)?)
+    }
+}
+
+/// Returns the system of a recorded simulation and the space that contains its scenario: those of
+/// the control arm for a simulation of the arm.
+///
+/// # Errors
+/// If the components of the target are incompatible.
+pub fn system_of(resolved: &ResolvedPlan, trial: u32) -> Result<(Box<dyn System>, Space), MishandleError> {
+    let arm = if trial == TRIAL { ControlArm::new(resolved)? } else { None };
+    match arm {
+        Some(arm) => Ok((arm.system(resolved)?, arm.space)),
+        None => Ok((resolved.system()?, resolved.space.clone())),
+    }
+}
+
+/// What a simulation says about success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    counts: bool,
+    succeeds: bool,
+    decides: bool,
+}
+
+impl Outcome {
+    pub(crate) fn of(episode: &Episode) -> Outcome {
+        Outcome {
+            counts: episode.end.counts_in_rates(),
+            succeeds: episode.is_success(),
+            decides: decides_success(episode),
+        }
+    }
+}
+
+/// The outcomes of the pairs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Pairs {
+    /// Simulations of the space.
+    pub random: Vec<Outcome>,
+    /// Simulations of the arm.
+    pub control: Vec<Outcome>,
+}
+
+impl Pairs {
+    /// Returns the result of the arm; `None` before its first simulation.
+    ///
+    /// `nominal` are the axes that the arm fixes. With `is_single`, its one simulation is paired with
+    /// each of the space.
+    pub(crate) fn result(&self, nominal: &[String], is_single: bool, is_any_time: bool) -> Option<Control> {
+        let first = *self.control.first()?;
+        let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
+        let (mut counts, mut verdicts, mut sequence) =
+            (PairedCounts::default(), [0; 2], DifferenceSequence::default());
+        for (index, random) in self.random.iter().enumerate() {
+            let Some(control) = paired(index) else { break };
+            if control.counts && random.counts {
+                counts.add(control.succeeds, random.succeeds);
+                sequence.add(control.succeeds, random.succeeds);
+                verdicts[0] += u64::from(control.decides);
+                verdicts[1] += u64::from(random.decides);
+            }
+        }
+        let PairedRates { mut first, mut difference, first_only, second_only, mut p_value, .. } =
+            paired_rates(counts, verdicts);
+        if is_any_time {
+            sequence.look();
+            p_value = sequence.p_value();
+            let has_value = |estimate: &Estimate| estimate.value.is_some();
+            first =
+                if has_value(&first) { anytime_rate(counts.both + first_only, counts.n()) } else { first };
+            difference = if has_value(&difference) { sequence.estimate() } else { difference };
+        }
+        Some(Control {
+            trial: TRIAL,
+            nominal: nominal.to_vec(),
+            simulations: self.control.len() as u64,
+            success_rate: first,
+            difference,
+            fails_only_in_space: first_only,
+            fails_only_in_control: second_only,
+            p_value,
+        })
+    }
+}
+
+/// Returns whether a run has a control arm that may stand in for that of `resolved`: target,
+/// controller, formulas, noise, seed and build are the same, so simulations with the same starts and
+/// seeds are, too. Spaces and settings of the axes may differ.
+pub(crate) fn shares_arm(resolved: &ResolvedPlan, other: &RunFile) -> Result<bool, MishandleError> {
+    let Ok(recorded) = Plan::from_toml(&other.header().plan) else { return Ok(false) };
+    if other.last_simulation_number(TRIAL)? == 0 {
+        return Ok(false);
+    }
+    let common = |plan: &Plan| Plan {
+        space: String::new(),
+        axes: Default::default(),
+        evaluate: None,
+        is_typed: false,
+        ..plan.clone()
+    };
+    let (mine, theirs) = (record::header(resolved), other.header());
+    // With absolute paths, as the other.
+    let planned = Plan::from_toml(&mine.plan)?;
+    Ok(common(&recorded) == common(&planned)
+        && (&mine.target, &mine.components, &mine.build)
+            == (&theirs.target, &theirs.components, &theirs.build)
+        && (&mine.versions, &mine.verdicts) == (&theirs.versions, &theirs.verdicts)
+        && mine.signals == theirs.signals)
+}
+
+/// Returns the recorded simulation of another arm that is the one of `request`; `None` if it has
+/// another one.
+pub(crate) fn copied(
+    arm: &ControlArm,
+    request: &Request,
+    other: &RunFile,
+) -> Result<Option<Simulation>, MishandleError> {
+    let Some(_) = other.recorded(TRIAL, request.number)? else { return Ok(None) };
+    let row = other.simulation(TRIAL, request.number)?;
+    let axes = &other.header().axes;
+    let value = |name: &str| {
+        let place = axes.iter().position(|axis| axis.name == name)?;
+        row.scenario.get(place).copied()
+    };
+    // An axis that one of the spaces lacks is nominal there.
+    let is_same = arm.space.axes().iter().zip(request.scenario.values()).all(|(axis, wanted)| {
+        value(&axis.name).map_or(axis.kind != AxisKind::Start, |found| bits(found) == bits(*wanted))
+    });
+    let theirs = axes.iter().filter(|axis| axis.kind == AxisKind::Start.name()).count();
+    let mine = arm.space.axes().iter().filter(|axis| axis.kind == AxisKind::Start).count();
+    if !is_same || theirs != mine || row.seed != request.seed.0 {
+        return Ok(None);
+    }
+    let scenario = request.scenario.values().to_vec();
+    Ok(Some(Simulation { scenario, ..row }))
+}
+
+fn bits(value: Option<f64>) -> Option<u64> {
+    value.map(f64::to_bits)
+}

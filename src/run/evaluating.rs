@@ -1,0 +1,499 @@
+//! An evaluation while it runs: its run file, what its simulations say so far, and the rule that ends
+//! it.
+
+use std::ops::ControlFlow;
+
+use mishandle_evaluation::{
+    CornerReport, Corners, Decision, Evaluation, FormulaRoles, MetricCounter, RateSequence, StopRule,
+    evaluate_corners,
+};
+use mishandle_results::{Control, Estimate, Sequential};
+use mishandle_rollout::{AxisKind, Episode, Request, Seed, System};
+use mishandle_store::{AxisRecord, RunFile, RunWriter, TrialStatus};
+
+use crate::error::MishandleError;
+use crate::plan::{EvaluatePlan, Plan, Until};
+use crate::resolve::ResolvedPlan;
+use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
+use crate::run::evaluate::{
+    EvaluationOutcome, Requests, TRIAL, check_trials, corner_report, evaluation_simulations,
+};
+use crate::run::{header, record};
+use mishandle_text::{number_text, plural};
+
+/// The task preset whose completion times include failed episodes, as in the code of the original
+/// benchmark.
+const COUNTS_FAILURES: &str = "code";
+
+/// The rule that ends an evaluation, and the success rate that it watches.
+#[derive(Clone, Debug)]
+pub(crate) struct RateRule {
+    rule: StopRule,
+    batch: u64,
+    max: u64,
+    rate: RateSequence,
+    simulations: u64,
+    /// A rate without any verdict decides nothing.
+    has_verdict: bool,
+    decision: Option<Decision>,
+}
+
+impl RateRule {
+    fn new(evaluate: &EvaluatePlan) -> Option<RateRule> {
+        let rule = match (evaluate.until?, evaluate.rate) {
+            (Until::Width(width), _) => StopRule::Width(width),
+            (Until::Decided, rate) => StopRule::Rate(rate?),
+        };
+        Some(RateRule {
+            rule,
+            batch: evaluate.batch.into(),
+            max: evaluate.episodes,
+            rate: RateSequence::default(),
+            simulations: 0,
+            has_verdict: false,
+            decision: None,
+        })
+    }
+
+    /// Adds the next simulation. At the end of a batch, the rule looks.
+    fn add(&mut self, episode: &Episode) {
+        self.simulations += 1;
+        self.has_verdict |= mishandle_evaluation::decides_success(episode);
+        if episode.end.counts_in_rates() {
+            self.rate.add(episode.is_success());
+        }
+        if self.simulations.is_multiple_of(self.batch.max(1)) || self.simulations == self.max {
+            self.rate.look();
+            let decision = self.has_verdict.then(|| self.rule.decide(&self.rate.estimate())).flatten();
+            self.decision = self.decision.or(decision);
+        }
+    }
+
+    /// Returns what the rule found.
+    pub(crate) fn result(&self, evaluate: &EvaluatePlan) -> Sequential {
+        let interval = match self.has_verdict {
+            true => self.rate.estimate(),
+            false => Estimate { n: self.rate.n(), ..Estimate::default() },
+        };
+        Sequential {
+            until: evaluate.until.unwrap_or_default().to_string(),
+            measure: "success".to_string(),
+            rate: evaluate.rate.map(Into::into),
+            margin: None,
+            robustness_bounds: None,
+            interval,
+            p_value: None,
+            decision: self.decision.map(|decision| decision_name(decision).to_string()),
+            simulations: self.simulations,
+            max_simulations: self.max,
+            verdict: self.verdict(&interval),
+        }
+    }
+
+    fn verdict(&self, interval: &Estimate) -> String {
+        let n = plural(self.simulations, "simulation");
+        let what = match (self.rule, self.decision) {
+            (StopRule::Rate(rate), Some(Decision::Above)) => {
+                format!("the success rate is above {}", percent(rate))
+            }
+            (StopRule::Rate(rate), Some(_)) => format!("the success rate is below {}", percent(rate)),
+            (_, Some(_)) => "the interval of the success rate is narrow enough".to_string(),
+            (StopRule::Rate(rate), None) => {
+                return format!(
+                    "Not decided after {n}: the interval of the success rate contains {}{}",
+                    percent(rate),
+                    interval_text(interval)
+                );
+            }
+            (_, None) => {
+                return format!("Not narrow enough after {n}{}", interval_text(interval));
+            }
+        };
+        let max = plural(self.max, "simulation");
+        format!(
+            "Stopped by itself after {} of at most {max}: {what}{}",
+            self.simulations,
+            interval_text(interval)
+        )
+    }
+}
+
+/// Returns the end of a sentence: the interval in percent, and that it holds at any time.
+fn interval_text(interval: &Estimate) -> String {
+    let ends = interval.low.zip(interval.high);
+    ends.map_or(". No simulation has a verdict".to_string(), |(low, high)| {
+        format!(" (95 % interval at any time: {:.2} to {:.2} %)", 100.0 * low, 100.0 * high)
+    }) + "."
+}
+
+fn percent(rate: f64) -> String {
+    format!("{} %", number_text(100.0 * rate))
+}
+
+/// Returns the name of a decision in results.
+pub(crate) fn decision_name(decision: Decision) -> &'static str {
+    match decision {
+        Decision::Narrow => "narrow",
+        Decision::Above => "above",
+        Decision::Below => "below",
+        Decision::Equivalent => "equivalent",
+    }
+}
+
+/// An evaluation while it runs.
+pub(crate) struct Evaluating<'a> {
+    resolved: &'a ResolvedPlan,
+    requests: &'a Requests<'a>,
+    run: RunWriter,
+    system: Option<Box<dyn System>>,
+    metrics: MetricCounter,
+    corners: Option<CornerReport>,
+    rule: Option<RateRule>,
+    pairs: Pairs,
+    /// Whether a run of another space has the arm already.
+    known_arm: Option<RunFile>,
+    /// Number of simulations in the run file.
+    done: u64,
+    /// Whether somebody else decided that there are enough random simulations.
+    is_ended: bool,
+}
+
+/// Gets the number of simulations in the run file after each batch, and the random simulations of
+/// the batch; can stop.
+pub(crate) type OnBatch<'w> = &'w mut dyn FnMut(u64, &[Episode]) -> ControlFlow<()>;
+
+impl<'a> Evaluating<'a> {
+    /// Reads the simulations that `run` contains. `each` gets the random ones.
+    pub(crate) fn open(
+        resolved: &'a ResolvedPlan,
+        requests: &'a Requests<'a>,
+        mut run: RunWriter,
+        mut each: impl FnMut(&Episode),
+    ) -> Result<Evaluating<'a>, MishandleError> {
+        header::check_run(run.file(), resolved)?;
+        check_trials(resolved, run.file())?;
+        let plan = &resolved.plan;
+        let evaluate = plan.evaluate.clone().unwrap_or_default();
+        let metrics = MetricCounter::new(FormulaRoles::of(&resolved.specification))
+            .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
+            .with_intervals_at_any_time(stops_by_itself(plan));
+        // A process that was killed here can have started the first of them alone.
+        let recorded: Vec<u32> = trials(run.file())?.into_iter().map(|(trial, _)| trial).collect();
+        for trial in requests.trials().filter(|trial| !recorded.contains(trial)) {
+            run.start_trial(trial, plan.seed)?;
+        }
+        let statuses = trials(run.file())?;
+        let mut found = Evaluating {
+            resolved,
+            requests,
+            system: None,
+            metrics,
+            corners: requests.corners.as_ref().map(|corners| corner_report(resolved, corners)),
+            rule: RateRule::new(&evaluate),
+            pairs: Pairs::default(),
+            known_arm: None,
+            done: 0,
+            is_ended: statuses.contains(&(TRIAL, TrialStatus::BudgetSpent)),
+            run,
+        };
+        let mut rows = Vec::new();
+        for simulation in found.run.file().simulations().chain(found.run.file().derived_simulations(TRIAL)) {
+            rows.push(record::episode(&simulation?, resolved)?);
+        }
+        for episode in &rows {
+            found.add_recorded(episode)?;
+            if episode.request.trial == TRIAL {
+                each(episode);
+            }
+        }
+        if found.is_ended && !found.has_enough() && plan.compare.is_none() {
+            let differences = vec![format!(
+                "status of trial {TRIAL}: recorded as complete, but its rule does not end it after {} simulations",
+                found.metrics.simulations()
+            )];
+            return Err(MishandleError::RunMismatch { differences });
+        }
+        Ok(found)
+    }
+
+    /// Counts a recorded simulation, which must be the next one of its trial.
+    fn add_recorded(&mut self, episode: &Episode) -> Result<(), MishandleError> {
+        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
+        let next = match (&self.corners, *trial) {
+            (Some(report), Corners::TRIAL) => u64::from(report.simulations()) + 1,
+            (_, control::TRIAL) => self.pairs.control.len() as u64 + 1,
+            _ => self.metrics.simulations() + 1,
+        };
+        let is_expected = self.requests.request(*trial, *number)?.is_some_and(|expected| {
+            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
+        });
+        // After its decision, a rule asks for no more.
+        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        if u64::from(*number) != next || !is_expected || is_surplus {
+            return Err(MishandleError::SimulationMismatch { number: next as u32 });
+        }
+        self.done += 1;
+        match (&mut self.corners, *trial) {
+            (Some(report), Corners::TRIAL) => report.add(episode),
+            (_, control::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
+            _ => {
+                self.metrics.add(episode);
+                add_random(&mut self.rule, &mut self.pairs, episode);
+            }
+        }
+        Ok(())
+    }
+
+    /// Uses the simulations of the arm in `other` that are those of this arm, instead of repeating
+    /// them.
+    pub(crate) fn with_known_arm(self, other: Option<RunFile>) -> Evaluating<'a> {
+        Evaluating { known_arm: other, ..self }
+    }
+
+    /// Returns the number of simulations in the run file.
+    pub(crate) fn done(&self) -> u64 {
+        self.done
+    }
+
+    /// Returns the number of random simulations.
+    pub(crate) fn random(&self) -> u64 {
+        self.metrics.simulations()
+    }
+
+    /// Returns whether there are enough random simulations.
+    fn has_enough(&self) -> bool {
+        let is_decided = self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        is_decided || self.random() >= self.requests.random.episodes
+    }
+
+    /// Ends the random simulations, because another rule is satisfied.
+    pub(crate) fn end(&mut self) {
+        self.is_ended = true;
+    }
+
+    /// Runs random simulations until there are `number` of them, or enough. Breaks if `on_batch`
+    /// does.
+    pub(crate) fn advance(
+        &mut self,
+        number: u64,
+        on_batch: OnBatch<'_>,
+    ) -> Result<ControlFlow<()>, MishandleError> {
+        if self.is_ended || self.has_enough() || self.random() >= number {
+            return Ok(ControlFlow::Continue(()));
+        }
+        let Evaluating { resolved, requests, run, system, metrics, rule, pairs, done, .. } = self;
+        let system = match system {
+            Some(system) => system,
+            None => system.insert(resolved.system()?),
+        };
+        let episodes = number.min(requests.random.episodes);
+        let random = Evaluation { episodes, ..requests.random };
+        let mut flow = ControlFlow::Continue(());
+        mishandle_evaluation::evaluate(&mut **system, &random, metrics, |episodes| {
+            run.record(
+                &episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>(),
+            )?;
+            episodes.iter().for_each(|episode| add_random(rule, pairs, episode));
+            *done += episodes.len() as u64;
+            flow = on_batch(*done, episodes);
+            let is_decided = rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+            Ok::<_, MishandleError>(if is_decided { ControlFlow::Break(()) } else { flow })
+        })?;
+        Ok(flow)
+    }
+
+    /// Runs the simulations of the corners and of the control arm, and closes the run file.
+    pub(crate) fn finish(mut self, on_batch: OnBatch<'_>) -> Result<EvaluationOutcome, MishandleError> {
+        let is_random_done = self.is_ended || self.has_enough();
+        if is_random_done && self.run_corners(on_batch)?.is_continue() {
+            self.run_control(on_batch)?;
+        }
+        self.close(is_random_done)
+    }
+
+    /// Closes the run file before the evaluation is complete.
+    pub(crate) fn interrupt(self) -> Result<EvaluationOutcome, MishandleError> {
+        self.close(false)
+    }
+
+    fn run_corners(&mut self, on_batch: OnBatch<'_>) -> Result<ControlFlow<()>, MishandleError> {
+        let mut flow = ControlFlow::Continue(());
+        let Evaluating { resolved, requests, run, system, corners, done, .. } = self;
+        let Some((corners, report)) = requests.corners.as_ref().zip(corners.as_mut()) else {
+            return Ok(flow);
+        };
+        if report.simulations() == corners.simulations() {
+            return Ok(flow);
+        }
+        let system = match system {
+            Some(system) => system,
+            None => system.insert(resolved.system()?),
+        };
+        evaluate_corners(&mut **system, corners, requests.random.batch, report, |episodes| {
+            run.record(
+                &episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>(),
+            )?;
+            *done += episodes.len() as u64;
+            flow = on_batch(*done, &[]);
+            Ok::<_, MishandleError>(flow)
+        })?;
+        Ok(flow)
+    }
+
+    fn run_control(&mut self, on_batch: OnBatch<'_>) -> Result<(), MishandleError> {
+        let Some(arm) = &self.requests.control else { return Ok(()) };
+        let planned = arm.simulations(self.random());
+        let mut system = None;
+        while (self.pairs.control.len() as u64) < planned {
+            let first = self.pairs.control.len() as u64 + 1;
+            let last =
+                planned.min(self.pairs.control.len() as u64 + self.requests.random.batch.max(1) as u64);
+            let mut requests = Vec::new();
+            for number in first..=last {
+                requests.extend(self.requests.request(control::TRIAL, number as u32)?);
+            }
+            let rows = match self.copied_rows(arm, &requests)? {
+                Some(rows) => rows,
+                None => {
+                    let system = match &mut system {
+                        Some(system) => system,
+                        None => system.insert(arm.system(self.resolved)?),
+                    };
+                    let episodes = system.rollout(&requests)?;
+                    if episodes.len() != requests.len() {
+                        return Err(MishandleError::NoEpisode);
+                    }
+                    episodes.iter().map(|episode| record::record(episode, self.resolved)).collect()
+                }
+            };
+            self.run.record(&rows)?;
+            for row in &rows {
+                self.pairs.control.push(Outcome::of(&record::recorded_episode(row)));
+            }
+            self.done += rows.len() as u64;
+            if on_batch(self.done, &[]).is_break() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the rows of a batch of the arm that another run has; `None` if it lacks one of them.
+    fn copied_rows(
+        &self,
+        arm: &ControlArm,
+        requests: &[Request],
+    ) -> Result<Option<Vec<mishandle_store::Simulation>>, MishandleError> {
+        let Some(other) = &self.known_arm else { return Ok(None) };
+        let mut rows = Vec::with_capacity(requests.len());
+        for request in requests {
+            match copied(arm, request, other)? {
+                Some(row) => rows.push(row),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(rows))
+    }
+
+    fn close(mut self, is_random_done: bool) -> Result<EvaluationOutcome, MishandleError> {
+        let arm = self.requests.control.as_ref();
+        let has_corners = match (&self.requests.corners, &self.corners) {
+            (Some(corners), Some(report)) => report.simulations() == corners.simulations(),
+            _ => true,
+        };
+        let has_control =
+            arm.is_none_or(|arm| self.pairs.control.len() as u64 == arm.simulations(self.random()));
+        let is_complete = is_random_done && has_corners && has_control;
+        if is_complete {
+            for trial in self.requests.trials() {
+                if self.run.file().trial(trial)?.status == TrialStatus::Running {
+                    self.run.end_trial(trial, TrialStatus::BudgetSpent)?;
+                }
+            }
+        }
+        let mut report = self.metrics.report(Seed(self.resolved.plan.seed));
+        if let Some(rule) = self.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
+            report.success_rate = rule.rate.estimate();
+        }
+        let outcome = EvaluationOutcome {
+            report,
+            corners: self.corners,
+            rule: self.rule,
+            control: arm.and_then(|arm| {
+                self.pairs.result(arm.nominal(), arm.is_single(), stops_by_itself(&self.resolved.plan))
+            }),
+            is_complete,
+        };
+        self.run.close()?;
+        Ok(outcome)
+    }
+
+    /// Returns the largest number of simulations.
+    pub(crate) fn max_simulations(&self) -> Result<u64, MishandleError> {
+        evaluation_simulations(self.resolved)
+    }
+}
+
+/// Returns whether the results of an evaluation decide how many simulations it has.
+pub(crate) fn stops_by_itself(plan: &Plan) -> bool {
+    plan.compare.is_some() || plan.evaluate.as_ref().is_some_and(|evaluate| evaluate.until.is_some())
+}
+
+/// What the file of an evaluation says about its rule and its control arm, without the target.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RecordedParts {
+    /// Whether the results decided how many simulations there are, so that intervals must hold at
+    /// any time.
+    pub stops_by_itself: bool,
+    /// The rule that ended it; `None` without one.
+    pub sequential: Option<Sequential>,
+    /// The control arm; `None` without one.
+    pub control: Option<Control>,
+}
+
+/// Reads what the file of an evaluation says about its rule and its control arm.
+///
+/// # Errors
+/// If the run cannot be read.
+pub fn recorded_parts(run: &RunFile) -> Result<RecordedParts, MishandleError> {
+    let header = run.header();
+    let Ok(plan) = Plan::from_toml(&header.plan) else { return Ok(RecordedParts::default()) };
+    let Some(evaluate) = plan.evaluate.as_ref().filter(|_| plan.screening.is_none()) else {
+        return Ok(RecordedParts::default());
+    };
+    let (mut rule, mut pairs) = (RateRule::new(evaluate), Pairs::default());
+    for row in run.trial_simulations(TRIAL) {
+        add_random(&mut rule, &mut pairs, &record::recorded_episode(&row?));
+    }
+    let mut at_nominal = None;
+    for row in run.trial_simulations(control::TRIAL) {
+        let row = row?;
+        pairs.control.push(Outcome::of(&record::recorded_episode(&row)));
+        at_nominal.get_or_insert(row.scenario);
+    }
+    let axes = header.axes.iter().zip(at_nominal.unwrap_or_default());
+    let is_fixed_by_arm = |(axis, value): &(&AxisRecord, Option<f64>)| {
+        axis.kind != AxisKind::Start.name() && !(axis.low == axis.high && Some(axis.low) == *value)
+    };
+    let nominal: Vec<String> = axes.filter(is_fixed_by_arm).map(|(axis, _)| axis.name.clone()).collect();
+    let is_single = pairs.control.len() == 1;
+    let stops_by_itself = stops_by_itself(&plan);
+    Ok(RecordedParts {
+        stops_by_itself,
+        sequential: rule.map(|rule| rule.result(evaluate)),
+        control: pairs.result(&nominal, is_single, stops_by_itself),
+    })
+}
+
+fn add_random(rule: &mut Option<RateRule>, pairs: &mut Pairs, episode: &Episode) {
+    pairs.random.push(Outcome::of(episode));
+    if let Some(rule) = rule {
+        rule.add(episode);
+    }
+}
+
+/// Returns the numbers and statuses of all trials, that of the control arm too.
+fn trials(run: &RunFile) -> Result<Vec<(u32, TrialStatus)>, MishandleError> {
+    let found = run.trials()?.into_iter().chain(run.derived_trials()?);
+    Ok(found.map(|summary| (summary.trial.number, summary.trial.status)).collect())
+}

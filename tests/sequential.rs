@@ -1,0 +1,212 @@
+//! Evaluations and comparisons that stop by themselves, and control arms: in one go or in pieces,
+//! with the same rows and the same answer.
+
+#![allow(clippy::unwrap_used)]
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use mishandle::campaign::create_campaign;
+use mishandle::plan::{AxisSetting, ComparePlan, EvaluatePlan, Measure, Until};
+use mishandle::results::{Control, Evaluation};
+use mishandle::run::{CONTROL_TRIAL, Opening, create_run, evaluate, evaluate_pairs, evaluation_result};
+use mishandle::store::{RunFile, RunWriter, Simulation};
+use mishandle::{Plan, ResolvedPlan};
+
+fn plan(target: &str, space: &str, evaluate: EvaluatePlan) -> Plan {
+    Plan { space: space.to_string(), evaluate: Some(evaluate), ..Plan::new(target, "") }
+}
+
+fn rows(path: &Path, trial: u32) -> Vec<Simulation> {
+    RunFile::open(path).unwrap().trial_simulations(trial).map(Result::unwrap).collect()
+}
+
+/// Evaluates a plan and stops after each `pieces` batches, as a kill would.
+fn evaluated(plan: &Plan, path: &Path, pieces: u64) -> Evaluation {
+    let resolved = ResolvedPlan::new(plan).unwrap();
+    let mut run = create_run(&resolved, Some(path)).unwrap();
+    loop {
+        let mut batches = 0;
+        let outcome = evaluate(&resolved, run, |_| {
+            batches += 1;
+            if batches > pieces { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        let outcome = outcome.unwrap();
+        if outcome.is_complete {
+            return evaluation_result(&resolved, &outcome, path);
+        }
+        run = RunWriter::resume(path).unwrap();
+    }
+}
+
+#[test]
+fn an_evaluation_stops_at_the_first_look_that_decides_and_a_resumed_one_at_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    for (number, until) in [(1, Until::Width(0.1)), (2, Until::Decided)] {
+        let rate = (until == Until::Decided).then_some(0.9);
+        let table =
+            EvaluatePlan { episodes: 5000, batch: 32, until: Some(until), rate, ..Default::default() };
+        let plan = plan("toy/noisy", "", table);
+        let (whole, pieces) =
+            (folder.path().join(format!("{number}a")), folder.path().join(format!("{number}b")));
+        let found = evaluated(&plan, &whole, u64::MAX);
+        let sequential = found.sequential.clone().unwrap();
+        let n = sequential.simulations;
+        assert!(n < 5000 && n % 32 == 0 && sequential.decision.is_some(), "{sequential:?}");
+        assert_eq!(found.metrics.success_rate, sequential.interval);
+        assert_eq!(rows(&whole, 1).len() as u64, n);
+
+        let again = evaluated(&plan, &pieces, 1);
+        assert_eq!(Evaluation { run: None, ..again }, Evaluation { run: None, ..found });
+        assert_eq!(rows(&pieces, 1), rows(&whole, 1));
+
+        // One look earlier, the rule had not decided.
+        let shorter = EvaluatePlan { episodes: n - 32, ..plan.evaluate.clone().unwrap() };
+        let path = folder.path().join(format!("{number}c"));
+        let shorter = evaluated(&Plan { evaluate: Some(shorter), ..plan }, &path, u64::MAX);
+        let sequential = shorter.sequential.unwrap();
+        assert!(sequential.decision.is_none() && sequential.verdict.starts_with("Not"), "{sequential:?}");
+    }
+}
+
+/// Runs a comparison of two seeds of noise, and stops after each `pieces` batches.
+fn compared(folder: &Path, compare: ComparePlan, pieces: u64) -> mishandle::results::Comparison {
+    let table = EvaluatePlan { episodes: 2000, batch: 32, ..EvaluatePlan::default() };
+    let first = Plan { compare: Some(compare), evaluate: Some(table), ..Plan::new("point-reaching", "ppo") };
+    let second = Plan { controller: "ddpg".to_string(), ..first.clone() };
+    let plans = [first, second].map(|plan| ResolvedPlan::new(&plan).unwrap());
+    let paths = ["a.sqlite", "b.sqlite"].map(|name| folder.join(name));
+    let mut runs = [0, 1].map(|index| create_run(&plans[index], Some(&paths[index])).unwrap());
+    let [a, b] = &plans;
+    loop {
+        let mut batches = 0;
+        let is_complete = evaluate_pairs([a, b], runs, |_, _| {
+            batches += 1;
+            if batches > pieces { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        if is_complete.unwrap() {
+            break;
+        }
+        runs = paths.each_ref().map(|path| RunWriter::resume(path).unwrap());
+    }
+    let [a, b] = paths.map(|path| RunFile::open(path).unwrap());
+    mishandle::inspect::compare(&a, &b).unwrap().result()
+}
+
+#[test]
+fn the_pairs_of_a_comparison_end_together_and_a_resumed_one_is_the_same() {
+    let rules = [
+        ComparePlan { margin: Some(0.1), ..ComparePlan::default() },
+        ComparePlan {
+            measure: Measure::Robustness,
+            robustness_bounds: Some([-0.2, 0.2]),
+            ..ComparePlan::default()
+        },
+    ];
+    for compare in rules {
+        let (folder, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let found = compared(folder.path(), compare, u64::MAX);
+        let sequential = found.sequential.clone().unwrap();
+        assert!(sequential.decision.is_some() && sequential.simulations < 2000, "{sequential:?}");
+        for name in ["a.sqlite", "b.sqlite"] {
+            assert_eq!(rows(&folder.path().join(name), 1).len() as u64, sequential.simulations);
+        }
+        let again = compared(other.path(), compare, 1);
+        assert_eq!((again.sequential, again.success), (Some(sequential), found.success));
+        for name in ["a.sqlite", "b.sqlite"] {
+            assert_eq!(rows(&other.path().join(name), 1), rows(&folder.path().join(name), 1));
+        }
+        // One of the files alone cannot be continued.
+        let path = folder.path().join("a.sqlite");
+        let resolved =
+            mishandle::resolve::recorded_plan(RunFile::open(&path).unwrap().header(), None).unwrap();
+        let error = evaluate(&resolved, RunWriter::resume(&path).unwrap(), |_| ControlFlow::Continue(()));
+        assert!(error.unwrap_err().to_string().contains("mishandle compare --resume"));
+    }
+}
+
+#[test]
+fn a_control_arm_has_the_same_starts_and_seeds_and_every_other_axis_at_nominal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.sqlite");
+    let table = EvaluatePlan { episodes: 40, batch: 8, ..EvaluatePlan::default() };
+    // The narrowed delay does not contain its nominal value, 0.
+    let axes = [("reaction_delay".to_string(), AxisSetting::Range([6.0, 10.0]))].into();
+    let plan = Plan { axes, ..plan("toy/car-following", "starts+dynamics+events", table) };
+    let found = evaluated(&plan, &path, 1);
+    let control: Control = found.control.unwrap();
+    let (random, arm) = (rows(&path, 1), rows(&path, CONTROL_TRIAL));
+    assert_eq!((random.len(), arm.len() as u64, control.simulations), (40, 40, 40));
+    let names: Vec<&str> = found.subject.space_axes.iter().map(|axis| axis.name.as_str()).collect();
+    let place = |name: &str| names.iter().position(|other| *other == name).unwrap();
+    for (random, arm) in random.iter().zip(&arm) {
+        assert_eq!((random.seed, random.number), (arm.seed, arm.number));
+        for start in ["gap", "speed"] {
+            assert_eq!(random.scenario[place(start)], arm.scenario[place(start)]);
+        }
+        let nominal = [("reaction_delay", 0.0), ("braking_scale", 1.0), ("brake_deceleration", 0.0)];
+        assert!(nominal.iter().all(|(name, value)| arm.scenario[place(name)] == Some(*value)));
+    }
+    // Without braking, no start fails; the counts are those of the rows.
+    let fails = |rows: &[Simulation]| rows.iter().filter(|row| row.is_violated()).count() as u64;
+    assert_eq!((control.fails_only_in_space, fails(&arm)), (fails(&random), 0));
+    assert!(control.fails_only_in_space > 0 && control.difference.high.unwrap() <= 0.0);
+    assert_eq!(control.nominal, &names[2..]);
+    // It is evidence like every other row, and no count of the run has it.
+    let run = RunFile::open(&path).unwrap();
+    for number in [1, 40] {
+        let again = mishandle::replay::replay(&run, CONTROL_TRIAL, number, None).unwrap();
+        assert_eq!(again.differences, Vec::<String>::new());
+    }
+    assert!(run.simulations().all(|row| row.unwrap().trial < CONTROL_TRIAL));
+    let parts = mishandle::run::recorded_parts(&run).unwrap();
+    assert_eq!(parts.control, Some(control));
+
+    let off = EvaluatePlan { control: false, ..plan.evaluate.clone().unwrap() };
+    let path = folder.path().join("off.sqlite");
+    let without = evaluated(&Plan { evaluate: Some(off), ..plan }, &path, u64::MAX);
+    assert_eq!((without.control, rows(&path, CONTROL_TRIAL).len()), (None, 0));
+    assert_eq!(without.metrics, found.metrics);
+}
+
+#[test]
+fn starts_alone_have_no_control_arm_and_a_nominal_scenario_is_simulated_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = EvaluatePlan { episodes: 20, batch: 8, ..EvaluatePlan::default() };
+    let starts = evaluated(&plan("toy/car-following", "starts", table.clone()), &folder.path().join("a"), 9);
+    assert_eq!(starts.control, None);
+    let path = folder.path().join("b");
+    let events = evaluated(&plan("toy/pits", "dynamics", table), &path, 1);
+    let control = events.control.unwrap();
+    assert_eq!((control.simulations, control.difference.n), (1, 20));
+    assert_eq!(rows(&path, CONTROL_TRIAL).len(), 1);
+}
+
+#[test]
+fn runs_of_a_campaign_that_differ_only_in_what_the_arm_fixes_share_its_simulations() {
+    let folder = tempfile::tempdir().unwrap();
+    let campaign = folder.path().join("campaign");
+    let text = "target = \"toy/car-following\"\nspace = [\"starts+dynamics\", \"starts+events\"]\n\
+                [evaluate]\nepisodes = 20\nbatch = 8\n";
+    let runs = create_campaign(text, &campaign).unwrap();
+    let mut arms = Vec::new();
+    for run in &runs {
+        let (file, resolved) = run.resume(Opening::default()).unwrap();
+        let known = run.known_arm(&resolved, &runs);
+        assert_eq!(known.is_some(), !arms.is_empty());
+        let answer =
+            mishandle::run::ask_with_arm(&resolved, file, mishandle::run::Engine::Direct, known, &mut |_| {
+                ControlFlow::Continue(())
+            });
+        assert!(answer.unwrap().is_complete());
+        arms.push(rows(&run.path, CONTROL_TRIAL));
+        // A copied row is what its own plan simulates.
+        let recorded = RunFile::open(&run.path).unwrap();
+        for number in [1, 20] {
+            let again = mishandle::replay::replay(&recorded, CONTROL_TRIAL, number, None).unwrap();
+            assert_eq!(again.differences, Vec::<String>::new());
+        }
+    }
+    let robustness = |rows: &[Simulation]| rows.iter().map(|row| row.robustness).collect::<Vec<_>>();
+    assert_eq!(robustness(&arms[0]), robustness(&arms[1]));
+}
