@@ -874,7 +874,7 @@ class Sequential:
     until: str
     """The rule: ``decided`` or ``width=W``."""
     measure: str
-    """What the rule watches: ``success`` or ``robustness``."""
+    """Quantity that the rule watches: ``success`` or ``robustness``."""
     rate: float | None = None
     """The rate that ``decided`` compares with; missing without one."""
     margin: float | None = None
@@ -886,14 +886,14 @@ class Sequential:
     p_value: float | None = None
     """p-value of "no difference" that holds at any time; missing for a rate."""
     decision: str | None
-    """What ended the simulations: ``narrow``, ``above``, ``below`` or ``equivalent``; ``None``
-    if the rule did not end them."""
+    """Reason that ended the simulations: ``narrow``, ``above``, ``below`` or ``equivalent``;
+    ``None`` if the rule did not end them."""
     simulations: int
     """Number of simulations, or of pairs."""
     max_simulations: int
     """Largest number of simulations, or of pairs."""
     verdict: str
-    """What the rule found, in a sentence."""
+    """Finding of the rule, in a sentence."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2889,7 +2889,7 @@ class SampleSize:
     stops by itself. No target is simulated."""
 
     until: str
-    """What is to be known: ``decided`` or ``width=W``."""
+    """The rule: ``decided`` or ``width=W``."""
     rate: float | None = None
     """The rate that ``decided`` compares with; missing without one."""
     margin: float | None = None
@@ -2897,7 +2897,7 @@ class SampleSize:
     expected_rate: float | None = None
     """The expected success rate; missing for pairs."""
     expected_pairs: ExpectedPairs | None = None
-    """What is expected of pairs; missing for a rate."""
+    """The expected shares of pairs; missing for a rate."""
     fixed: int | None
     """Smallest number that is fixed beforehand: for ``decided``, its usual 5 % test decides with
     a probability of 90 %; for a width or an equivalence, the usual interval of the expected

@@ -137,7 +137,7 @@ def sample_size(
     both : float, optional
         Expected share of pairs in which both succeed; by default the product of both rates, which takes the most pairs.
     until, rate, margin
-        What is to be known: see :func:`evaluate` and :func:`compare_versions`.
+        The rule: see :func:`evaluate` and :func:`compare_versions`.
     episodes : int
         Largest number of simulations or pairs.
     batch : int

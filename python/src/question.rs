@@ -12,7 +12,7 @@ use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 
-use crate::raised;
+use crate::{InvalidValueError, raised};
 use crate::target::{AxisTuple, PyTarget, space};
 use crate::work::{Out, in_run, json, plan, report};
 

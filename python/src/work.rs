@@ -37,8 +37,8 @@ pub(crate) fn in_run<T: Send>(
     })
 }
 
-/// Creates or opens a run of a target and resolves its plan. The caller has released the interpreter
-/// lock.
+/// Creates or opens a run of a target and resolves its plan. The caller has released the
+/// interpreter lock.
 pub(crate) fn open_run(
     target: &PyTarget,
     plan: &Plan,

@@ -47,8 +47,8 @@ pub struct Comparison {
     pub pairs: u64,
     /// Number of other pairs of random simulations: the target cannot start from the scenario.
     pub left_out: u64,
-    /// The rule that ended both evaluations; `None` without one. The difference of the success rates
-    /// and its p-value then hold at any time.
+    /// The rule that ended both evaluations; `None` without one. The difference of the success
+    /// rates and its p-value then hold at any time.
     pub sequential: Option<Sequential>,
     /// Success.
     pub success: PairedRates,
@@ -297,7 +297,8 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     })
 }
 
-/// Returns whether the results of a run decided how many simulations it has, apart from a comparison.
+/// Returns whether the results of a run decided how many simulations it has, apart from a
+/// comparison.
 fn stops_by_itself(header: &RunHeader) -> bool {
     let plan = Plan::from_toml(&header.plan).ok();
     plan.and_then(|plan| plan.evaluate).is_some_and(|evaluate| evaluate.until.is_some())

@@ -13,7 +13,7 @@ use crate::run::recorded_episode;
 /// Trial of the random simulations of an evaluation.
 const RANDOM_TRIAL: u32 = 1;
 
-/// What is expected, from experience or from a pilot run.
+/// Expected rates, from experience or from a pilot run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Expected {
     /// A success rate.
@@ -69,10 +69,10 @@ impl Expected {
     }
 }
 
-/// What somebody wants to know, in the words of a plan.
+/// A question before the simulations, in the words of a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SizeQuestion {
-    /// What is expected.
+    /// Expected rates.
     pub expected: Expected,
     /// When it is known.
     pub until: Until,

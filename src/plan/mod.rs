@@ -209,8 +209,8 @@ pub struct EvaluatePlan {
     /// Whether the same starts and seeds are simulated with every other axis at nominal, too: the
     /// control arm.
     pub control: bool,
-    /// Batch size: number of simulations run at once. Results do not depend on it, but `until` looks
-    /// at the ends of batches.
+    /// Batch size: number of simulations run at once. Results do not depend on it, but `until`
+    /// looks at the ends of batches.
     pub batch: u32,
 }
 

@@ -62,7 +62,7 @@ impl From<Until> for String {
     }
 }
 
-/// What the rule of a comparison watches.
+/// Quantity that the rule of a comparison watches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Measure {
@@ -79,10 +79,10 @@ pub enum Measure {
 pub struct ComparePlan {
     /// When it stops.
     pub until: Until,
-    /// What the rule watches.
+    /// Quantity that the rule watches.
     pub measure: Measure,
-    /// The largest difference that counts as none. `None`: equal controllers are never told to be
-    /// equivalent.
+    /// The largest difference that counts as none. `None`: the comparison never finds that
+    /// controllers are equivalent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub margin: Option<f64>,
     /// Bounds of the robustness: values beyond them count as the bound.

@@ -103,7 +103,7 @@ pub fn system_of(resolved: &ResolvedPlan, trial: u32) -> Result<(Box<dyn System>
     }
 }
 
-/// What a simulation says about success.
+/// Verdict of a simulation on success.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Outcome {
     counts: bool,
@@ -133,8 +133,8 @@ pub(crate) struct Pairs {
 impl Pairs {
     /// Returns the result of the arm; `None` before its first simulation.
     ///
-    /// `nominal` are the axes that the arm fixes. With `is_single`, its one simulation is paired with
-    /// each of the space.
+    /// `nominal` are the axes that the arm fixes. With `is_single`, its one simulation is paired
+    /// with each of the space.
     pub(crate) fn result(&self, nominal: &[String], is_single: bool, is_any_time: bool) -> Option<Control> {
         let first = *self.control.first()?;
         let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
@@ -173,8 +173,8 @@ impl Pairs {
 }
 
 /// Returns whether a run has a control arm that may stand in for that of `resolved`: target,
-/// controller, formulas, noise, seed and build are the same, so simulations with the same starts and
-/// seeds are, too. Spaces and settings of the axes may differ.
+/// controller, formulas, noise, seed and build are the same, so simulations with the same starts
+/// and seeds are, too. Spaces and settings of the axes may differ.
 pub(crate) fn shares_arm(resolved: &ResolvedPlan, other: &RunFile) -> Result<bool, MishandleError> {
     let Ok(recorded) = Plan::from_toml(&other.header().plan) else { return Ok(false) };
     if other.last_simulation_number(TRIAL)? == 0 {
@@ -212,8 +212,8 @@ pub(crate) fn copied(
         row.scenario.get(place).copied()
     };
     // An axis that one of the spaces lacks is nominal there.
-    let is_same = arm.space.axes().iter().zip(request.scenario.values()).all(|(axis, wanted)| {
-        value(&axis.name).map_or(axis.kind != AxisKind::Start, |found| bits(found) == bits(*wanted))
+    let is_same = arm.space.axes().iter().zip(request.scenario.values()).all(|(axis, expected)| {
+        value(&axis.name).map_or(axis.kind != AxisKind::Start, |found| bits(found) == bits(*expected))
     });
     let theirs = axes.iter().filter(|axis| axis.kind == AxisKind::Start.name()).count();
     let mine = arm.space.axes().iter().filter(|axis| axis.kind == AxisKind::Start).count();

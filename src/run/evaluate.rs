@@ -93,8 +93,8 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
     Corners::new(space, crate::resolve::space_depends_on_seed(resolved), Seed(plan.seed))
 }
 
-/// Returns the number of simulations of an evaluation: the random ones, those of the corners and the
-/// center, and those of the control arm; the largest one if a rule ends the evaluation.
+/// Returns the number of simulations of an evaluation: the random ones, those of the corners and
+/// the center, and those of the control arm; the largest one if a rule ends the evaluation.
 ///
 /// # Errors
 /// If the axes of the control arm make no space.
@@ -141,8 +141,8 @@ pub fn evaluation_request(
 /// stop the evaluation; the report then covers the finished simulations.
 ///
 /// # Errors
-/// If the plan has no table `[evaluate]` or one `[compare]`, `run` contains other simulations than the
-/// plan, or a simulation cannot be run or stored.
+/// If the plan has no table `[evaluate]` or one `[compare]`, `run` contains other simulations than
+/// the plan, or a simulation cannot be run or stored.
 pub fn evaluate(
     resolved: &ResolvedPlan,
     run: RunWriter,

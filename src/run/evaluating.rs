@@ -1,5 +1,5 @@
-//! An evaluation while it runs: its run file, what its simulations say so far, and the rule that ends
-//! it.
+//! An evaluation while it runs: its run file, what its simulations say so far, and the rule that
+//! ends it.
 
 use std::ops::ControlFlow;
 
@@ -439,7 +439,7 @@ pub(crate) fn stops_by_itself(plan: &Plan) -> bool {
     plan.compare.is_some() || plan.evaluate.as_ref().is_some_and(|evaluate| evaluate.until.is_some())
 }
 
-/// What the file of an evaluation says about its rule and its control arm, without the target.
+/// Rule and control arm of a recorded evaluation, read without the target.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedParts {
     /// Whether the results decided how many simulations there are, so that intervals must hold at

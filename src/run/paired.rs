@@ -18,7 +18,7 @@ use crate::resolve::ResolvedPlan;
 use crate::run::evaluate::with_requests;
 use crate::run::evaluating::{Evaluating, decision_name};
 
-/// What a rule reads of a simulation.
+/// The part of a simulation that a rule reads.
 #[derive(Clone, Copy, Debug)]
 struct Side {
     counts: bool,

@@ -125,8 +125,8 @@ pub fn ask(
     ask_with_arm(resolved, run, engine, None, watch)
 }
 
-/// Asks the question of a plan as [`ask`] does. Simulations of the control arm of an evaluation that
-/// the run `known_arm` has are copied from there: see
+/// Asks the question of a plan as [`ask`] does. Simulations of the control arm of an evaluation
+/// that the run `known_arm` has are copied from there: see
 /// [`CampaignRun::known_arm`](crate::campaign::CampaignRun::known_arm).
 ///
 /// # Errors

@@ -80,8 +80,8 @@ pub(crate) fn anytime_mean(fractions: &[f64]) -> Estimate {
     }
 }
 
-/// Returns the logarithm of the largest capital that any of the two players of [`anytime_mean`] ever
-/// had against the mean `m`.
+/// Returns the logarithm of the largest capital that any of the two players of [`anytime_mean`]
+/// ever had against the mean `m`.
 pub(crate) fn log_capital_at_any_time(fractions: &[f64], m: f64) -> f64 {
     let bets = bets(fractions, (2.0 / ALPHA).ln(), any_time);
     let mirrored: Vec<f64> = fractions.iter().map(|x| 1.0 - x).collect();
@@ -105,8 +105,8 @@ fn interval(fractions: &[f64], bets: &[f64], log_threshold: f64) -> Estimate {
     Estimate { value: Some(mean), low: Some(low), high: Some(high), n }
 }
 
-/// Returns the bets λᵢ before they are limited by c / m. `horizon` returns the number of values that
-/// bet i prepares for, i counted from 1.
+/// Returns the bets λᵢ before they are limited by c / m. `horizon` returns the number of values
+/// that bet i prepares for, i counted from 1.
 fn bets(fractions: &[f64], log_threshold: f64, horizon: impl Fn(f64) -> f64) -> Vec<f64> {
     let (mut sum, mut squares, mut variance) = (0.5, 0.25, 0.25);
     (2_u32..)

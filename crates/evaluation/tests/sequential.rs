@@ -1,8 +1,8 @@
 //! Sequential statistics by simulation: how often an interval ever misses the true value, however
 //! often one looks, and how often a rule that stops by itself raises a false alarm.
 //!
-//! Each share is of 2,000 replications. A method that keeps 5 % exactly would exceed 6.5 % by chance
-//! once in 1,000 times.
+//! Each share is of 2,000 replications. A method that keeps 5 % exactly would exceed 6.5 % by
+//! chance once in 1,000 times.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_evaluation::{
@@ -98,8 +98,8 @@ fn the_interval_of_clipped_robustness_hardly_ever_misses_its_mean_difference() {
     }
 }
 
-/// Returns the share of comparisons of equal rates that `decide` calls different within 2,000 pairs,
-/// with a look after each 64.
+/// Returns the share of comparisons of equal rates that `decide` calls different within 2,000
+/// pairs, with a look after each 64.
 fn false_alarms(decide: impl Fn(&mut DifferenceSequence) -> bool) -> f64 {
     share(|sequence| {
         let mut difference = DifferenceSequence::default();

@@ -9,7 +9,7 @@ use crate::{Estimate, Number, Seed};
 pub struct Sequential {
     /// The rule: `decided` or `width=W`.
     pub until: String,
-    /// What the rule watches: `success` or `robustness`.
+    /// Quantity that the rule watches: `success` or `robustness`.
     pub measure: String,
     /// The rate that `decided` compares with; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -25,14 +25,14 @@ pub struct Sequential {
     /// p-value of "no difference" that holds at any time; missing for a rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub p_value: Option<f64>,
-    /// What ended the simulations: `narrow`, `above`, `below` or `equivalent`; `null` if the rule
-    /// did not end them.
+    /// Reason that ended the simulations: `narrow`, `above`, `below` or `equivalent`; `null` if the
+    /// rule did not end them.
     pub decision: Option<String>,
     /// Number of simulations, or of pairs.
     pub simulations: u64,
     /// Largest number of simulations, or of pairs.
     pub max_simulations: u64,
-    /// What the rule found, in a sentence.
+    /// Finding of the rule, in a sentence.
     pub verdict: String,
 }
 
@@ -40,7 +40,7 @@ pub struct Sequential {
 /// by itself. No target is simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct SampleSize {
-    /// What is to be known: `decided` or `width=W`.
+    /// The rule: `decided` or `width=W`.
     pub until: String,
     /// The rate that `decided` compares with; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -51,12 +51,12 @@ pub struct SampleSize {
     /// The expected success rate; missing for pairs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_rate: Option<Number>,
-    /// What is expected of pairs; missing for a rate.
+    /// The expected shares of pairs; missing for a rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_pairs: Option<ExpectedPairs>,
     /// Smallest number that is fixed beforehand: for `decided`, its usual 5 % test decides with a
-    /// probability of 90 %; for a width or an equivalence, the usual interval of the expected counts
-    /// is narrow enough. `null` if it is above the maximum.
+    /// probability of 90 %; for a width or an equivalence, the usual interval of the expected
+    /// counts is narrow enough. `null` if it is above the maximum.
     pub fixed: Option<u64>,
     /// Median number of the rule that stops by itself, from replications of the rule; `null` if it
     /// does not decide in half of them.

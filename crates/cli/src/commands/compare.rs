@@ -53,8 +53,8 @@ pub struct Arguments {
     /// With --until decided: the largest difference that counts as none, such as 0.02
     #[arg(long, value_name = "D", requires = "against", value_parser = numbers::number("a number above 0", |margin| margin > 0.0 && margin.is_finite()))]
     pub margin: Option<f64>,
-    /// What --until watches: success, or robustness (its mean, clipped to --robustness-bounds)
-    /// [default: success]
+    /// Quantity that --until watches: success, or robustness (its mean, clipped to
+    /// --robustness-bounds) [default: success]
     #[arg(long, value_name = "WHAT", requires = "against", value_parser = measure)]
     pub measure: Option<Measure>,
     /// With --measure robustness: bounds of the robustness; values beyond count as the bound
@@ -208,7 +208,8 @@ fn compare_plan(command: &Arguments, given: Option<ComparePlan>) -> Result<Optio
     }))
 }
 
-/// Runs both evaluations in step until the rule decides. Returns `false` if a signal interrupts them.
+/// Runs both evaluations in step until the rule decides. Returns `false` if a signal interrupts
+/// them.
 fn run_pairs(
     plans: [&ResolvedPlan; 2],
     files: [RunWriter; 2],

@@ -43,7 +43,7 @@ pub struct Arguments {
     /// Run file of an evaluation that shows what to expect, or two of them for pairs
     #[arg(long, value_name = "RUN", num_args = 1..=2, conflicts_with = "expect")]
     pub pilot: Vec<PathBuf>,
-    /// What is to be known: decided, or width=W
+    /// The rule: decided, or width=W
     #[arg(long, value_name = "RULE", default_value = "decided")]
     pub until: Until,
     /// The success rate that decided decides about, such as 0.95

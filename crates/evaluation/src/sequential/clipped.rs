@@ -24,7 +24,7 @@ use crate::betting::{anytime_mean, log_capital_at_any_time};
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClippedDifferences {
     bounds: [f64; 2],
-    /// Differences, scaled to [0, 1]: 1/2 is no difference.
+    /// Differences, scaled to [0, 1]: 1/2 means that both are equal.
     fractions: Vec<f64>,
 }
 

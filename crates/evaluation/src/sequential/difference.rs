@@ -31,8 +31,8 @@ static FRACTIONS: LazyLock<Vec<f64>> = LazyLock::new(|| {
 /// rates are and however the pairs are correlated. K is convex in m and at most 1 at the observed
 /// difference, so the interval has no gaps.
 ///
-/// At m = 0 only the discordant pairs count, and K is the mixture of Beta(1/2, 1/2) against 1/2: the
-/// sequential form of McNemar's test. The interval excludes 0 exactly if the p-value is at most
+/// At m = 0 only the discordant pairs count, and K is the mixture of Beta(1/2, 1/2) against 1/2:
+/// the sequential form of McNemar's test. The interval excludes 0 exactly if the p-value is at most
 /// 0.05.
 ///
 /// # Example

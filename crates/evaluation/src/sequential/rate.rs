@@ -87,8 +87,8 @@ impl RateSequence {
     }
 }
 
-/// Returns the rate `successes` / `n` with the interval of a [`RateSequence`] that one looks at now:
-/// it holds at any time, and needs no history.
+/// Returns the rate `successes` / `n` with the interval of a [`RateSequence`] that one looks at
+/// now: it holds at any time, and needs no history.
 ///
 /// # Example
 /// ```

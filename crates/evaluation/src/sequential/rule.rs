@@ -11,7 +11,7 @@ pub enum StopRule {
     Difference(Option<f64>),
 }
 
-/// What ended the simulations.
+/// Reason to end the simulations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
     /// The interval is narrow enough.
