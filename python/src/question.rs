@@ -12,9 +12,9 @@ use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 
-use crate::{InvalidValueError, raised};
 use crate::target::{AxisTuple, PyTarget, space};
 use crate::work::{Out, in_run, json, plan, report};
+use crate::{InvalidValueError, raised};
 
 /// Value of an option of a search.
 #[derive(FromPyObject)]

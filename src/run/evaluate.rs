@@ -170,12 +170,12 @@ pub(crate) fn evaluate_with_arm(
     with_requests(resolved, |requests| {
         let mut evaluating = Evaluating::open(resolved, requests, run, |_| {})?.with_known_arm(known_arm);
         if watch(evaluating.done()).is_break() {
-            return evaluating.interrupt();
+            return evaluating.close();
         }
         let on_batch = &mut |done, _: &[_]| watch(done);
         match evaluating.advance(requests.random.episodes, on_batch)? {
             ControlFlow::Continue(()) => evaluating.finish(on_batch),
-            ControlFlow::Break(()) => evaluating.interrupt(),
+            ControlFlow::Break(()) => evaluating.close(),
         }
     })
 }

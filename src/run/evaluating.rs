@@ -140,20 +140,55 @@ pub(crate) fn decision_name(decision: Decision) -> &'static str {
     }
 }
 
+/// Results of the simulations so far.
+struct Counted {
+    metrics: MetricCounter,
+    corners: Option<CornerReport>,
+    rule: Option<RateRule>,
+    pairs: Pairs,
+    /// Number of simulations.
+    done: u64,
+}
+
+impl Counted {
+    /// Counts a recorded simulation, which must be the next one of its trial.
+    fn add_recorded(&mut self, requests: &Requests<'_>, episode: &Episode) -> Result<(), MishandleError> {
+        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
+        let next = match (&self.corners, *trial) {
+            (Some(report), Corners::TRIAL) => u64::from(report.simulations()) + 1,
+            (_, control::TRIAL) => self.pairs.control.len() as u64 + 1,
+            _ => self.metrics.simulations() + 1,
+        };
+        let is_expected = requests.request(*trial, *number)?.is_some_and(|expected| {
+            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
+        });
+        // After its decision, a rule asks for no more.
+        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        if u64::from(*number) != next || !is_expected || is_surplus {
+            return Err(MishandleError::SimulationMismatch { number: next as u32 });
+        }
+        self.done += 1;
+        match (&mut self.corners, *trial) {
+            (Some(report), Corners::TRIAL) => report.add(episode),
+            (_, control::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
+            _ => {
+                self.metrics.add(episode);
+                add_random(&mut self.rule, &mut self.pairs, episode);
+            }
+        }
+        Ok(())
+    }
+}
+
 /// An evaluation while it runs.
 pub(crate) struct Evaluating<'a> {
     resolved: &'a ResolvedPlan,
     requests: &'a Requests<'a>,
     run: RunWriter,
     system: Option<Box<dyn System>>,
-    metrics: MetricCounter,
-    corners: Option<CornerReport>,
-    rule: Option<RateRule>,
-    pairs: Pairs,
+    counted: Counted,
     /// Whether a run of another space has the arm already.
     known_arm: Option<RunFile>,
-    /// Number of simulations in the run file.
-    done: u64,
     /// Whether somebody else decided that there are enough random simulations.
     is_ended: bool,
 }
@@ -183,65 +218,30 @@ impl<'a> Evaluating<'a> {
             run.start_trial(trial, plan.seed)?;
         }
         let statuses = trials(run.file())?;
-        let mut found = Evaluating {
-            resolved,
-            requests,
-            system: None,
+        let mut counted = Counted {
             metrics,
             corners: requests.corners.as_ref().map(|corners| corner_report(resolved, corners)),
             rule: RateRule::new(&evaluate),
             pairs: Pairs::default(),
-            known_arm: None,
             done: 0,
-            is_ended: statuses.contains(&(TRIAL, TrialStatus::BudgetSpent)),
-            run,
         };
-        let mut rows = Vec::new();
-        for simulation in found.run.file().simulations().chain(found.run.file().derived_simulations(TRIAL)) {
-            rows.push(record::episode(&simulation?, resolved)?);
-        }
-        for episode in &rows {
-            found.add_recorded(episode)?;
+        for simulation in run.file().simulations().chain(run.file().derived_simulations(TRIAL)) {
+            let episode = record::episode(&simulation?, resolved)?;
+            counted.add_recorded(requests, &episode)?;
             if episode.request.trial == TRIAL {
-                each(episode);
+                each(&episode);
             }
         }
+        let is_ended = statuses.contains(&(TRIAL, TrialStatus::BudgetSpent));
+        let found = Evaluating { resolved, requests, run, system: None, counted, known_arm: None, is_ended };
         if found.is_ended && !found.has_enough() && plan.compare.is_none() {
             let differences = vec![format!(
                 "status of trial {TRIAL}: recorded as complete, but its rule does not end it after {} simulations",
-                found.metrics.simulations()
+                found.random()
             )];
             return Err(MishandleError::RunMismatch { differences });
         }
         Ok(found)
-    }
-
-    /// Counts a recorded simulation, which must be the next one of its trial.
-    fn add_recorded(&mut self, episode: &Episode) -> Result<(), MishandleError> {
-        let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
-        let next = match (&self.corners, *trial) {
-            (Some(report), Corners::TRIAL) => u64::from(report.simulations()) + 1,
-            (_, control::TRIAL) => self.pairs.control.len() as u64 + 1,
-            _ => self.metrics.simulations() + 1,
-        };
-        let is_expected = self.requests.request(*trial, *number)?.is_some_and(|expected| {
-            expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
-        });
-        // After its decision, a rule asks for no more.
-        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
-        if u64::from(*number) != next || !is_expected || is_surplus {
-            return Err(MishandleError::SimulationMismatch { number: next as u32 });
-        }
-        self.done += 1;
-        match (&mut self.corners, *trial) {
-            (Some(report), Corners::TRIAL) => report.add(episode),
-            (_, control::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
-            _ => {
-                self.metrics.add(episode);
-                add_random(&mut self.rule, &mut self.pairs, episode);
-            }
-        }
-        Ok(())
     }
 
     /// Uses the simulations of the arm in `other` that are those of this arm, instead of repeating
@@ -252,17 +252,17 @@ impl<'a> Evaluating<'a> {
 
     /// Returns the number of simulations in the run file.
     pub(crate) fn done(&self) -> u64 {
-        self.done
+        self.counted.done
     }
 
     /// Returns the number of random simulations.
     pub(crate) fn random(&self) -> u64 {
-        self.metrics.simulations()
+        self.counted.metrics.simulations()
     }
 
     /// Returns whether there are enough random simulations.
     fn has_enough(&self) -> bool {
-        let is_decided = self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        let is_decided = self.counted.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
         is_decided || self.random() >= self.requests.random.episodes
     }
 
@@ -281,7 +281,8 @@ impl<'a> Evaluating<'a> {
         if self.is_ended || self.has_enough() || self.random() >= number {
             return Ok(ControlFlow::Continue(()));
         }
-        let Evaluating { resolved, requests, run, system, metrics, rule, pairs, done, .. } = self;
+        let Evaluating { resolved, requests, run, system, counted, .. } = self;
+        let Counted { metrics, rule, pairs, done, .. } = counted;
         let system = match system {
             Some(system) => system,
             None => system.insert(resolved.system()?),
@@ -304,21 +305,16 @@ impl<'a> Evaluating<'a> {
 
     /// Runs the simulations of the corners and of the control arm, and closes the run file.
     pub(crate) fn finish(mut self, on_batch: OnBatch<'_>) -> Result<EvaluationOutcome, MishandleError> {
-        let is_random_done = self.is_ended || self.has_enough();
-        if is_random_done && self.run_corners(on_batch)?.is_continue() {
+        if (self.is_ended || self.has_enough()) && self.run_corners(on_batch)?.is_continue() {
             self.run_control(on_batch)?;
         }
-        self.close(is_random_done)
-    }
-
-    /// Closes the run file before the evaluation is complete.
-    pub(crate) fn interrupt(self) -> Result<EvaluationOutcome, MishandleError> {
-        self.close(false)
+        self.close()
     }
 
     fn run_corners(&mut self, on_batch: OnBatch<'_>) -> Result<ControlFlow<()>, MishandleError> {
         let mut flow = ControlFlow::Continue(());
-        let Evaluating { resolved, requests, run, system, corners, done, .. } = self;
+        let Evaluating { resolved, requests, run, system, counted, .. } = self;
+        let Counted { corners, done, .. } = counted;
         let Some((corners, report)) = requests.corners.as_ref().zip(corners.as_mut()) else {
             return Ok(flow);
         };
@@ -344,10 +340,10 @@ impl<'a> Evaluating<'a> {
         let Some(arm) = &self.requests.control else { return Ok(()) };
         let planned = arm.simulations(self.random());
         let mut system = None;
-        while (self.pairs.control.len() as u64) < planned {
-            let first = self.pairs.control.len() as u64 + 1;
-            let last =
-                planned.min(self.pairs.control.len() as u64 + self.requests.random.batch.max(1) as u64);
+        while (self.counted.pairs.control.len() as u64) < planned {
+            let first = self.counted.pairs.control.len() as u64 + 1;
+            let last = planned
+                .min(self.counted.pairs.control.len() as u64 + self.requests.random.batch.max(1) as u64);
             let mut requests = Vec::new();
             for number in first..=last {
                 requests.extend(self.requests.request(control::TRIAL, number as u32)?);
@@ -368,10 +364,10 @@ impl<'a> Evaluating<'a> {
             };
             self.run.record(&rows)?;
             for row in &rows {
-                self.pairs.control.push(Outcome::of(&record::recorded_episode(row)));
+                self.counted.pairs.control.push(Outcome::of(&record::recorded_episode(row)));
             }
-            self.done += rows.len() as u64;
-            if on_batch(self.done, &[]).is_break() {
+            self.counted.done += rows.len() as u64;
+            if on_batch(self.counted.done, &[]).is_break() {
                 break;
             }
         }
@@ -395,14 +391,16 @@ impl<'a> Evaluating<'a> {
         Ok(Some(rows))
     }
 
-    fn close(mut self, is_random_done: bool) -> Result<EvaluationOutcome, MishandleError> {
+    /// Closes the run file, also before the evaluation is complete.
+    pub(crate) fn close(mut self) -> Result<EvaluationOutcome, MishandleError> {
+        let is_random_done = self.is_ended || self.has_enough();
         let arm = self.requests.control.as_ref();
-        let has_corners = match (&self.requests.corners, &self.corners) {
+        let has_corners = match (&self.requests.corners, &self.counted.corners) {
             (Some(corners), Some(report)) => report.simulations() == corners.simulations(),
             _ => true,
         };
         let has_control =
-            arm.is_none_or(|arm| self.pairs.control.len() as u64 == arm.simulations(self.random()));
+            arm.is_none_or(|arm| self.counted.pairs.control.len() as u64 == arm.simulations(self.random()));
         let is_complete = is_random_done && has_corners && has_control;
         if is_complete {
             for trial in self.requests.trials() {
@@ -411,16 +409,20 @@ impl<'a> Evaluating<'a> {
                 }
             }
         }
-        let mut report = self.metrics.report(Seed(self.resolved.plan.seed));
-        if let Some(rule) = self.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
+        let mut report = self.counted.metrics.report(Seed(self.resolved.plan.seed));
+        if let Some(rule) = self.counted.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
             report.success_rate = rule.rate.estimate();
         }
         let outcome = EvaluationOutcome {
             report,
-            corners: self.corners,
-            rule: self.rule,
+            corners: self.counted.corners,
+            rule: self.counted.rule,
             control: arm.and_then(|arm| {
-                self.pairs.result(arm.nominal(), arm.is_single(), stops_by_itself(&self.resolved.plan))
+                self.counted.pairs.result(
+                    arm.nominal(),
+                    arm.is_single(),
+                    stops_by_itself(&self.resolved.plan),
+                )
             }),
             is_complete,
         };

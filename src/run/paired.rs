@@ -238,8 +238,8 @@ pub fn evaluate_pairs(
                 take_pairs(&mut rule, &mut waiting)?;
             }
             if !rule.has_enough() {
-                a.interrupt()?;
-                b.interrupt()?;
+                a.close()?;
+                b.close()?;
                 return Ok(false);
             }
             a.end();
@@ -247,7 +247,7 @@ pub fn evaluate_pairs(
             let others = b.done();
             let mut done_by_a = a.done();
             let is_complete = match is_stopped {
-                true => a.interrupt()?.is_complete,
+                true => a.close()?.is_complete,
                 false => {
                     a.finish(&mut |done, _| {
                         done_by_a = done;
@@ -259,7 +259,7 @@ pub fn evaluate_pairs(
                 }
             };
             let b = match is_stopped {
-                true => b.interrupt()?,
+                true => b.close()?,
                 false => b.finish(&mut |done, _| watch(done + done_by_a, max))?,
             };
             Ok(is_complete && b.is_complete)

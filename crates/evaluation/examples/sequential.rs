@@ -4,6 +4,8 @@
 //! $ cargo run -q -p mishandle-evaluation --example sequential -- 20000
 //! ```
 
+#![expect(clippy::print_stdout, reason = "its output is its purpose")]
+
 use mishandle_evaluation::{ClippedDifferences, DifferenceSequence, RateSequence, sign_test, wilson};
 use mishandle_random::Sequence;
 
