@@ -36,6 +36,7 @@ from mishandle.ray import RayExecutor
 from mishandle.reductions import Reduced
 from mishandle.relations import Metamorphic, Relation, metamorphic
 from mishandle.requirement_tests import requirement
+from mishandle.rerun_files import to_rerun
 from mishandle.results import ComparedPair, Estimate, FailureMode, Regression, Repeats, Trial, Witness
 from mishandle.risks import Risk, risk
 from mishandle.runs import Run, open_run
@@ -140,6 +141,7 @@ __all__ = [
     "sb3",
     "search_names",
     "simulate",
+    "to_rerun",
     "verify_evidence",
 ]
 

@@ -158,6 +158,15 @@ def regress(
     target: Target, folder: str, *, baseline: Target | None, repeats: int, max_failure_rate: float
 ) -> tuple[str, str, str]: ...
 def evidence(runs: list[str], out: str, *, key: str | None, force: bool, controller: str | None, target: str | None) -> str: ...
+def recorded_states(
+    path: str,
+    *,
+    trial: int | None,
+    number: int | None,
+    controller: str | None,
+    target: str | None,
+    nominal: bool,
+) -> dict[str, Any]: ...
 def verify_evidence(
     folder: str, *, allowed_signers: str | None, public_key: str | None, share: float, seed: int | None
 ) -> str: ...

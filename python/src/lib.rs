@@ -23,6 +23,7 @@ mod objective;
 mod online;
 mod pool;
 mod question;
+mod recording;
 mod remote;
 mod requirements;
 mod robot;
@@ -105,6 +106,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::create_campaign, module)?)?;
     module.add_function(wrap_pyfunction!(remote::campaign_runs, module)?)?;
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
+    module.add_function(wrap_pyfunction!(recording::recorded_states, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
     module.add_function(wrap_pyfunction!(target::with_settings, module)?)?;
     module.add_function(wrap_pyfunction!(robot::robot_facts, module)?)?;

@@ -3,9 +3,11 @@
 mod film;
 mod frames;
 mod full_trace;
+mod recorded_scene;
 mod trajectory;
 
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;
+pub use recorded_scene::{RecordedScene, SceneEpisode, recorded_scene};
 pub use trajectory::{StateTrajectory, initial_state, replay_states, simulate_states, strip_samples};

@@ -144,14 +144,14 @@ pub fn simulate_states(
 }
 
 /// A system that records the states of its only simulation.
-struct Recorded {
-    system: Box<dyn System>,
+pub(crate) struct Recorded {
+    pub system: Box<dyn System>,
     recording: SharedRecording,
     environment: Arc<dyn SceneEnvironment>,
 }
 
 impl Recorded {
-    fn new(resolved: &ResolvedPlan) -> Result<Recorded, MishandleError> {
+    pub fn new(resolved: &ResolvedPlan) -> Result<Recorded, MishandleError> {
         let target = scene_target(resolved)?;
         let environment = target.environment(&resolved.space, &resolved.specification, false)?;
         let (recorder, recording) = RecordingEnvironment::new(environment.clone());
@@ -159,7 +159,7 @@ impl Recorded {
         Ok(Recorded { system: Box::new(system), recording, environment })
     }
 
-    fn trajectory(self) -> StateTrajectory {
+    pub fn trajectory(self) -> StateTrajectory {
         let control_dt = self.environment.control_dt();
         StateTrajectory { states: self.recording.take().states, control_dt, environment: self.environment }
     }

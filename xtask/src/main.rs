@@ -9,6 +9,7 @@ mod clients;
 mod corpus;
 mod demo;
 mod deny;
+mod dist;
 mod examples;
 mod external;
 mod falsifier_bench;
@@ -18,6 +19,7 @@ mod markdown;
 mod monitor;
 mod mujoco;
 mod pictures;
+mod platform;
 mod process;
 mod readme;
 mod results;
@@ -120,6 +122,12 @@ const CHORES: &[Chore] = &[
         arguments: "[--fetch]",
         about: "check advisories, licenses, duplicates and sources of all dependencies (cargo-deny)",
         run: deny::deny,
+    },
+    Chore {
+        name: "dist",
+        arguments: "[--check]",
+        about: "build a wheel, an archive and a recipe of a container in target/dist; --check uses them in empty folders",
+        run: dist::dist,
     },
     Chore {
         name: "golden",

@@ -35,6 +35,7 @@ mod target;
 mod targets;
 mod tasks;
 mod train;
+mod view;
 
 use anyhow::Result;
 use clap::Subcommand;
@@ -48,7 +49,10 @@ pub use regress::junit;
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
     ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "reproduce"]),
-    ("Understand", &["explain", "simulate", "replay", "render", "report", "monitor", "formula", "mine"]),
+    (
+        "Understand",
+        &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
+    ),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["train", "harden", "guard", "controller"]),
     ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
@@ -72,6 +76,7 @@ pub enum Command {
     Simulate(simulate::Arguments),
     Replay(replay::Arguments),
     Render(render::Arguments),
+    View(view::Arguments),
     Report(report::Arguments),
     Monitor(monitor::Arguments),
     Formula(formula::Arguments),
@@ -113,6 +118,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::Render(arguments) => render::run(arguments),
+        Command::View(arguments) => view::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Monitor(arguments) => monitor::run(arguments),
         Command::Formula(arguments) => formula::run(arguments),

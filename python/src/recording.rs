@@ -1,0 +1,73 @@
+//! Recorded simulations with their states, for viewers of others.
+
+use std::path::PathBuf;
+
+use mishandle::picture::{SceneEpisode, recorded_scene};
+use mishandle::resolve::Moved;
+use numpy::PyArray2;
+use numpy::ndarray::Array2;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::raised;
+
+/// Simulates a recorded simulation again, and with `nominal` the nominal scenario with its seed.
+/// Returns model, signals and episodes as a dictionary.
+#[pyfunction]
+#[pyo3(signature = (path, *, trial, number, controller, target, nominal))]
+pub fn recorded_states<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    trial: Option<u32>,
+    number: Option<u32>,
+    controller: Option<String>,
+    target: Option<String>,
+    nominal: bool,
+) -> PyResult<Bound<'py, PyDict>> {
+    let scene = py.detach(|| {
+        let moved = Moved { controller: controller.as_deref(), target: target.as_deref() };
+        recorded_scene(&path, (trial, number), moved, nominal)
+    });
+    let scene = scene.map_err(raised)?;
+    let found = PyDict::new(py);
+    found.set_item("xml", &scene.model.document)?;
+    let assets = PyDict::new(py);
+    for (name, bytes) in scene.model.assets.iter() {
+        assets.set_item(name, PyBytes::new(py, bytes))?;
+    }
+    found.set_item("assets", assets)?;
+    let resolved = &scene.resolved;
+    found.set_item("target", &resolved.target.identity.name)?;
+    found.set_item("control_dt", resolved.target.control_dt)?;
+    found.set_item("steps", resolved.target.episode_steps)?;
+    found.set_item("formula", resolved.specification.requirement.to_string())?;
+    found.set_item("place", scene.place)?;
+    found.set_item("differences", &scene.differences)?;
+    let axes = resolved.space.axes().iter().map(|axis| (axis.name.clone(), axis.unit.clone()));
+    found.set_item("axes", axes.collect::<Vec<_>>())?;
+    let signals = resolved.signals.iter().map(|signal| (signal.name.clone(), signal.unit.clone()));
+    found.set_item("signals", signals.collect::<Vec<_>>())?;
+    let episodes: Vec<Bound<'_, PyDict>> =
+        scene.episodes.iter().map(|found| episode(py, found)).collect::<PyResult<_>>()?;
+    found.set_item("episodes", episodes)?;
+    Ok(found)
+}
+
+fn episode<'py>(py: Python<'py>, found: &SceneEpisode) -> PyResult<Bound<'py, PyDict>> {
+    let SceneEpisode { episode, states } = found;
+    let rows = |rows: usize, columns: usize, value: &dyn Fn(usize, usize) -> f64| {
+        let array = Array2::from_shape_fn((rows, columns), |(row, column)| value(row, column));
+        PyArray2::from_owned_array(py, array)
+    };
+    let dict = PyDict::new(py);
+    let width = states.first().map_or(0, Vec::len);
+    dict.set_item("states", rows(states.len(), width, &|row, column| states[row][column]))?;
+    let trace = &episode.trace;
+    let signals = trace.names().len();
+    dict.set_item("trace", rows(trace.len(), signals, &|row, column| trace.column(column)[row]))?;
+    dict.set_item("names", trace.names().to_vec())?;
+    dict.set_item("scenario", episode.request.scenario.values().to_vec())?;
+    dict.set_item("seed", episode.request.seed.0)?;
+    dict.set_item("robustness", episode.robustness())?;
+    Ok(dict)
+}
