@@ -82,6 +82,9 @@ def to_rerun(
         raise InvalidValueError("the replay differs from the record: " + "; ".join(scene["differences"]))
     model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])
     recording = rr.RecordingStream("mishandle", recording_id=f"{scene['target']}-{scene['place'][0]}-{scene['place'][1]}")
+    # The only timeline is that of the simulation.
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
     file.parent.mkdir(parents=True, exist_ok=True)
     roots = ROOTS[: len(scene["episodes"])]
     recording.save(file, default_blueprint=_blueprint(roots))

@@ -24,6 +24,7 @@ def columns(path):
         if "time" in names:
             # Nanoseconds.
             times = [scalar.value / 1e9 for scalar in batch["time"]]
+        assert not {"log_time", "log_tick"} & set(names), names
         for name in set(names) - {"time"}:
             found.setdefault((chunk.entity_path, name.rpartition(":")[2]), []).extend(zip(times, batch[name].to_pylist()))
     return found
@@ -44,6 +45,7 @@ def main():
         found = columns(path)
         model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])
         data, kind = mujoco.MjData(model), mujoco.mjtState.mjSTATE_INTEGRATION
+        size = mujoco.mj_stateSize(model, kind)
         for root, episode in zip(("failure", "nominal"), scene["episodes"]):
             samples, dt = len(episode["states"]), scene["control_dt"]
             # The position of each body, computed from the recorded state by MuJoCo itself.
@@ -51,7 +53,7 @@ def main():
                 times, positions = series(found, f"/{root}/bodies/{name}", "translation", (samples, 3))
                 assert np.allclose(times, np.arange(samples) * dt, atol=1e-6), times
                 for sample in (0, samples // 2, samples - 1):
-                    mujoco.mj_setState(model, data, np.ascontiguousarray(episode["states"][sample]), kind)
+                    mujoco.mj_setState(model, data, np.ascontiguousarray(episode["states"][sample][:size]), kind)
                     mujoco.mj_kinematics(model, data)
                     assert np.allclose(positions[sample], data.body(name).xpos, atol=1e-6), (root, name, sample)
             # Each signal has the values of the trace.
