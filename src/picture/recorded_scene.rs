@@ -70,7 +70,8 @@ fn of_run(
     let resolved = recorded_plan(run.header(), moved)?;
     let place = select_simulation(&run, trial, number)?.ok_or(MishandleError::NoEpisode)?;
     let mut recorded = Recorded::new(&resolved)?;
-    let replayed = replay_in(&run, place.0, place.1, &resolved, &mut *recorded.system)?;
+    let space = recorded.system.space().clone();
+    let replayed = replay_in(&run, place, &resolved, (&mut *recorded.system, &space))?;
     let states = recorded.trajectory().states;
     Ok(RecordedScene {
         model: picture_model(&resolved.plan.target)?,
