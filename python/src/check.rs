@@ -1,6 +1,6 @@
 //! The requirements of a file, checked on a Python target.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, file_digest};
 use mishandle::files::{limits, read_text_bounded};
@@ -14,7 +14,7 @@ use crate::target::PyTarget;
 use crate::work::{detached, json, plan, report};
 use crate::{InvalidStateError, InvalidValueError, MishandleError};
 
-fn read(path: &PathBuf) -> PyResult<(RequirementFile, String)> {
+fn read(path: &Path) -> PyResult<(RequirementFile, String)> {
     let problem =
         |error: String| InvalidValueError::new_err(format!("requirements {}: {error}", path.display()));
     let text = read_text_bounded(path, limits::PLAN).map_err(|error| problem(error.to_string()))?;
