@@ -363,6 +363,12 @@ pub enum MishandleError {
         /// The reason, and what to do.
         problem: String,
     },
+    /// A bisection cannot begin or go on.
+    #[error("{problem}")]
+    Bisect {
+        /// The reason, and what to do.
+        problem: String,
+    },
     /// A file is not a counterexample.
     #[error("not a counterexample file: {problem}")]
     CounterexampleFile {

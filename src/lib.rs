@@ -21,6 +21,7 @@
 //! ```
 
 pub mod archive;
+pub mod bisect;
 pub mod build;
 pub mod campaign;
 pub mod check;

@@ -3465,6 +3465,58 @@ class EvidenceVerification:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class BisectedCandidate:
+    """A tested candidate of a bisection."""
+
+    place: int
+    """Place among the candidates, from 1."""
+    name: str
+    """Name: that of the file, or the revision."""
+    controller: str
+    """Path of the controller."""
+    result: str
+    """``passes``, ``fails`` or ``undecided``."""
+    success_rate: Estimate | None
+    """Of a test by a rate: success rate with an interval that holds at any time; ``None``
+    otherwise."""
+    simulations: int
+    """Number of simulations."""
+    reason: str | None
+    """Why the candidate fails or is undecided; ``None`` if it passes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bisection:
+    """The first of an ordered list of controllers that fails a test."""
+
+    test: str
+    """Test in words."""
+    candidates: int
+    """Number of candidates."""
+    found: bool
+    """Whether the first failing candidate was found: the first candidate passes, the last fails,
+    and all candidates between the last passing and the first failing one are undecided. Exit
+    code 0."""
+    verdict: str
+    """Answer in a sentence."""
+    last_good: str | None
+    """Name of the last candidate that passes before ``first_bad``; ``None`` without an answer."""
+    first_bad: str | None
+    """Name of the first candidate that fails; ``None`` without an answer."""
+    undecided: tuple[str, ...]
+    """Names of the candidates between both. The budget did not decide about them."""
+    is_monotone: bool | None
+    """With every candidate tested: whether no candidate passes after one that fails; ``None``
+    otherwise."""
+    simulations: int
+    """Number of simulations of all tested candidates, also of those that were tested earlier."""
+    is_complete: bool
+    """Whether all tests are finished; ``false`` after an interruption, exit code 130."""
+    tested: tuple[BisectedCandidate, ...]
+    """The tested candidates, in the order of the candidates."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingTime:
     """Time until the return of a training run converged."""
 

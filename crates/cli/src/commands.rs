@@ -1,5 +1,6 @@
 //! One file per command.
 
+mod bisect;
 mod campaign;
 mod check;
 mod compare;
@@ -48,7 +49,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "bisect", "size", "reproduce"]),
     (
         "Understand",
         &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
@@ -71,6 +72,7 @@ pub enum Command {
     Compare(compare::Arguments),
     Diff(diff::Arguments),
     Size(size::Arguments),
+    Bisect(bisect::Arguments),
     Reproduce(reproduce::Arguments),
     Explain(explain::Arguments),
     Simulate(simulate::Arguments),
@@ -113,6 +115,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Compare(arguments) => compare::run(arguments),
         Command::Diff(arguments) => diff::run(arguments),
         Command::Size(arguments) => size::run(arguments),
+        Command::Bisect(arguments) => bisect::run(arguments),
         Command::Reproduce(arguments) => reproduce::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

@@ -5,11 +5,11 @@ use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 
 use crate::{
-    Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples, Evaluation,
-    Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription, GuardTuning,
-    Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining, Monitor, MonitorChange, ProtocolCheck,
-    Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary, SampleSize, Search, Simulation,
-    Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
+    Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples,
+    Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription,
+    GuardTuning, Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining, Monitor, MonitorChange,
+    ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary, SampleSize,
+    Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -79,6 +79,7 @@ impl Document {
             Document::object::<Regression>("regress"),
             Document::object::<Evidence>("evidence"),
             Document::object::<EvidenceVerification>("evidence verify"),
+            Document::object::<Bisection>("bisect"),
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),

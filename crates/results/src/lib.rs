@@ -32,6 +32,7 @@
 //! ```
 
 mod axis_rates;
+mod bisection;
 mod campaign;
 mod catalog;
 mod check;
@@ -68,6 +69,7 @@ mod values;
 mod verification;
 
 pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
+pub use bisection::{BisectedCandidate, Bisection};
 pub use campaign::{Answer, Campaign, CampaignRun};
 pub use catalog::{
     Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,

@@ -1,0 +1,53 @@
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::Estimate;
+
+/// The first of an ordered list of controllers that fails a test.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Bisection {
+    /// Test in words.
+    pub test: String,
+    /// Number of candidates.
+    pub candidates: u64,
+    /// Whether the first failing candidate was found: the first candidate passes, the last fails,
+    /// and all candidates between the last passing and the first failing one are undecided. Exit
+    /// code 0.
+    pub found: bool,
+    /// Answer in a sentence.
+    pub verdict: String,
+    /// Name of the last candidate that passes before `first_bad`; `null` without an answer.
+    pub last_good: Option<String>,
+    /// Name of the first candidate that fails; `null` without an answer.
+    pub first_bad: Option<String>,
+    /// Names of the candidates between both. The budget did not decide about them.
+    pub undecided: Vec<String>,
+    /// With every candidate tested: whether no candidate passes after one that fails; `null`
+    /// otherwise.
+    pub is_monotone: Option<bool>,
+    /// Number of simulations of all tested candidates, also of those that were tested earlier.
+    pub simulations: u64,
+    /// Whether all tests are finished; `false` after an interruption, exit code 130.
+    pub is_complete: bool,
+    /// The tested candidates, in the order of the candidates.
+    pub tested: Vec<BisectedCandidate>,
+}
+
+/// A tested candidate of a bisection.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BisectedCandidate {
+    /// Place among the candidates, from 1.
+    pub place: u64,
+    /// Name: that of the file, or the revision.
+    pub name: String,
+    /// Path of the controller.
+    pub controller: String,
+    /// `passes`, `fails` or `undecided`.
+    pub result: String,
+    /// Of a test by a rate: success rate with an interval that holds at any time; `null` otherwise.
+    pub success_rate: Option<Estimate>,
+    /// Number of simulations.
+    pub simulations: u64,
+    /// Why the candidate fails or is undecided; `null` if it passes.
+    pub reason: Option<String>,
+}

@@ -1,0 +1,129 @@
+//! Finds the first failing one of ordered candidates.
+
+use std::collections::BTreeMap;
+
+/// Result of the test of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outcome {
+    Passes,
+    Fails,
+    Undecided,
+}
+
+/// Where the first failing candidate is, with indices from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// The last candidate that passes and the first one that fails. Those between are undecided.
+    Between(usize, usize),
+    /// The first candidate does not pass, or the last one does not fail.
+    NotBracketed(Outcome, Outcome),
+}
+
+/// Finds the first failing one of `n` candidates, at least 2, if all before it pass and none after
+/// it. `test` returns `None` if it was interrupted; then there is no result.
+///
+/// A candidate without a decision is replaced by the nearest one with a decision.
+pub(super) fn first_failing<E>(
+    n: usize,
+    mut test: impl FnMut(usize) -> Result<Option<Outcome>, E>,
+) -> Result<Option<Place>, E> {
+    let mut known = BTreeMap::new();
+    let mut ask = |index: usize| -> Result<Option<Outcome>, E> {
+        if let Some(outcome) = known.get(&index) {
+            return Ok(Some(*outcome));
+        }
+        let found = test(index)?;
+        known.extend(found.map(|outcome| (index, outcome)));
+        Ok(found)
+    };
+    let Some(first) = ask(0)? else { return Ok(None) };
+    let Some(last) = ask(n - 1)? else { return Ok(None) };
+    if (first, last) != (Outcome::Passes, Outcome::Fails) {
+        return Ok(Some(Place::NotBracketed(first, last)));
+    }
+    let (mut good, mut bad) = (0, n - 1);
+    'halve: loop {
+        let middle = good + (bad - good) / 2;
+        // The nearest first, the earlier one of two.
+        let mut between: Vec<usize> = (good + 1..bad).collect();
+        between.sort_by_key(|index| (index.abs_diff(middle), *index));
+        for index in between {
+            match ask(index)? {
+                None => return Ok(None),
+                Some(Outcome::Undecided) => {}
+                Some(Outcome::Passes) => {
+                    good = index;
+                    continue 'halve;
+                }
+                Some(Outcome::Fails) => {
+                    bad = index;
+                    continue 'halve;
+                }
+            }
+        }
+        return Ok(Some(Place::Between(good, bad)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+
+    fn found(outcomes: &[Outcome]) -> (Place, usize) {
+        let mut tests = 0;
+        let place = first_failing(outcomes.len(), |index| {
+            tests += 1;
+            Ok::<_, Infallible>(Some(outcomes[index]))
+        });
+        (place.expect("no test fails").expect("no test is interrupted"), tests)
+    }
+
+    #[test]
+    fn the_first_failing_one_is_found_with_a_logarithmic_number_of_tests() {
+        for n in 2..70_usize {
+            for first in 1..n {
+                let outcomes: Vec<Outcome> = (0..n)
+                    .map(|index| if index < first { Outcome::Passes } else { Outcome::Fails })
+                    .collect();
+                let (place, tests) = found(&outcomes);
+                assert_eq!(place, Place::Between(first - 1, first), "{first} of {n}");
+                let most = 2 + (n - 1).next_power_of_two().trailing_zeros() as usize;
+                assert!(tests <= most, "{tests} tests, {first} of {n}");
+            }
+        }
+    }
+
+    #[test]
+    fn undecided_candidates_stay_between_the_ends() {
+        use Outcome::{Fails, Passes, Undecided};
+        // Each set of undecided candidates among 6 inner ones, for each border.
+        for first in 1..7_usize {
+            for set in 0..1_u32 << 6 {
+                let is_undecided = |index: usize| (1..7).contains(&index) && set >> (index - 1) & 1 == 1;
+                let outcome = |index: usize| match index {
+                    index if is_undecided(index) => Undecided,
+                    index if index < first => Passes,
+                    _ => Fails,
+                };
+                let outcomes: Vec<Outcome> = (0..8).map(outcome).collect();
+                let good =
+                    (0..first).rev().find(|index| outcomes[*index] == Passes).expect("the first passes");
+                let bad = (first..8).find(|index| outcomes[*index] == Fails).expect("the last fails");
+                assert_eq!(found(&outcomes).0, Place::Between(good, bad), "{outcomes:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn ends_that_do_not_bracket_are_reported_after_two_tests() {
+        use Outcome::{Fails, Passes, Undecided};
+        for ends in
+            [(Passes, Passes), (Fails, Fails), (Fails, Passes), (Undecided, Fails), (Passes, Undecided)]
+        {
+            let outcomes = [ends.0, Passes, Fails, ends.1];
+            assert_eq!(found(&outcomes), (Place::NotBracketed(ends.0, ends.1), 2));
+        }
+    }
+}
