@@ -55,8 +55,8 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
         "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out run.sqlite",
         1,
     );
-    bench.check("counterexamples export run.sqlite --out failures", 0);
-    let found = bench.json("bisect steps --counterexamples failures --json", 0);
+    bench.check("counterexamples export run.sqlite --out failure.json", 0);
+    let found = bench.json("bisect steps --counterexamples failure.json --json", 0);
     assert_eq!(found["first_bad"], "step-8.safetensors", "{found}");
 }
 
