@@ -24,7 +24,7 @@ mod traces;
 pub use answer::{reasons, recorded_result, whole_result};
 pub use axis_rates::axis_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
-pub(crate) use comparison::{RANDOM_TRIAL, paired_rates};
+pub(crate) use comparison::RANDOM_TRIAL;
 pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, common_unit, explain, explain_episode,
