@@ -24,7 +24,7 @@ FIGURES = HERE / "figures"
 BEGIN, END = "<!-- figures: second -->", "<!-- end of figures -->"
 # Trial 2 has the corners.
 FAILED = "SELECT number FROM simulations WHERE trial = 1 AND coalesce(success, -1) < 0 ORDER BY number"
-TASKS = ["point-reaching", "ball-balancing", "ball-catching", "ball-pushing", "peg-in-hole", "door-opening", "cube-stacking"]
+TASKS = ["point-reaching", "ball-balancing", "ball-catching", "ball-pushing", "peg-in-hole", "door-opening", "cube-stacking", "cloth-placing"]
 ALGORITHMS = ["ppo-2", "trpo-2", "sac-2", "td3-2", "ddpg-2"]
 DELAYS = ["--axis", "action_delay=0:2", "--axis", "observation_delay=0:2"]
 CONDITIONS = {
@@ -59,7 +59,7 @@ GOALS = {
 def evaluate(program, task, controller, condition, episodes, seed):
     """Returns the figures of a controller under a condition."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [*program, "evaluate", task, "--controller", controller, "--episodes", str(episodes), "--seed", str(seed)]
+        command = [*program, "evaluate", task, "--controller", controller, "--episodes", str(episodes), "--seed", str(seed), "--no-control"]
         command += CONDITIONS[condition] + ["--json"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:

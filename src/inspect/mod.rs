@@ -23,8 +23,8 @@ mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
 pub use axis_rates::axis_rates;
-pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub(crate) use comparison::RANDOM_TRIAL;
+pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, common_unit, explain, explain_episode,

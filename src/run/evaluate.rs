@@ -9,7 +9,8 @@ use crate::error::MishandleError;
 use crate::plan::StartRegion;
 use crate::resolve::ResolvedPlan;
 use crate::run::control::{self, ControlArm};
-use crate::run::evaluating::{Evaluating, RateRule, stops_by_itself};
+use crate::run::evaluating::{Evaluating, stops_by_itself};
+use crate::run::rate_rule::RateRule;
 use mishandle_text::plural;
 
 /// Number of the trial of the random simulations. [`Corners::TRIAL`] and [`control::TRIAL`] are the

@@ -1,144 +1,27 @@
-//! An evaluation while it runs: its run file, what its simulations say so far, and the rule that
-//! ends it.
+//! An evaluation while it runs: its run file, and what its simulations say so far.
 
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{
-    CornerReport, Corners, Decision, Evaluation, FormulaRoles, MetricCounter, RateSequence, StopRule,
-    evaluate_corners,
+    CornerReport, Corners, Evaluation, FormulaRoles, MetricCounter, evaluate_corners,
 };
-use mishandle_results::{Control, Estimate, Sequential};
+use mishandle_results::{Control, Sequential};
 use mishandle_rollout::{AxisKind, Episode, Request, Seed, System};
 use mishandle_store::{AxisRecord, RunFile, RunWriter, TrialStatus};
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, Plan, Until};
+use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
 use crate::run::evaluate::{
     EvaluationOutcome, Requests, TRIAL, check_trials, corner_report, evaluation_simulations,
 };
+use crate::run::rate_rule::RateRule;
 use crate::run::{header, record};
-use mishandle_text::{number_text, plural};
 
 /// The task preset whose completion times include failed episodes, as in the code of the original
 /// benchmark.
 const COUNTS_FAILURES: &str = "code";
-
-/// The rule that ends an evaluation, and the success rate that it watches.
-#[derive(Clone, Debug)]
-pub(crate) struct RateRule {
-    rule: StopRule,
-    batch: u64,
-    max: u64,
-    rate: RateSequence,
-    simulations: u64,
-    /// A rate without any verdict decides nothing.
-    has_verdict: bool,
-    decision: Option<Decision>,
-}
-
-impl RateRule {
-    fn new(evaluate: &EvaluatePlan) -> Option<RateRule> {
-        let rule = match (evaluate.until?, evaluate.rate) {
-            (Until::Width(width), _) => StopRule::Width(width),
-            (Until::Decided, rate) => StopRule::Rate(rate?),
-        };
-        Some(RateRule {
-            rule,
-            batch: evaluate.batch.into(),
-            max: evaluate.episodes,
-            rate: RateSequence::default(),
-            simulations: 0,
-            has_verdict: false,
-            decision: None,
-        })
-    }
-
-    /// Adds the next simulation. At the end of a batch, the rule looks.
-    fn add(&mut self, episode: &Episode) {
-        self.simulations += 1;
-        self.has_verdict |= mishandle_evaluation::decides_success(episode);
-        if episode.end.counts_in_rates() {
-            self.rate.add(episode.is_success());
-        }
-        if self.simulations.is_multiple_of(self.batch.max(1)) || self.simulations == self.max {
-            self.rate.look();
-            let decision = self.has_verdict.then(|| self.rule.decide(&self.rate.estimate())).flatten();
-            self.decision = self.decision.or(decision);
-        }
-    }
-
-    /// Returns what the rule found.
-    pub(crate) fn result(&self, evaluate: &EvaluatePlan) -> Sequential {
-        let interval = match self.has_verdict {
-            true => self.rate.estimate(),
-            false => Estimate { n: self.rate.n(), ..Estimate::default() },
-        };
-        Sequential {
-            until: evaluate.until.unwrap_or_default().to_string(),
-            measure: "success".to_string(),
-            rate: evaluate.rate.map(Into::into),
-            margin: None,
-            robustness_bounds: None,
-            interval,
-            p_value: None,
-            decision: self.decision.map(|decision| decision_name(decision).to_string()),
-            simulations: self.simulations,
-            max_simulations: self.max,
-            verdict: self.verdict(&interval),
-        }
-    }
-
-    fn verdict(&self, interval: &Estimate) -> String {
-        let n = plural(self.simulations, "simulation");
-        let what = match (self.rule, self.decision) {
-            (StopRule::Rate(rate), Some(Decision::Above)) => {
-                format!("the success rate is above {}", percent(rate))
-            }
-            (StopRule::Rate(rate), Some(_)) => format!("the success rate is below {}", percent(rate)),
-            (_, Some(_)) => "the interval of the success rate is narrow enough".to_string(),
-            (StopRule::Rate(rate), None) => {
-                return format!(
-                    "Not decided after {n}: the interval of the success rate contains {}{}",
-                    percent(rate),
-                    interval_text(interval)
-                );
-            }
-            (_, None) => {
-                return format!("Not narrow enough after {n}{}", interval_text(interval));
-            }
-        };
-        let max = plural(self.max, "simulation");
-        format!(
-            "Stopped by itself after {} of at most {max}: {what}{}",
-            self.simulations,
-            interval_text(interval)
-        )
-    }
-}
-
-/// Returns the end of a sentence: the interval in percent, and that it holds at any time.
-fn interval_text(interval: &Estimate) -> String {
-    let ends = interval.low.zip(interval.high);
-    ends.map_or(". No simulation has a verdict".to_string(), |(low, high)| {
-        format!(" (95 % interval at any time: {:.2} to {:.2} %)", 100.0 * low, 100.0 * high)
-    }) + "."
-}
-
-fn percent(rate: f64) -> String {
-    format!("{} %", number_text(100.0 * rate))
-}
-
-/// Returns the name of a decision in results.
-pub(crate) fn decision_name(decision: Decision) -> &'static str {
-    match decision {
-        Decision::Narrow => "narrow",
-        Decision::Above => "above",
-        Decision::Below => "below",
-        Decision::Equivalent => "equivalent",
-    }
-}
 
 /// Results of the simulations so far.
 struct Counted {
@@ -163,7 +46,7 @@ impl Counted {
             expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
         });
         // After its decision, a rule asks for no more.
-        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(RateRule::is_decided);
         if u64::from(*number) != next || !is_expected || is_surplus {
             return Err(MishandleError::SimulationMismatch { number: next as u32 });
         }
@@ -262,7 +145,7 @@ impl<'a> Evaluating<'a> {
 
     /// Returns whether there are enough random simulations.
     fn has_enough(&self) -> bool {
-        let is_decided = self.counted.rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+        let is_decided = self.counted.rule.as_ref().is_some_and(RateRule::is_decided);
         is_decided || self.random() >= self.requests.random.episodes
     }
 
@@ -297,7 +180,7 @@ impl<'a> Evaluating<'a> {
             episodes.iter().for_each(|episode| add_random(rule, pairs, episode));
             *done += episodes.len() as u64;
             flow = on_batch(*done, episodes);
-            let is_decided = rule.as_ref().is_some_and(|rule| rule.decision.is_some());
+            let is_decided = rule.as_ref().is_some_and(RateRule::is_decided);
             Ok::<_, MishandleError>(if is_decided { ControlFlow::Break(()) } else { flow })
         })?;
         Ok(flow)
@@ -411,7 +294,7 @@ impl<'a> Evaluating<'a> {
         }
         let mut report = self.counted.metrics.report(Seed(self.resolved.plan.seed));
         if let Some(rule) = self.counted.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
-            report.success_rate = rule.rate.estimate();
+            report.success_rate = rule.estimate();
         }
         let outcome = EvaluationOutcome {
             report,

@@ -24,6 +24,7 @@ mod paired;
 mod preflight;
 mod question;
 mod random_rows;
+mod rate_rule;
 mod reason;
 pub(crate) mod record;
 mod recorded;

@@ -16,7 +16,8 @@ use crate::error::MishandleError;
 use crate::plan::{ComparePlan, EvaluatePlan, Measure, Plan, Until};
 use crate::resolve::ResolvedPlan;
 use crate::run::evaluate::with_requests;
-use crate::run::evaluating::{Evaluating, decision_name};
+use crate::run::evaluating::Evaluating;
+use crate::run::rate_rule::decision_name;
 
 /// The part of a simulation that a rule reads.
 #[derive(Clone, Copy, Debug)]
