@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_limit_is_violated_only_if_the_rate_is_surely_above_it() {
-        assert_eq!(row([100, 1, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
+        assert_eq!(row([100, 3, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
         assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, VIOLATED);
         assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, VIOLATED);
     }

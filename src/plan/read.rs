@@ -98,11 +98,11 @@ const KEYS: [Key; 72] = [
     key::<bool>("evaluate.control", "true or false"),
     key::<Until>("evaluate.until", UNTIL),
     key::<f64>("evaluate.rate", "a number above 0 and below 1"),
+    key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
     key::<Until>("compare.until", UNTIL),
     key::<Measure>("compare.measure", "\"success\" or \"robustness\""),
     key::<f64>("compare.margin", "a number above 0"),
     key::<[f64; 2]>("compare.robustness-bounds", "a list of two numbers, such as [-0.5, 0.5]"),
-    key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
     key::<String>("falsify.formula", "a string, such as \"strict\""),
     key::<String>("falsify.search", "a string, such as \"nelder-mead\""),
     key::<u32>("falsify.trials", "an integer from 1 to 1000000"),
@@ -444,7 +444,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, careful, requirements, guard, evaluate, falsify",
+                "seed, careful, requirements, guard, evaluate, compare, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `metamorphic.batch` or `risk.batch`?",
             ),
             (
@@ -453,7 +453,7 @@ mod tests {
                 "action-noise, observation-noise",
                 "did you mean `action-noise`?",
             ),
-            ("\n[evalute]\n", "evalute", "evaluate, falsify", "did you mean `evaluate`?"),
+            ("\n[evalute]\n", "evalute", "evaluate, compare, falsify", "did you mean `evaluate`?"),
         ] {
             let error = Plan::from_toml(text).unwrap_err();
             let message = error.to_string();
