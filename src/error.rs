@@ -158,6 +158,32 @@ pub enum MishandleError {
         /// Name of the missing folder.
         folder: &'static str,
     },
+    /// A requirement of a file is wrong.
+    #[error("requirement `{name}`")]
+    OfRequirement {
+        /// Its name.
+        name: String,
+        /// Cause of the error.
+        source: Box<MishandleError>,
+    },
+    /// The folder for a check has other files.
+    #[error(
+        "{} has `{name}` and is not the folder of a check; choose another --out: a check writes no file into the folder of \
+         something else",
+        path.display()
+    )]
+    NotACheck {
+        /// Path of the folder.
+        path: PathBuf,
+        /// A file in it.
+        name: String,
+    },
+    /// Another process checks into the same folder.
+    #[error("another check is writing {}; wait until it ends, or choose another --out", path.display())]
+    CheckRuns {
+        /// Path of the folder.
+        path: PathBuf,
+    },
     /// Another process writes to the same file.
     #[error("another training run is writing {}; wait until it ends, or choose another {flag}", path.display())]
     Busy {

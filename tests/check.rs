@@ -185,8 +185,96 @@ fn mistakes_are_found_before_the_first_simulation() {
             check(&[subject(TARGET, "", 0)], &settings, folder.path(), &mut watch);
         let error = found.unwrap_err().with_causes();
         assert!(error.contains(expected), "{keys}: {error}");
+        assert!(error.starts_with("requirement `a`: "), "{keys}: {error}");
     }
     assert!(!folder.path().join("runs").exists());
+}
+
+/// Scenarios nearer to the obstacle than 0.5 violate `keeps-away`, and have no square root.
+#[test]
+fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
+    let x = signal();
+    let keeps_away = format!("[[requirement]]\nname = \"keeps-away\"\nformula = \"always({x} >= 0.5)\"\n");
+    let odd = format!("[[requirement]]\nname = \"odd\"\nformula = \"always(sqrt({x} - 0.5) <= 2)\"\n");
+    let found =
+        [keeps_away.clone(), format!("{keeps_away}{odd}"), format!("{odd}{keeps_away}")].map(|text| {
+            let folder = tempfile::tempdir().unwrap();
+            let found = run(&text, folder.path(), 1);
+            let odd =
+                found.cells.iter().find(|cell| cell.requirement == "odd").map(|cell| cell.without_verdict);
+            let cell = cell(&found, "keeps-away");
+            (
+                cell.verdict.clone(),
+                cell.failure_rate.clone(),
+                cell.without_verdict,
+                odd.is_none_or(|odd| odd > 0),
+            )
+        });
+    assert_eq!((found[0].0.as_str(), found[0].2), (VIOLATED, 0));
+    assert!(found.iter().all(|other| *other == found[0]), "{found:?}");
+}
+
+#[test]
+fn the_files_of_two_controllers_and_requirements_never_have_the_same_path() {
+    let requirement =
+        |name: &str| format!("[[requirement]]\nname = \"{name}\"\nformula = \"always(tool_speed <= 0)\"\n");
+    let text = requirement("v2-speed") + &requirement("speed");
+    let (file, digest) = (file(&text), file_digest(&text));
+    let folder = tempfile::tempdir().unwrap();
+    let subjects = ["ppo", "ppo-v2"].map(|name| {
+        let path = folder.path().join(format!("{name}.safetensors"));
+        std::fs::copy("controllers/point-reaching/ppo.safetensors", &path).unwrap();
+        subject("point-reaching", path.to_str().unwrap(), 0)
+    });
+    let settings = CheckSettings { episodes: Some(1), ..settings(&file, &digest) };
+    let mut watch = |_: &_| ControlFlow::Continue(());
+    let found = check(&subjects, &settings, &folder.path().join("checked"), &mut watch).unwrap().unwrap();
+    let files = found.cells.iter().map(|cell| cell.counterexample.clone().unwrap().file.unwrap());
+    let files: std::collections::BTreeSet<String> = files.collect();
+    assert_eq!(files.len(), 4, "{files:?}");
+}
+
+#[test]
+fn a_folder_with_files_of_something_else_stays_as_it_is() {
+    let text = format!("[[requirement]]\nname = \"fine\"\nformula = \"always({} >= -10)\"", signal());
+    let (file, digest) = (file(&text), file_digest(&text));
+    for (name, content) in
+        [("report.md", "mine"), ("junit.xml", "mine"), ("notes.txt", ""), ("check.json", "{}")]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(name), content).unwrap();
+        let mut watch = |_: &_| panic!("a simulation has started");
+        let found = check(&[subject(TARGET, "", 0)], &settings(&file, &digest), folder.path(), &mut watch);
+        let error = found.unwrap_err().with_causes();
+        assert!(error.contains(name), "{error}");
+        assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), content);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+}
+
+#[test]
+fn a_check_that_was_killed_while_it_created_a_run_continues_and_one_that_runs_is_left_alone() {
+    let text = format!("[[requirement]]\nname = \"fine\"\nformula = \"always({} >= -10)\"", signal());
+    let folder = tempfile::tempdir().unwrap();
+    let first = run(&text, folder.path(), 3);
+    for run in &first.controllers[0].runs {
+        std::fs::write(&run.run, "").unwrap();
+    }
+    assert_eq!(run(&text, folder.path(), 3), first);
+    let (file, digest) = (file(&text), file_digest(&text));
+    let again = || {
+        let mut watch = |_: &_| ControlFlow::Continue(());
+        check(&[subject(TARGET, "", 3)], &settings(&file, &digest), folder.path(), &mut watch)
+    };
+    let mut inner = None;
+    let mut watch = |_: &_| {
+        inner.get_or_insert_with(&again);
+        ControlFlow::Continue(())
+    };
+    let outer = check(&[subject(TARGET, "", 3)], &settings(&file, &digest), folder.path(), &mut watch);
+    assert_eq!(outer.unwrap().unwrap(), first);
+    let error = inner.unwrap().unwrap_err();
+    assert!(matches!(error, MishandleError::CheckRuns { .. }), "{error}");
 }
 
 /// Every formula and space of the templates is one of every task.

@@ -9,7 +9,7 @@ use mishandle_results::{
 };
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_store::{AxisRecord, RunFile, Simulation};
-use mishandle_text::{decimal, path_text, plural, shell_quote};
+use mishandle_text::{decimal, number_text, path_text, plural, shell_quote};
 
 use super::{Asked, Checker, counterexample_file, create_folder};
 use crate::counterexample::Counterexample;
@@ -130,7 +130,8 @@ impl Row {
 fn percent(share: f64) -> String {
     let value = 100.0 * share;
     let decimals = if value == 0.0 || value >= 1.0 { 1 } else { (-value.log10()).ceil() as usize + 1 };
-    format!("{} %", decimal(value, decimals.min(9)))
+    // More digits would be unreadable.
+    if decimals > 9 { number_text(share) } else { format!("{} %", decimal(value, decimals)) }
 }
 
 impl Checker<'_> {
@@ -241,6 +242,11 @@ mod tests {
         assert_eq!(row([100, 3, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
         assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, VIOLATED);
         assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, VIOLATED);
+    }
+
+    #[test]
+    fn a_share_is_never_shown_as_zero() {
+        assert_eq!([0.25, 1e-9, 1e-320].map(percent), ["25.0 %", "0.00000010 %", "1e-320"]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_files::{limits, read_text_bounded, write_atomically};
+use mishandle_files::{FileLock, limits, read_text_bounded, write_atomically};
 use mishandle_results::{Check, Versioned};
 use mishandle_text::path_text;
 use sha2::{Digest, Sha256};
@@ -13,6 +13,41 @@ use crate::resolve::controller_name;
 
 /// File of the result.
 pub const RESULT: &str = "check.json";
+
+/// Folder of the run files.
+const RUNS: &str = "runs";
+
+/// Folder of the counterexamples.
+pub(super) const COUNTEREXAMPLES: &str = "counterexamples";
+
+/// File that a check locks.
+const LOCK: &str = "check.lock";
+
+/// Creates the folder of a check, or opens that of an earlier one, and locks it.
+///
+/// # Errors
+/// If another check runs in it, or it is not that of a check: then its files stay as they are.
+pub(super) fn open(folder: &Path) -> Result<FileLock, MishandleError> {
+    create_folder(folder)?;
+    let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
+    // A check writes its result before the reports. A kill can leave hidden temporary files.
+    let is_own = |name: &str| [RUNS, COUNTEREXAMPLES, LOCK].contains(&name) || name.starts_with('.');
+    if finished(folder)?.is_none() {
+        for entry in std::fs::read_dir(folder).map_err(with_path)? {
+            let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
+            if !is_own(&name) {
+                return Err(MishandleError::NotACheck { path: folder.to_path_buf(), name });
+            }
+        }
+    }
+    let path = folder.join(LOCK);
+    let lock = FileLock::try_acquire(&path).map_err(|source| MishandleError::Write {
+        what: "lock file",
+        path: path.clone(),
+        source,
+    })?;
+    lock.ok_or_else(|| MishandleError::CheckRuns { path: folder.to_path_buf() })
+}
 
 /// Returns the SHA-256 of a file of requirements.
 pub fn file_digest(text: &str) -> String {
@@ -27,7 +62,8 @@ pub(super) fn labels(subjects: &[CheckSubject]) -> Vec<String> {
         let name = if name.is_empty() { "system".to_string() } else { name };
         let mut label = name.clone();
         let mut number = 1;
-        while labels.contains(&label) {
+        // Some file systems do not distinguish upper and lower case.
+        while labels.iter().any(|known| known.eq_ignore_ascii_case(&label)) {
             number += 1;
             label = format!("{name}-{number}");
         }
@@ -36,9 +72,9 @@ pub(super) fn labels(subjects: &[CheckSubject]) -> Vec<String> {
     labels
 }
 
-/// Returns the path of a run file.
+/// Returns the path of a run file. No name contains `@`, so two files never have the same path.
 pub(super) fn run_file(folder: &Path, label: &str, kind: &str, name: &str) -> PathBuf {
-    folder.join("runs").join(format!("{label}-{kind}-{}.sqlite", plain(name)))
+    folder.join(RUNS).join(format!("{kind}-{}@{label}.sqlite", plain(name)))
 }
 
 /// Returns the characters that every file system allows.

@@ -12,17 +12,17 @@ use mishandle_requirements::{RequirementFile, WrittenRequirement};
 use mishandle_results as results;
 use mishandle_results::{Check, CheckRun, CheckedController, CheckedRequirement, Severity};
 use mishandle_rollout::Target;
-use mishandle_store::{RunFile, RunWriter};
+use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::inspect::requirements;
 use crate::plan::{EvaluatePlan, FalsifyPlan, Plan};
 use crate::resolve::{ResolvedPlan, missing_signals, target};
-use crate::run::{Engine, Progress, ask, create_run, header};
+use crate::run::{Engine, Progress, ask, continue_run};
 
 use cell::Row;
-use folder::{labels, run_file};
+use folder::{COUNTEREXAMPLES, labels, run_file};
 
 pub use folder::{RESULT, file_digest, finished};
 
@@ -95,6 +95,7 @@ pub fn check(
         .map(|(subject, label)| Checker::new(subject, label, settings, folder))
         .collect();
     let checkers = checkers?;
+    let _lock = folder::open(folder)?;
     let mut columns = Vec::new();
     for checker in &checkers {
         match checker.run(watch)? {
@@ -165,7 +166,7 @@ impl<'a> Checker<'a> {
         for written in &settings.file.requirements {
             let formula = written.timed_formula();
             asked.push(Asked {
-                missing: missing_signals(&formula, &target)?,
+                missing: missing_signals(&formula, &target).map_err(|error| of(written, error))?,
                 space: written.check.space.clone().unwrap_or_else(|| default_space.clone()),
                 written,
                 formula,
@@ -180,6 +181,17 @@ impl<'a> Checker<'a> {
 
     /// Looks up and checks the plans of all runs.
     fn resolve(&mut self) -> Result<(), MishandleError> {
+        // The plans of one requirement are the first ones, so that an error names it.
+        let mut plans = Vec::new();
+        for asked in &self.asked {
+            plans.push(match asked.missing.is_empty() {
+                true => Some(self.alone(asked).map_err(|error| of(asked.written, error))?),
+                false => None,
+            });
+        }
+        for (asked, alone) in self.asked.iter_mut().zip(plans) {
+            asked.alone = alone;
+        }
         let mut spaces: Vec<&str> = Vec::new();
         for asked in self.applicable() {
             if !spaces.contains(&asked.space.as_str()) {
@@ -188,41 +200,51 @@ impl<'a> Checker<'a> {
         }
         let mut random = Vec::new();
         for space in spaces {
-            let episodes = self.applicable().filter(|asked| asked.space == space).map(|asked| {
-                self.settings
-                    .episodes
-                    .or(asked.written.check.episodes)
-                    .unwrap_or(EvaluatePlan::default().episodes)
-            });
+            let asked = self.applicable().filter(|asked| asked.space == space);
             // The simulations are shared, so that all requirements have the most of them.
-            let evaluate = EvaluatePlan {
-                episodes: episodes.max().unwrap_or_default(),
-                // Corners are not a random sample, so no rate counts them.
-                corners: false,
-                batch: self.settings.batch,
-                ..EvaluatePlan::default()
-            };
-            random.push(self.resolved(&Plan { evaluate: Some(evaluate), ..self.in_space(space) })?);
+            let episodes = asked.map(|asked| self.episodes(asked)).max().unwrap_or_default();
+            random.push(self.resolved(&self.random_plan(episodes, self.in_space(space)))?);
         }
-        let mut plans = Vec::new();
+        let mut searches = Vec::new();
         for asked in &self.asked {
-            plans.push(match asked.missing.is_empty() {
-                true => self.plans_of(asked)?,
-                false => (None, None),
-            });
+            let has_search = asked.missing.is_empty() && asked.written.check.max_failure_rate.is_none();
+            let plan = has_search.then(|| self.search_plan(asked));
+            searches.push(plan.map(|plan| self.resolved(&plan)).transpose()?);
         }
-        for (asked, (search, alone)) in self.asked.iter_mut().zip(plans) {
-            (asked.search, asked.alone) = (search, alone);
+        for (asked, search) in self.asked.iter_mut().zip(searches) {
+            asked.search = search;
         }
         self.random = random;
         Ok(())
     }
 
-    /// Returns the search for a counterexample of a requirement, and the plan of a counterexample.
-    fn plans_of(
-        &self,
-        asked: &Asked<'_>,
-    ) -> Result<(Option<ResolvedPlan>, Option<ResolvedPlan>), MishandleError> {
+    /// Returns the number of random scenarios of a requirement.
+    fn episodes(&self, asked: &Asked<'_>) -> u64 {
+        let own = self.settings.episodes.or(asked.written.check.episodes);
+        own.unwrap_or(EvaluatePlan::default().episodes)
+    }
+
+    /// Returns the plan of random scenarios.
+    fn random_plan(&self, episodes: u64, plan: Plan) -> Plan {
+        let evaluate = EvaluatePlan {
+            episodes,
+            // Corners are not a random sample, so no rate counts them.
+            corners: false,
+            batch: self.settings.batch,
+            ..EvaluatePlan::default()
+        };
+        Plan { evaluate: Some(evaluate), ..plan }
+    }
+
+    /// Returns the plan of a counterexample of a requirement, which has no other one.
+    fn alone(&self, asked: &Asked<'_>) -> Result<ResolvedPlan, MishandleError> {
+        let plan = Plan { requirements: Default::default(), ..self.search_plan(asked) };
+        self.resolved(&self.random_plan(self.episodes(asked), Plan { falsify: None, ..plan.clone() }))?;
+        self.resolved(&plan)
+    }
+
+    /// Returns the plan of the search for a counterexample of a requirement.
+    fn search_plan(&self, asked: &Asked<'_>) -> Plan {
         let (check, settings) = (&asked.written.check, self.settings);
         let falsify = FalsifyPlan {
             formula: Some(asked.formula.clone()),
@@ -232,13 +254,7 @@ impl<'a> Checker<'a> {
             batch: settings.batch,
             ..FalsifyPlan::default()
         };
-        let plan = Plan { falsify: Some(falsify), ..self.in_space(&asked.space) };
-        let alone = self.resolved(&Plan { requirements: Default::default(), ..plan.clone() })?;
-        let search = match check.max_failure_rate {
-            Some(_) => None,
-            None => Some(self.resolved(&plan)?),
-        };
-        Ok((search, Some(alone)))
+        Plan { falsify: Some(falsify), ..self.in_space(&asked.space) }
     }
 
     fn applicable(&self) -> impl Iterator<Item = &Asked<'a>> {
@@ -312,12 +328,7 @@ impl<'a> Checker<'a> {
         what: &str,
         watch: Watch<'_>,
     ) -> Result<Option<RunFile>, MishandleError> {
-        let run = match path.exists() {
-            true => RunWriter::resume(path)?,
-            false => create_run(resolved, Some(path))?,
-        };
-        // A run of another plan stays as it is.
-        header::check(run.file().header(), resolved)?;
+        let run = continue_run(resolved, path)?;
         let phase = format!("{}: {what}", self.label);
         let mut watch = |progress: &Progress| {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
@@ -329,6 +340,11 @@ impl<'a> Checker<'a> {
             false => Ok(None),
         }
     }
+}
+
+/// Names the requirement of an error.
+fn of(written: &WrittenRequirement, source: MishandleError) -> MishandleError {
+    MishandleError::OfRequirement { name: written.name.clone(), source: Box::new(source) }
 }
 
 /// Describes a run.
@@ -406,5 +422,5 @@ fn create_folder(path: &Path) -> Result<(), MishandleError> {
 
 /// Returns the path of the counterexample of a requirement.
 fn counterexample_file(folder: &Path, label: &str, name: &str) -> PathBuf {
-    folder.join("counterexamples").join(format!("{label}-{name}.json"))
+    folder.join(COUNTEREXAMPLES).join(format!("{name}@{label}.json"))
 }

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
 use mishandle_results as results;
 use mishandle_results::{Hardening, Versioned};
-use mishandle_store::{RunFile, RunWriter};
+use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Answer, Engine, Opening, Progress, ask, create_run, header};
+use crate::run::{Answer, Engine, Opening, Progress, ask, continue_run};
 
 use super::{HardenProgress, HardenUnit, Watch, plan_file};
 
@@ -169,12 +169,7 @@ impl Folder {
         watch: Watch<'_>,
     ) -> Result<Option<Asked>, MishandleError> {
         let resolved = ResolvedPlan::new(plan)?;
-        let mut run = match path.exists() {
-            true => RunWriter::resume(path)?,
-            false => create_run(&resolved, Some(path))?,
-        };
-        // A run of another plan stays as it is.
-        header::check(run.file().header(), &resolved)?;
+        let mut run = continue_run(&resolved, path)?;
         self.opening.apply(&mut run, &resolved)?;
         let mut watch = |progress: &Progress| {
             watch(&HardenProgress {

@@ -13,6 +13,7 @@ impl MishandleError {
     /// Returns a suggestion for correcting the error, if there is one.
     pub fn hint(&self) -> Option<String> {
         match self {
+            MishandleError::OfRequirement { source, .. } => source.hint(),
             MishandleError::UnknownName { kind, name, known } => {
                 let path_hint = || {
                     format!(

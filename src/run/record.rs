@@ -197,6 +197,20 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
     create(resolved, path)
 }
 
+/// Continues the run of a plan at `path`, or begins it.
+///
+/// # Errors
+/// If it is a run of another plan, which stays as it is, or cannot be opened.
+pub(crate) fn continue_run(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
+    let run = match path.exists().then(|| RunWriter::resume(path)) {
+        // A program was killed while it created the run.
+        None | Some(Err(StoreError::Unfinished { .. })) => create_run(resolved, Some(path))?,
+        Some(run) => run?,
+    };
+    crate::run::header::check(run.file().header(), resolved)?;
+    Ok(run)
+}
+
 /// Creates the run file of a plan at `path`, with its folder.
 fn create(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
     // Removes them again if the run cannot be created.

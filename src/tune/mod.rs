@@ -18,12 +18,12 @@ use std::path::{Path, PathBuf};
 use mishandle_files::write_atomically;
 use mishandle_results::GuardTuning;
 use mishandle_rollout::Seed;
-use mishandle_store::{RunFile, RunWriter};
+use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, GuardPlan, Plan};
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, create_run, header};
+use crate::run::{Engine, Progress, ask, continue_run};
 use alarm::{Requirement, WatchedRun};
 pub use threshold::Least;
 
@@ -245,12 +245,7 @@ impl<'p> Tuner<'p> {
             source,
         })?;
         let path = self.folder.join(RUNS[phase as usize]);
-        let run = match path.exists() {
-            true => RunWriter::resume(&path)?,
-            false => create_run(&resolved, Some(&path))?,
-        };
-        // A run of another plan stays as it is.
-        header::check(run.file().header(), &resolved)?;
+        let run = continue_run(&resolved, &path)?;
         let mut watch = |progress: &Progress| {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
             watch(&TuneProgress { phase: phase.name(), done, all })

@@ -229,6 +229,31 @@ fn a_log_that_cannot_be_read_leaves_the_verdicts_on_the_others() {
 }
 
 #[test]
+fn a_requirement_without_a_verdict_leaves_those_of_the_others() {
+    let bench = Bench::new();
+    bench.write("log.csv", "time,force\n0,1\n1,3\n");
+    let requirement = |name: &str, formula: &str, severity: &str| {
+        format!("[[requirement]]\nname = \"{name}\"\nformula = \"{formula}\"\nseverity = \"{severity}\"\n")
+    };
+    let judged = requirement("gentle", "always(force <= 2)", "critical");
+    // The name of a formula of a target, and the square root of -4.
+    for (name, formula) in [("R-1", "success"), ("root", "always(sqrt(force - 5) <= 9)")] {
+        bench.write("set.toml", &(requirement(name, formula, "error") + &judged));
+        let output = bench.run("monitor --formulas set.toml log.csv --sarif v.sarif --force");
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stdout).contains("violated"), "{}", text(&output.stdout));
+        let messages = text(&output.stderr);
+        assert!(messages.contains(&format!("requirement {name}")), "{messages}");
+        assert!(messages.contains("without a verdict: 1 requirement"), "{messages}");
+        let sarif = std::fs::read_to_string(bench.path("v.sarif")).expect("the SARIF file");
+        let sarif: serde_json::Value = serde_json::from_str(&sarif).expect("JSON");
+        let results = sarif["runs"][0]["results"].as_array().expect("results");
+        // A critical violation is the worst level that SARIF has.
+        assert_eq!((results.len(), &results[0]["level"]), (1, &"error".into()));
+    }
+}
+
+#[test]
 fn parts_that_fail_at_the_same_time_count_once() {
     let bench = Bench::new();
     bench.write("ab.csv", "time,a,b\n0,0,0\n1,2,2\n2,2,2\n3,0,0\n");

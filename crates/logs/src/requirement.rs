@@ -116,7 +116,7 @@ impl NamedSamples {
             log: self.name.clone(),
             name: name.clone(),
             description: description.clone(),
-            severity: severity.name().to_string(),
+            severity: *severity,
             formula: formula.to_string(),
             robustness: found.robustness.into(),
             violated: is_violated(found.robustness),
@@ -198,7 +198,7 @@ pub fn document(
 /// the least robustness first.
 pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
     let class = |verdict: &LogVerdict| match verdict.violated {
-        true => Severity::ALL.iter().position(|severity| severity.name() == verdict.severity),
+        true => Severity::ALL.iter().position(|severity| *severity == verdict.severity),
         false => Some(Severity::ALL.len()),
     };
     found.sort_by(|a, b| {

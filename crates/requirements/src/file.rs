@@ -157,7 +157,8 @@ impl Entry {
         let is_rate = |rate: f64| rate > 0.0 && rate < 1.0;
         if let Some(rate) = self.max_failure_rate.filter(|rate| !is_rate(*rate)) {
             return Err(format!(
-                "max-failure-rate is {rate}; it must be between 0 and 1: simulations cannot show that a rate is 0"
+                "max-failure-rate is {rate}; it must be above 0 and below 1: simulations cannot show that a rate is 0, and no \
+                 rate is above 1"
             ));
         }
         if self.max_failure_rate.is_some() && (self.trials.is_some() || self.budget.is_some()) {
@@ -230,8 +231,9 @@ mod tests {
     fn mistakes_name_the_requirement_and_what_is_allowed() {
         for (keys, expected) in [
             ("unit = \"min\"", "requirement `a`: unit is `min`; it must be one of s, ms, us, ns"),
-            ("max-failure-rate = 0.0", "between 0 and 1"),
-            ("max-failure-rate = nan", "between 0 and 1"),
+            ("max-failure-rate = 0.0", "above 0"),
+            ("max-failure-rate = 1", "max-failure-rate is 1; it must be above 0 and below 1"),
+            ("max-failure-rate = nan", "above 0"),
             ("max-failure-rate = 0.1\nbudget = 5", "leave them out"),
             ("severity = \"fatal\"", "critical"),
             ("clause = 5", "expected a text or an array of texts"),

@@ -43,7 +43,8 @@ pub struct LogVerdict {
     pub description: Option<String>,
     /// `critical`, `error` or `warning`: a violated formula with `warning` does not give exit
     /// code 1.
-    pub severity: String,
+    #[schemars(with = "String")]
+    pub severity: Severity,
     /// Formula.
     pub formula: String,
     /// Robustness at time 0.
@@ -73,7 +74,7 @@ pub struct LogVerdict {
 impl LogVerdict {
     /// Returns whether the verdict gives exit code 1.
     pub fn fails(&self) -> bool {
-        self.violated && self.severity != Severity::Warning.name()
+        self.violated && self.severity != Severity::Warning
     }
 }
 

@@ -292,7 +292,7 @@ impl SpecificationMonitor {
 
     /// Returns the verdict of an episode that has ended, with the parts of the robustness if the
     /// request needs them. `trace` is the whole episode or the start of one with `samples` samples.
-    /// The end may become [`EpisodeEnd::Undefined`].
+    /// The end may become [`EpisodeEnd::Undefined`]; then only the other requirements have values.
     ///
     /// # Errors
     /// If a signal of a formula contains NaN or an infinity.
@@ -309,7 +309,7 @@ impl SpecificationMonitor {
         let mut verdict = match self.verdict(trace, samples) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                 *end = EpisodeEnd::Undefined { step };
-                return Ok(Verdict::default());
+                return Ok(Verdict { others: self.others(trace, samples)?, ..Verdict::default() });
             }
             verdict => verdict?,
         };
@@ -327,7 +327,8 @@ impl SpecificationMonitor {
     /// [`OnlineMonitor::bounds`] computes it.
     ///
     /// # Errors
-    /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value.
+    /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value that is
+    /// not one of the other requirements.
     pub fn verdict(&mut self, trace: &Trace, samples: usize) -> Result<Verdict, RolloutError> {
         let is_complete = trace.len() >= samples;
         let at_start = |monitor: &mut Option<FormulaMonitor>| match monitor {
@@ -349,8 +350,7 @@ impl SpecificationMonitor {
             None => None,
         };
         let robustness = self.requirement.at_start(trace, samples)?;
-        let others = self.others.iter_mut().map(|monitor| monitor.at_start(trace, samples));
-        let others = others.collect::<Result<_, _>>()?;
+        let others = self.others(trace, samples)?;
         Ok(Verdict {
             robustness,
             success,
@@ -361,6 +361,16 @@ impl SpecificationMonitor {
             parts: Vec::new(),
             others,
         })
+    }
+
+    /// Returns the robustness of each other requirement. Where one is undefined, only its own value
+    /// is missing.
+    fn others(&mut self, trace: &Trace, samples: usize) -> Result<Vec<Option<f64>>, RolloutError> {
+        let value = |monitor: &mut FormulaMonitor| match monitor.at_start(trace, samples) {
+            Err(RolloutError::Monitor { source: MonitorError::Undefined { .. }, .. }) => Ok(None),
+            found => found,
+        };
+        self.others.iter_mut().map(value).collect()
     }
 }
 
@@ -452,6 +462,28 @@ mod tests {
         };
         assert!(parts(&plain).is_empty());
         assert_eq!(parts(&Request { needs_parts: true, ..plain }), [1.0, 0.5]);
+    }
+
+    #[test]
+    fn an_undefined_formula_takes_no_verdict_from_the_other_requirements() {
+        // The square root of -1 does not exist; 1 and -0.5 are the distances of d = 1 to 0 and 1.5.
+        let (defined, undefined) = (["d >= 0", "d >= 1.5"], "sqrt(d - 2) <= 1");
+        let signals: Arc<[String]> = Arc::from(["d".to_string()]);
+        for (requirement, robustness, expected_end) in [
+            ("d <= 3", Some(2.0), EpisodeEnd::Completed),
+            (undefined, None, EpisodeEnd::Undefined { step: 0 }),
+        ] {
+            let others = [defined[0], undefined, defined[1]];
+            let others = others.map(|text| (text.to_string(), parse(text).unwrap()));
+            let specification =
+                Specification { others: others.to_vec(), ..Specification::new(parse(requirement).unwrap()) };
+            let mut monitor = SpecificationMonitor::new(&specification, &signals, 1.0 / 60.0).unwrap();
+            let mut end = EpisodeEnd::Completed;
+            let request = Request::new([0.0], crate::Seed(0));
+            let verdict = monitor.judge(&request, &trace(&[1.0]), 1, &mut end).unwrap();
+            assert_eq!(verdict.others, [Some(1.0), None, Some(-0.5)]);
+            assert_eq!((verdict.robustness, end), (robustness, expected_end));
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use mishandle_rollout::{
     Axis, AxisKind, Episode, EpisodeEnd, Identity, NamedFormula, Request, RolloutError, Scenario, Seed,
     Signal, Space, Specification, SpecificationMonitor, System, Target,
 };
-use mishandle_stl::{MonitorError, Trace};
+use mishandle_stl::Trace;
 
 use crate::TOYS;
 
@@ -147,15 +147,8 @@ impl ToySystem {
         let values = self.values(&request.scenario);
         let mut trace = Trace::with_capacity(self.signals.clone(), self.toy.episode_steps() + 1);
         self.toy.simulate(&values, request.seed, &mut |sample| trace.push(sample));
-        let (end, mut verdict) = match self.monitor.verdict(&trace, trace.len()) {
-            Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
-                (EpisodeEnd::Undefined { step }, mishandle_rollout::Verdict::default())
-            }
-            verdict => (EpisodeEnd::Completed, verdict?),
-        };
-        if request.needs_parts && verdict.robustness.is_some() {
-            verdict.parts = self.monitor.parts(&trace, self.toy.episode_steps() + 1)?;
-        }
+        let mut end = EpisodeEnd::Completed;
+        let verdict = self.monitor.judge(request, &trace, trace.len(), &mut end)?;
         let steps = trace.len().saturating_sub(1);
         Ok(Episode {
             request: request.clone(),

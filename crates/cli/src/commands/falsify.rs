@@ -163,12 +163,14 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         return Ok(status);
     }
     // Exit status 0 would say that the search found no violation.
+    // Where one requirement is undefined, another one can be violated.
+    let is_violated = found.requirements.iter().flatten().any(|requirement| requirement.violated > 0);
     ensure!(
-        found.trials.iter().any(|trial| trial.minimum_robustness.is_some()),
+        is_violated || found.trials.iter().any(|trial| trial.minimum_robustness.is_some()),
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
     );
     if found.falsified_trials == 0 {
-        return Ok(ExitStatus::Done);
+        return Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done });
     }
     output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));
     Ok(ExitStatus::Violated)

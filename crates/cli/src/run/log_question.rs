@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle_logs::{Evaluation, NamedSamples, Requirement, Source};
+use mishandle_text::plural;
 
 use super::logs::{self, Unparsed};
 use crate::flags::LogQuestion;
@@ -44,51 +45,74 @@ impl Asked<'_> {
     }
 }
 
-/// Reads each log and gives its verdicts to `each`, in the order of the flags. Returns the number
-/// of logs that have none, after a message for each; one that is alone is an error.
+/// Numbers of what has no verdict.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Without {
+    /// Logs without any verdict.
+    logs: usize,
+    /// Requirements on the other logs, each one on each log.
+    requirements: usize,
+}
+
+/// Reads each log and gives its verdicts to `each`, in the order of the flags. Returns what has
+/// none, after a message for each; a log or a requirement that is alone is an error.
 pub fn ask(
     question: &LogQuestion,
     sources: &[Vec<Source>],
     mut each: impl FnMut(Asked<'_>) -> Result<()>,
-) -> Result<usize> {
+) -> Result<Without> {
     let requirements = requested(question, sources)?;
-    let mut without = 0;
+    let mut without = Without::default();
     for (name, source) in logs::names(sources).into_iter().zip(sources) {
         match verdicts(question, &name, source, &requirements, &mut each) {
             Err(error) if sources.len() > 1 => {
                 output::report_error(&error);
-                without += 1;
+                without.logs += 1;
             }
-            found => found?,
+            found => without.requirements += found?,
         }
     }
-    ensure!(without < sources.len(), "no log has a verdict");
+    ensure!(without.logs < sources.len(), "no log has a verdict");
     Ok(without)
 }
 
-/// Gives the verdicts on a log to `each`.
+/// Gives the verdicts on a log to `each`. Returns the number of requirements without one, after a
+/// message for each; it is an error if none has one.
 fn verdicts(
     question: &LogQuestion,
     name: &str,
     source: &[Source],
     requirements: &[Requirement],
     each: &mut dyn FnMut(Asked<'_>) -> Result<()>,
-) -> Result<()> {
-    let log = &logs::read(name.to_owned(), source, requirements, &question.log.options())?;
-    logs::note_truth_values(log, requirements);
+) -> Result<usize> {
+    let (log, readable, mut errors) =
+        logs::read(name.to_owned(), source, requirements, &question.log.options())?;
+    logs::note_truth_values(&log, &readable);
     let mut asked = Vec::new();
-    for requirement in requirements {
-        let verdict = log.verdict(requirement, question.strict_horizon);
-        let verdict = verdict.with_context(|| format!("trace {name}"))?;
-        let evaluation = requirement.evaluation(question.strict_horizon);
-        asked.push(Asked { log, requirement, evaluation, verdict });
+    for requirement in readable {
+        match log.verdict(requirement, question.strict_horizon) {
+            Ok(verdict) => {
+                let evaluation = requirement.evaluation(question.strict_horizon);
+                asked.push(Asked { log: &log, requirement, evaluation, verdict });
+            }
+            Err(error) => errors.push(logs::without_verdict(name, requirement, error)),
+        }
     }
-    asked.into_iter().try_for_each(|asked| each(asked).with_context(|| format!("trace {name}")))
+    if asked.is_empty()
+        && let Some(error) = errors.drain(..).next()
+    {
+        return Err(error);
+    }
+    errors.iter().for_each(output::report_error);
+    asked.into_iter().try_for_each(|asked| each(asked).with_context(|| format!("trace {name}")))?;
+    Ok(errors.len())
 }
 
-/// Returns the error if logs have no verdict.
-pub fn check_all(without: usize, logs: usize) -> Result<()> {
-    ensure!(without == 0, "{without} of {logs} logs have no verdict");
+/// Returns the error if logs or requirements have no verdict.
+pub fn check_all(without: Without, logs: usize) -> Result<()> {
+    let Without { logs: missing, requirements } = without;
+    ensure!(missing == 0, "{missing} of {logs} logs have no verdict");
+    ensure!(requirements == 0, "without a verdict: {}", plural(requirements as u64, "requirement"));
     Ok(())
 }
 

@@ -8,10 +8,10 @@ use mishandle::files::{limits, read_text_bounded};
 use mishandle::inspect::{common_unit, explain_trace};
 use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
-use mishandle_logs::{Evaluation, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
+use mishandle_logs::{Evaluation, LogError, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
 use mishandle_requirements::{ParameterRange, RequirementFile, WrittenRequirement, parse_with_ranges};
 
-use crate::show::{formula_error, log_verdicts, output};
+use crate::show::{escape, formula_error, log_verdicts, output};
 
 /// A requirement whose formula was not parsed yet.
 #[derive(Clone, Debug)]
@@ -127,20 +127,44 @@ pub fn names(logs: &[Vec<Source>]) -> Vec<String> {
     names
 }
 
-/// Reads the signals of the requirements from a log.
-pub fn read(
+/// Reads the signals of the requirements from a log. Returns also the requirements whose signals
+/// it has, and an error for each other one. If it has those of none, the error is the result.
+pub fn read<'a>(
     name: String,
     log: &[Source],
-    requirements: &[Requirement],
+    requirements: &'a [Requirement],
     options: &Options,
-) -> Result<NamedSamples> {
-    let formulas = requirements.iter().map(|requirement| &requirement.formula);
-    let samples = OpenLog::open(log, options).and_then(|log| log.samples(formulas, options));
-    Ok(NamedSamples { samples: samples.with_context(|| format!("trace {name}"))?, name })
+) -> Result<(NamedSamples, Vec<&'a Requirement>, Vec<anyhow::Error>)> {
+    let trace = || format!("trace {name}");
+    let log = OpenLog::open(log, options).with_context(trace)?;
+    let (mut readable, mut errors) = (Vec::new(), Vec::new());
+    for requirement in requirements {
+        match log.check_signals(&requirement.formula) {
+            Ok(()) => readable.push(requirement),
+            Err(error) => errors.push(without_verdict(&name, requirement, error)),
+        }
+    }
+    if readable.is_empty()
+        && let Some(error) = errors.drain(..).next()
+    {
+        return Err(error);
+    }
+    let formulas: Vec<&Formula> = readable.iter().map(|requirement| &requirement.formula).collect();
+    let samples = log.samples(formulas, options).with_context(trace)?;
+    Ok((NamedSamples { samples, name }, readable, errors))
+}
+
+/// Returns the error of a requirement that has no verdict on a log.
+pub fn without_verdict(log: &str, requirement: &Requirement, error: LogError) -> anyhow::Error {
+    let error = anyhow::Error::new(error);
+    match &requirement.name {
+        Some(name) => error.context(format!("trace {log}, requirement {}", escape::name(name))),
+        None => error.context(format!("trace {log}")),
+    }
 }
 
 /// Warns about signals with the values 0 and 1 that are formulas on their own: both satisfy them.
-pub fn note_truth_values(log: &NamedSamples, requirements: &[Requirement]) {
+pub fn note_truth_values(log: &NamedSamples, requirements: &[&Requirement]) {
     let mut noted: Vec<String> = Vec::new();
     for text in requirements.iter().flat_map(|requirement| requirement.formula.subformulas()) {
         let Ok(formula) = Formula::parse(&text) else { continue };

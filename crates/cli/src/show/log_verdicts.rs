@@ -1,6 +1,6 @@
 //! Verdicts on recorded logs: as text, Markdown and JUnit.
 
-use mishandle::results::{LogVerdict, Number};
+use mishandle::results::{LogVerdict, Number, Severity};
 use mishandle_text::number_text;
 
 use super::{escape, output};
@@ -67,9 +67,9 @@ fn rows(found: &[LogVerdict], has_logs: bool) -> Vec<Vec<String>> {
     };
     rows.push(kept(head.map(String::from)));
     for verdict in found {
-        let state = match (verdict.violated, verdict.severity.as_str()) {
-            (true, "warning") => "violated (warning)",
-            (true, _) => "violated",
+        let state = match (verdict.violated, verdict.severity) {
+            (true, Severity::Warning) => "violated (warning)",
+            (true, Severity::Critical | Severity::Error) => "violated",
             (false, _) => "satisfied",
         };
         let first = verdict.violations.first().filter(|_| verdict.violated);

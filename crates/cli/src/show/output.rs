@@ -184,9 +184,14 @@ pub fn with_causes(causes: Chain<'_>) -> String {
 
 /// Prints an error with its causes, and a hint if there is one.
 pub fn report_error(error: &Error) {
-    match error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>()) {
+    let known = error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>());
+    let (whose, known) = match known {
+        Some(MishandleError::OfRequirement { source, .. }) => (format!("{error}: "), Some(&**source)),
+        known => (String::new(), known),
+    };
+    match known {
         Some(MishandleError::Rollout(RolloutError::Parse { formula, source })) => {
-            message(&format!("error: {}", formula_error::message(formula, source)));
+            message(&format!("error: {whose}{}", formula_error::message(formula, source)));
         }
         _ => message(&format!("error: {}", with_causes(error.chain()))),
     }

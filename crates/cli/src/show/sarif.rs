@@ -5,7 +5,7 @@
 use std::path::{Component, Path};
 
 use mishandle::build::{VERSION, build};
-use mishandle::results::{LogVerdict, Regression, RegressionTest};
+use mishandle::results::{LogVerdict, Regression, RegressionTest, Severity};
 use mishandle_text::number_text;
 use serde_json::{Value, json};
 
@@ -84,10 +84,10 @@ pub fn verdicts(found: &[LogVerdict]) -> String {
         });
         findings.push(Finding {
             rule,
-            level: match (verdict.violated, verdict.severity.as_str()) {
+            level: match (verdict.violated, verdict.severity) {
                 (false, _) => "pass",
-                (true, "error") => "error",
-                (true, _) => "warning",
+                (true, Severity::Critical | Severity::Error) => "error",
+                (true, Severity::Warning) => "warning",
             },
             message: format!(
                 "robustness {}\n{}",
