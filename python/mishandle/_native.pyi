@@ -376,7 +376,6 @@ def evaluate_pairs(
     robustness_bounds: tuple[float, float] | None,
     episodes: int,
     batch: int,
-    control: bool,
     seed: int,
     out: tuple[str, str] | None,
     resume: bool,

@@ -29,7 +29,6 @@ def compare_versions(
     measure: str = "success",
     robustness_bounds: tuple[float, float] | None = None,
     episodes: int = 1000,
-    control: bool = True,
     batch: int = 64,
     seed: int = 0,
     out: tuple[PathLike, PathLike] | None = None,
@@ -60,8 +59,6 @@ def compare_versions(
         Bounds of the robustness; values beyond them count as the bound.
     episodes : int
         Largest number of pairs.
-    control : bool
-        Whether the same starts and seeds are simulated with every other axis at nominal, too.
     out : (path, path), optional
         Run files of A and B; by default the first free names in the folder ``runs``.
     resume : bool
@@ -99,7 +96,6 @@ def compare_versions(
         robustness_bounds=robustness_bounds,
         episodes=episodes,
         batch=batch,
-        control=control,
         seed=seed,
         out=None if out is None else (os.fspath(out[0]), os.fspath(out[1])),
         resume=resume,

@@ -57,7 +57,7 @@ pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyRes
 /// files and whether they are complete.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (first, second, *, until, margin, measure, robustness_bounds, episodes, batch, control, seed, out, resume, durable, progress))]
+#[pyo3(signature = (first, second, *, until, margin, measure, robustness_bounds, episodes, batch, seed, out, resume, durable, progress))]
 pub fn evaluate_pairs(
     py: Python<'_>,
     first: &PyTarget,
@@ -68,7 +68,6 @@ pub fn evaluate_pairs(
     robustness_bounds: Option<[f64; 2]>,
     episodes: u64,
     batch: u32,
-    control: bool,
     seed: u64,
     out: Option<[PathBuf; 2]>,
     resume: bool,
@@ -85,7 +84,7 @@ pub fn evaluate_pairs(
     };
     let until = rule(Some(until))?.unwrap_or_default();
     let compare = ComparePlan { until, measure, margin, robustness_bounds };
-    let evaluate = EvaluatePlan { episodes, batch, control, ..EvaluatePlan::default() };
+    let evaluate = EvaluatePlan { episodes, batch, control: false, ..EvaluatePlan::default() };
     let of = |target: &PyTarget| Plan {
         compare: Some(compare),
         evaluate: Some(evaluate.clone()),

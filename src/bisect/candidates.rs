@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use mishandle_files::{limits, write_atomically};
-use mishandle_text::path_text;
+use mishandle_text::{path_text, plural};
 
 use crate::error::MishandleError;
 
@@ -44,9 +44,9 @@ pub fn folder_candidates(folder: &Path) -> Result<Vec<Candidate>, MishandleError
     found.sort_by(|a, b| natural(&a.name).cmp(&natural(&b.name)).then_with(|| a.name.cmp(&b.name)));
     match found.len() {
         0 | 1 => Err(problem(format!(
-            "{} has {} controllers (*.safetensors, *.onnx); a bisection needs at least 2",
+            "{} has {} (*.safetensors, *.onnx); a bisection needs at least 2",
             path_text(folder),
-            found.len()
+            plural(found.len() as u64, "controller")
         ))),
         _ => Ok(found),
     }
@@ -84,13 +84,26 @@ pub fn git_candidates(
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let name = file.file_name().ok_or_else(|| problem(format!("{} names no file", path_text(file))))?;
     let name = name.to_string_lossy();
+    if git(parent, &["rev-parse", "--git-dir"]).is_err() {
+        return Err(problem(format!("{} is in no Git repository", path_text(file))));
+    }
+    let has_file =
+        |revision: &str| git(parent, &["rev-parse", "--verify", "--quiet", &format!("{revision}:./{name}")]);
     let commit = |revision: &str| {
         let revision = format!("{revision}^{{commit}}");
         git(parent, &["rev-parse", "--verify", "--quiet", "--end-of-options", &revision])
             .map_err(|_| problem(format!("Git knows no revision {}", revision.trim_end_matches("^{commit}"))))
     };
-    let bad = text(commit(bad.unwrap_or("HEAD"))?);
-    let good = good.map(|good| commit(good).map(text)).transpose()?;
+    // Another revision in the place of a named end would be an answer to another question.
+    let end = |revision: &str| -> Result<String, MishandleError> {
+        let commit = text(commit(revision)?);
+        match has_file(&commit) {
+            Ok(_) => Ok(commit),
+            Err(_) => Err(problem(format!("the revision {revision} has no file {}", path_text(file)))),
+        }
+    };
+    let bad = end(bad.unwrap_or("HEAD"))?;
+    let good = good.map(end).transpose()?;
     let range = match &good {
         Some(good) => format!("{good}..{bad}"),
         None => bad.clone(),
@@ -106,10 +119,7 @@ pub fn git_candidates(
     let mut last = None;
     for revision in revisions {
         // A revision without the file is not a candidate.
-        let Ok(blob) = git(parent, &["rev-parse", "--verify", "--quiet", &format!("{revision}:./{name}")])
-        else {
-            continue;
-        };
+        let Ok(blob) = has_file(revision) else { continue };
         let blob = text(blob);
         if last.as_ref() == Some(&blob) {
             continue;
@@ -130,8 +140,8 @@ pub fn git_candidates(
     }
     match candidates.len() {
         0 | 1 => Err(problem(format!(
-            "Git has {} revisions of {} in this range; a bisection needs at least 2",
-            candidates.len(),
+            "Git has {} of {} in this range; a bisection needs at least 2",
+            plural(candidates.len() as u64, "revision"),
             path_text(file)
         ))),
         _ => Ok(candidates),
@@ -144,7 +154,7 @@ fn git(folder: &Path, arguments: &[&str]) -> Result<Vec<u8>, MishandleError> {
         .arg("-C")
         .arg(folder)
         // A repository of others may name programs to run.
-        .args(["-c", "core.fsmonitor=false", "--no-pager", "--no-optional-locks"])
+        .args(["-c", "core.fsmonitor=false", "--literal-pathspecs", "--no-pager", "--no-optional-locks"])
         .args(arguments)
         .output()
         .map_err(|error| problem(format!("the program git cannot be started: {error}")))?;

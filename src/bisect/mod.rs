@@ -14,7 +14,7 @@ use mishandle_text::{path_text, plural};
 use sha2::{Digest, Sha256};
 
 pub use candidates::{Candidate, folder_candidates, git_candidates};
-use order::{Outcome, Place, first_failing};
+use order::{Outcome, Place, earliest_failing, first_failing};
 
 use crate::counterexample::{Suite, Tested, suite_files};
 use crate::error::MishandleError;
@@ -74,9 +74,19 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
     let files = match &plan.test {
         BisectionTest::Counterexamples(path) => counterexamples(path)?,
         BisectionTest::Rate { plan: asked, .. } => {
-            // A mistake in the plan is reported before the first simulation.
-            ResolvedPlan::new(&with_controller(asked, &plan.candidates[0]))?;
-            Vec::new()
+            // A mistake in the plan is reported before the first simulation. A candidate that cannot
+            // be loaded is none.
+            let mut mistake = None;
+            for candidate in &plan.candidates {
+                match ResolvedPlan::new(&with_controller(asked, candidate)) {
+                    Ok(_) => {
+                        mistake = None;
+                        break;
+                    }
+                    Err(error) => mistake = mistake.or(Some(error)),
+                }
+            }
+            mistake.map_or(Ok(Vec::new()), Err)?
         }
     };
     let n = plan.candidates.len();
@@ -100,12 +110,17 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
             }
         }
     }
-    let place = if is_complete { first_failing(n, &mut test)? } else { None };
-    let passes_later = |(index, outcome): (usize, &Outcome)| {
-        *outcome == Outcome::Fails && outcomes[index..].contains(&Outcome::Passes)
+    let place = match (plan.all, is_complete) {
+        (true, true) => earliest_failing(&outcomes),
+        (true, false) => None,
+        (false, _) => first_failing(n, &mut test)?,
     };
-    let is_monotone = (plan.all && is_complete).then(|| !outcomes.iter().enumerate().any(passes_later));
     let name = |index: usize| plan.candidates[index].name.clone();
+    // The candidates that pass after the first failing one; unknown unless all are tested.
+    let later_passing: Option<Vec<String>> = (plan.all && is_complete).then(|| {
+        let bad = outcomes.iter().position(|outcome| *outcome == Outcome::Fails).unwrap_or(n);
+        (bad..n).filter(|index| outcomes[*index] == Outcome::Passes).map(name).collect()
+    });
     let between = match place {
         Some(Place::Between(good, bad)) => Some((good, bad)),
         _ => None,
@@ -115,11 +130,11 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
         test: test_text(&plan.test, files.len()),
         candidates: n as u64,
         found: between.is_some(),
-        verdict: verdict(plan, place, is_monotone),
+        verdict: verdict(plan, place, later_passing.as_deref()),
         last_good: between.map(|(good, _)| name(good)),
         first_bad: between.map(|(_, bad)| name(bad)),
         undecided: between.map_or(Vec::new(), |(good, bad)| (good + 1..bad).map(name).collect()),
-        is_monotone,
+        is_monotone: later_passing.map(|later| later.is_empty()),
         simulations: tested.iter().map(|found| found.simulations).sum(),
         is_complete: place.is_some(),
         tested,
@@ -171,6 +186,10 @@ fn test_candidate(
         BisectionTest::Rate { plan, bar } => by_rate(candidate, plan, *bar, &mut count)?,
     };
     let Some(found) = found.map(named) else { return Ok(None) };
+    // What a missing file or module prevented can work next time.
+    if outcome(&found) == Outcome::Undecided && found.simulations == 0 {
+        return Ok(Some(found));
+    }
     let unwritable = |error: std::io::Error| MishandleError::Bisect {
         problem: format!("{} cannot be written: {error}", path_text(&file)),
     };
@@ -350,7 +369,7 @@ fn test_text(test: &BisectionTest, files: usize) -> String {
     }
 }
 
-fn verdict(plan: &BisectionPlan, place: Option<Place>, is_monotone: Option<bool>) -> String {
+fn verdict(plan: &BisectionPlan, place: Option<Place>, later_passing: Option<&[String]>) -> String {
     let name = |index: usize| &plan.candidates[index].name;
     let last = plan.candidates.len() - 1;
     let word = |outcome| match outcome {
@@ -358,11 +377,16 @@ fn verdict(plan: &BisectionPlan, place: Option<Place>, is_monotone: Option<bool>
         Outcome::Fails => "fails",
         Outcome::Undecided => "is undecided",
     };
-    let order = match is_monotone {
-        Some(true) => " No later candidate passes.",
-        Some(false) => " But a later candidate passes: the test does not change once only.",
+    let order = match later_passing {
+        Some([]) => " No later candidate passes.".to_string(),
+        Some([later]) => format!(" But {later} passes later: the test does not change once only."),
+        Some([more @ .., last]) => format!(
+            " But {} and {last} pass later: the test does not change once only.",
+            more.join(", ")
+        ),
         None => {
             " This supposes that no candidate before it fails and none after it passes; --all tests every candidate."
+                .to_string()
         }
     };
     match place {

@@ -65,6 +65,18 @@ pub(super) fn first_failing<E>(
     }
 }
 
+/// Returns the place of the first failing one, if all candidates are tested, whatever those after
+/// it do.
+pub(super) fn earliest_failing(outcomes: &[Outcome]) -> Option<Place> {
+    let (first, last) = (*outcomes.first()?, *outcomes.last()?);
+    if (first, last) != (Outcome::Passes, Outcome::Fails) {
+        return Some(Place::NotBracketed(first, last));
+    }
+    let bad = outcomes.iter().position(|outcome| *outcome == Outcome::Fails)?;
+    let good = outcomes[..bad].iter().rposition(|outcome| *outcome == Outcome::Passes)?;
+    Some(Place::Between(good, bad))
+}
+
 #[cfg(test)]
 mod tests {
     use std::convert::Infallible;
@@ -114,6 +126,18 @@ mod tests {
                 assert_eq!(found(&outcomes).0, Place::Between(good, bad), "{outcomes:?}");
             }
         }
+    }
+
+    #[test]
+    fn of_tested_candidates_the_earliest_failing_one_is_the_answer() {
+        use Outcome::{Fails, Passes, Undecided};
+        // Halving would end at the second change.
+        let outcomes = [Passes, Fails, Passes, Fails, Fails];
+        assert_eq!(found(&outcomes).0, Place::Between(2, 3));
+        assert_eq!(earliest_failing(&outcomes), Some(Place::Between(0, 1)));
+        let outcomes = [Passes, Passes, Undecided, Fails, Passes, Fails];
+        assert_eq!(earliest_failing(&outcomes), Some(Place::Between(1, 3)));
+        assert_eq!(earliest_failing(&[Passes, Fails, Passes]), Some(Place::NotBracketed(Passes, Passes)));
     }
 
     #[test]

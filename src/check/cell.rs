@@ -86,7 +86,11 @@ impl Row {
             ),
             Some(limit) => {
                 let of = format!("{violated} of {} violate it", plural(decided, "random scenario"));
-                let between = format!("a failure rate from {} to {} (95 %)", percent(low), percent(high));
+                let between = format!(
+                    "a failure rate from {} to {} (each bound with 95 %)",
+                    percent(low),
+                    percent(high)
+                );
                 let limit_text = percent(limit);
                 if low > limit {
                     (VIOLATED, format!("{of}: {between}, above the limit of {limit_text}"))

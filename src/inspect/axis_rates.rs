@@ -7,7 +7,8 @@ use mishandle_store::{RunFile, RunKind};
 
 use crate::error::MishandleError;
 use crate::inspect::comparison::RANDOM_TRIAL;
-use crate::run::{has_random_rows, recorded_axis, recorded_episode};
+use crate::plan::Plan;
+use crate::run::{has_random_rows, recorded_axis, recorded_episode, stops_by_itself};
 
 /// Returns the success rates of an evaluation over the values of its axes; `None` for another run,
 /// because its simulations are not a random sample of fixed size, and if too few simulations have a
@@ -23,7 +24,9 @@ pub fn axis_rates(run: &RunFile) -> Result<Option<AxisRates>, MishandleError> {
     };
     let planned = run.trials()?.into_iter().find(|trial| trial.trial.number == RANDOM_TRIAL);
     let Some(planned) = planned.filter(|_| is_random) else { return Ok(None) };
-    let mut counter = AxisRateCounter::new(&space, planned.counts.simulations);
+    let is_any_time = Plan::from_toml(&header.plan).is_ok_and(|plan| stops_by_itself(&plan));
+    let counter = AxisRateCounter::new(&space, planned.counts.simulations);
+    let mut counter = counter.with_intervals_at_any_time(is_any_time);
     for simulation in run.trial_simulations(RANDOM_TRIAL) {
         counter.add(&recorded_episode(&simulation?));
     }

@@ -3,8 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_evaluation::{
-    Corners, EndCounts, PairedCounts, count_end, decides_careful_success, decides_strict_success,
-    decides_success, paired_mean_difference, paired_rates, sign_test,
+    Corners, DifferenceSequence, EndCounts, PairedCounts, count_end, decides_careful_success,
+    decides_strict_success, decides_success, paired_mean_difference, paired_rates, paired_rates_at_any_time,
+    sign_test,
 };
 use mishandle_results::{ComparedRun, PairedMeans, PairedRates, Sequential};
 use mishandle_robots::FILE_ROLES;
@@ -12,7 +13,7 @@ use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{ComparePlan, Plan};
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
 use crate::run::{PairRule, record, unfinished};
@@ -50,13 +51,16 @@ pub struct Comparison {
     /// The rule that ended both evaluations; `None` without one. The difference of the success
     /// rates and its p-value then hold at any time.
     pub sequential: Option<Sequential>,
+    /// Whether results decided how many pairs there are.
+    pub at_any_time: bool,
     /// Success.
     pub success: PairedRates,
     /// Strict success; `None` if the target has no such formula.
     pub strict: Option<PairedRates>,
     /// Careful success; `None` if one of the runs did not evaluate such a formula.
     pub careful: Option<PairedRates>,
-    /// Robustness of the success formula, over the pairs in which both values are finite.
+    /// Robustness of the success formula, over the pairs in which both values are finite; clipped if
+    /// a rule watches it.
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `None` if the target has no such formula.
     pub dangerous_steps: Option<PairedMeans>,
@@ -98,10 +102,11 @@ impl Comparison {
         }
         let PairedRates { first_only, second_only, p_value, .. } = self.success;
         format!(
-            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} (exact McNemar test, {}).",
+            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} ({}, {}).",
             plural(first_only, "random simulation"),
             second_only,
             self.judgment(),
+            if self.at_any_time { "at any time" } else { "exact McNemar test" },
             p_value_phrase(p_value),
         )
     }
@@ -149,7 +154,7 @@ pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
     ))
 }
 
-fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
+fn paired_means(pairs: &[(f64, f64)], seed: Seed, at_any_time: bool) -> PairedMeans {
     let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
     let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
     let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
@@ -160,8 +165,19 @@ fn paired_means(pairs: &[(f64, f64)], seed: Seed) -> PairedMeans {
         difference: paired_mean_difference(&first, &second, seed),
         smaller,
         larger,
-        p_value: sign_test(smaller, larger),
+        p_value: match at_any_time {
+            true => sign_test_at_any_time(smaller, larger),
+            false => sign_test(smaller, larger),
+        },
     }
+}
+
+/// Returns the p-value of the sign test that holds at any time.
+fn sign_test_at_any_time(smaller: u64, larger: u64) -> f64 {
+    let counts = PairedCounts { first_only: smaller, second_only: larger, ..PairedCounts::default() };
+    let mut sequence = DifferenceSequence::of(counts);
+    sequence.look();
+    sequence.p_value()
 }
 
 /// A simulation of both runs.
@@ -217,12 +233,14 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     }
     let mut differences = differences(a, b);
     let rule = pair_rule(a, &pairs)?;
-    if [a, b].iter().any(|header| stops_by_itself(header)) {
-        differences.push(
-            "number of simulations: a rule of A or of B chose it, and intervals and p-values are those of a fixed number"
-                .to_string(),
-        );
+    let has_rule = [a, b].iter().any(|header| stops_by_itself(header));
+    if has_rule {
+        differences.push(format!(
+            "number of simulations: a rule of A or of B chose it; compared are the first {} of both",
+            pairs.len()
+        ));
     }
+    let at_any_time = rule.is_some() || has_rule;
     match corner_pairs(first, second)? {
         Some(corners) => pairs.extend(corners),
         None => differences.push(
@@ -248,13 +266,18 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
             verdicts[0] += u64::from(decides(first));
             verdicts[1] += u64::from(decides(second));
         }
-        paired_rates(counts, verdicts)
+        match at_any_time {
+            true => paired_rates_at_any_time(counts, verdicts),
+            false => paired_rates(counts, verdicts),
+        }
     };
-    let means = |value: fn(&Episode) -> Option<f64>| {
+    let means = |value: &dyn Fn(&Episode) -> Option<f64>| {
         let values: Vec<(f64, f64)> =
             random.iter().filter_map(|pair| value(&pair.episodes[0]).zip(value(&pair.episodes[1]))).collect();
-        paired_means(&values, seed)
+        paired_means(&values, seed, at_any_time)
     };
+    let clipped =
+        rule.as_ref().map(PairRule::result).and_then(|found| Some((found.robustness_bounds?, found)));
     let compared: Vec<ComparedPair> = pairs.iter().map(Pair::compared).collect();
     let failures = |succeeds: [bool; 2]| {
         let is_it = |pair: &&ComparedPair| [pair.first_succeeds, pair.second_succeeds] == succeeds;
@@ -283,11 +306,19 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         sequential: rule.as_ref().map(PairRule::result),
         strict: has("strict").then(|| rates(Episode::is_strict_success, decides_strict_success)),
         careful: has("careful").then(|| rates(Episode::is_careful_success, decides_careful_success)),
-        robustness: means(|episode| episode.robustness().filter(|rho| rho.is_finite())),
+        at_any_time,
+        robustness: match clipped {
+            Some(([low, high], found)) => PairedMeans {
+                difference: found.interval,
+                p_value: found.p_value.unwrap_or(1.0),
+                ..means(&|episode| episode.robustness().map(|rho| rho.clamp(low.0, high.0)))
+            },
+            None => means(&|episode| episode.robustness().filter(|rho| rho.is_finite())),
+        },
         dangerous_steps: has("safe")
-            .then(|| means(|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),
+            .then(|| means(&|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),
         completion_step: has("completion").then(|| {
-            means(|episode| {
+            means(&|episode| {
                 episode.verdict.completion_step.filter(|_| episode.is_success()).map(|step| step as f64)
             })
         }),
@@ -320,9 +351,11 @@ fn random_rows(
 ) -> Result<impl Iterator<Item = (Simulation, Simulation)>, MishandleError> {
     let rows = |run: &RunFile| run.trial_simulations(RANDOM_TRIAL).collect::<Result<Vec<_>, _>>();
     let (a, b) = (rows(first)?, rows(second)?);
-    if a.len() != b.len() {
+    // A rule can end one of them earlier. The first simulations of both are pairs.
+    let has_rule = [first, second].iter().any(|run| stops_by_itself(run.header()));
+    if a.len() != b.len() && !has_rule {
         let problem = format!(
-            "A has {} random simulations and B has {}; evaluate both with the same --episodes, and complete them with --resume",
+            "A has {} random simulations and B has {}; evaluate both with the same --episodes",
             a.len(),
             b.len()
         );
@@ -394,15 +427,25 @@ fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
     let settings = |header: &RunHeader| -> Vec<(&'static str, String)> {
         let plan = Plan::from_toml(&header.plan).ok();
         let compare = plan.as_ref().and_then(|plan| plan.compare);
-        let axes = header.axes.iter().map(|axis| (&axis.name, &axis.kind, axis.low, axis.high));
+        let axis = |axis: &AxisRecord| format!("{} ({}) {} to {}", axis.name, axis.kind, axis.low, axis.high);
+        let axes: Vec<String> = header.axes.iter().map(axis).collect();
+        let formulas = header.formulas.iter().map(|formula| format!("{} {}", formula.name, formula.text));
+        let formulas: Vec<String> = formulas.collect();
+        let rule = |rule: ComparePlan| {
+            let margin = rule.margin.map_or(String::new(), |margin| format!(" with the margin {margin}"));
+            let bounds =
+                rule.robustness_bounds.map_or(String::new(), |[low, high]| format!(" in {low}:{high}"));
+            let measure = if bounds.is_empty() { "success" } else { "robustness" };
+            format!("{} of the {measure}{bounds}{margin}", rule.until)
+        };
         vec![
             ("target", header.target.name.clone()),
-            ("rule of a comparison", compare.map_or("none".to_string(), |rule| format!("{rule:?}"))),
+            ("rule of a comparison", compare.map_or("none".to_string(), rule)),
             ("formula", header.formula.clone()),
             ("space", header.space.clone()),
             ("seed", header.seed.to_string()),
-            ("axes", format!("{:?}", axes.collect::<Vec<_>>())),
-            ("formulas", format!("{:?}", header.formulas)),
+            ("axes", axes.join(", ")),
+            ("formulas", formulas.join(", ")),
             ("control steps of an episode", header.episode_steps.to_string()),
             ("control period", header.control_dt.to_string()),
         ]

@@ -8,14 +8,14 @@ use mishandle_results::{
     ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
     RunDifference, Seed,
 };
-use mishandle_store::{RunFile, RunHeader, RunKind, Simulation, TrialStatus};
+use mishandle_store::{RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
 use toml::Value;
 
 use crate::error::MishandleError;
 use crate::inspect::comparison::RANDOM_TRIAL;
 use crate::inspect::{metric_counter, run_facts};
 use crate::resolve::recorded_plan;
-use crate::run::{recorded_answer, recorded_axes, recorded_episode, recorded_scenario};
+use crate::run::{recorded_answer, recorded_axes, recorded_episode, recorded_parts, recorded_scenario};
 
 /// Largest number of changed verdicts that are listed.
 const LISTED: usize = 100;
@@ -42,6 +42,11 @@ pub fn run_difference(first: &RunFile, second: &RunFile) -> Result<RunDifference
     if first.header().kind != second.header().kind {
         let [a, b] = [first, second].map(|run| run.header().kind.name());
         notes.push(format!("the runs are of different questions: A is of `{a}`, B of `{b}`"));
+    }
+    for (name, run) in [("A", first), ("B", second)] {
+        if run.header().kind == RunKind::Evaluate && recorded_parts(run)?.stops_by_itself {
+            notes.push(format!("the intervals of {name} hold at any time, because a rule ended it"));
+        }
     }
     let simulations = simulations(first, second)?;
     // Two runs without records have nothing in common but their facts.
@@ -140,11 +145,15 @@ fn differing(mut a: BTreeMap<String, String>, mut b: BTreeMap<String, String>) -
 /// Returns the metrics of an evaluation over its random simulations.
 fn evaluated(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
     let header = run.header();
-    let mut counter = metric_counter(header);
+    let parts = recorded_parts(run)?;
+    let mut counter = metric_counter(header).with_intervals_at_any_time(parts.stops_by_itself);
     for simulation in run.trial_simulations(RANDOM_TRIAL) {
         counter.add(&recorded_episode(&simulation?));
     }
-    let found = counter.report(mishandle_rollout::Seed(header.seed));
+    let mut found = counter.report(mishandle_rollout::Seed(header.seed));
+    if let Some(sequential) = &parts.sequential {
+        found.success_rate = sequential.interval;
+    }
     let all = [
         ("success rate", Some(found.success_rate)),
         ("strict success rate", found.strict_success_rate),
@@ -152,6 +161,8 @@ fn evaluated(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
         ("dangerous behavior rate", found.dangerous_behavior_rate),
         ("episodes with any danger", found.dangerous_episode_rate),
         ("control steps until completion", found.task_completion_time),
+        ("success rate of the control", parts.control.as_ref().map(|control| control.success_rate)),
+        ("difference to the control", parts.control.as_ref().map(|control| control.difference)),
     ];
     let is_fraction = |name: &str| name != "control steps until completion";
     Ok(all
@@ -216,10 +227,16 @@ fn side_by_side(a: Vec<Found>, b: Vec<Found>) -> Vec<DifferingResult> {
     results
 }
 
+/// Returns the simulations of a run, those of a control arm at the end.
+fn with_control(run: &RunFile) -> impl Iterator<Item = Result<Simulation, StoreError>> + '_ {
+    let control = (run.header().kind == RunKind::Evaluate).then(|| run.derived_simulations(RANDOM_TRIAL));
+    run.simulations().chain(control.into_iter().flatten())
+}
+
 /// Compares the simulations at the same places, in one pass over both files.
 fn simulations(first: &RunFile, second: &RunFile) -> Result<DifferingSimulations, MishandleError> {
     let place = |simulation: &Simulation| (simulation.trial, simulation.number);
-    let (mut left, mut right) = (first.simulations(), second.simulations());
+    let (mut left, mut right) = (with_control(first), with_control(second));
     let (mut a, mut b) = (left.next().transpose()?, right.next().transpose()?);
     let mut found = DifferingSimulations::default();
     loop {

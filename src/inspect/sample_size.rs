@@ -1,6 +1,6 @@
 //! How many simulations a question takes, before any of them.
 
-use mishandle_evaluation::{SizeSettings, Sizes, StopRule, pair_size, rate_size};
+use mishandle_evaluation::{SizeSettings, Sizes, StopRule, decides_success, pair_size, rate_size};
 use mishandle_results::{ExpectedPairs, SampleSize, Seed as ResultSeed};
 use mishandle_store::{RunFile, RunKind};
 
@@ -30,6 +30,21 @@ impl Expected {
         Expected::Pairs([both, first - both, second - both, 1.0 - first - second + both])
     }
 
+    /// Returns a warning if what is expected has no uncertainty, such as after a pilot run without
+    /// a failure.
+    pub fn warning(&self) -> Option<String> {
+        let certain = match *self {
+            Expected::Rate(rate) if rate == 0.0 || rate == 1.0 => {
+                format!("a success rate of {} %", 100.0 * rate)
+            }
+            Expected::Pairs([_, first_only, second_only, _]) if first_only <= 0.0 && second_only <= 0.0 => {
+                "pairs that never differ".to_string()
+            }
+            Expected::Rate(_) | Expected::Pairs(_) => return None,
+        };
+        Some(format!("the numbers are for {certain}, which no pilot run shows; state a rate with --expect"))
+    }
+
     /// Returns the success rate of an evaluation.
     ///
     /// # Errors
@@ -40,14 +55,15 @@ impl Expected {
             let kind = run.header().kind.name();
             return Err(problem(format!("the pilot is a run of `{kind}`; expected one of `evaluate`")));
         }
-        let (mut successes, mut n) = (0_u64, 0_u64);
+        let (mut successes, mut n, mut has_verdict) = (0_u64, 0_u64, false);
         for row in run.trial_simulations(RANDOM_TRIAL) {
             let episode = recorded_episode(&row?);
+            has_verdict |= decides_success(&episode);
             n += u64::from(episode.end.counts_in_rates());
             successes += u64::from(episode.end.counts_in_rates() && episode.is_success());
         }
         match n {
-            0 => Err(problem("the pilot has no simulation".to_string())),
+            _ if !has_verdict => Err(problem("no simulation of the pilot has a verdict".to_string())),
             n => Ok(Expected::Rate(successes as f64 / n as f64)),
         }
     }

@@ -96,6 +96,15 @@ pub fn check_compare(compare: &ComparePlan) -> Result<(), MishandleError> {
                 "two finite numbers, the smaller one first",
             );
         }
+        if !(2.0 * (high - low)).is_finite() {
+            return invalid("the setting robustness-bounds", value, "a range whose double is finite");
+        }
+        if let Until::Width(width) = compare.until
+            && width >= 2.0 * (high - low)
+        {
+            let expected = "below twice the range of the robustness bounds, which is the widest interval";
+            return invalid("the width", width.to_string(), expected);
+        }
     } else if compare.measure == Measure::Robustness {
         let expected = "given (--robustness-bounds LOW:HIGH; values beyond count as the bound), because without bounds \
                         no interval of a mean holds at any time: a rare value can move the mean anywhere";

@@ -1,7 +1,9 @@
 //! The control arm of an evaluation: the same starts and seeds with every other axis at nominal.
 
-use mishandle_evaluation::{DifferenceSequence, PairedCounts, anytime_rate, decides_success, paired_rates};
-use mishandle_results::{Control, Estimate, PairedRates};
+use mishandle_evaluation::{
+    PairedCounts, count_end, decides_success, paired_rates, paired_rates_at_any_time,
+};
+use mishandle_results::{Control, EndCounts, PairedRates};
 use mishandle_rollout::{Axis, AxisKind, Episode, Request, Scenario, Space, System};
 use mishandle_store::{MAX_TRIALS, RunFile, Simulation};
 
@@ -109,11 +111,16 @@ pub(crate) struct Outcome {
     counts: bool,
     succeeds: bool,
     decides: bool,
+    /// The end, if it left success undecided.
+    without_verdict: EndCounts,
 }
 
 impl Outcome {
     pub(crate) fn of(episode: &Episode) -> Outcome {
+        let mut without_verdict = EndCounts::default();
+        count_end(&mut without_verdict, episode);
         Outcome {
+            without_verdict,
             counts: episode.end.counts_in_rates(),
             succeeds: episode.is_success(),
             decides: decides_success(episode),
@@ -138,27 +145,20 @@ impl Pairs {
     pub(crate) fn result(&self, nominal: &[String], is_single: bool, is_any_time: bool) -> Option<Control> {
         let first = *self.control.first()?;
         let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
-        let (mut counts, mut verdicts, mut sequence) =
-            (PairedCounts::default(), [0; 2], DifferenceSequence::default());
+        let (mut counts, mut left_out) = (PairedCounts::default(), 0);
         for (index, random) in self.random.iter().enumerate() {
             let Some(control) = paired(index) else { break };
-            if control.counts && random.counts {
+            if control.decides && random.decides {
                 counts.add(control.succeeds, random.succeeds);
-                sequence.add(control.succeeds, random.succeeds);
-                verdicts[0] += u64::from(control.decides);
-                verdicts[1] += u64::from(random.decides);
+            } else {
+                left_out += u64::from(control.counts && random.counts);
             }
         }
-        let PairedRates { mut first, mut difference, first_only, second_only, mut p_value, .. } =
-            paired_rates(counts, verdicts);
-        if is_any_time {
-            sequence.look();
-            p_value = sequence.p_value();
-            let has_value = |estimate: &Estimate| estimate.value.is_some();
-            first =
-                if has_value(&first) { anytime_rate(counts.both + first_only, counts.n()) } else { first };
-            difference = if has_value(&difference) { sequence.estimate() } else { difference };
-        }
+        let mut without_verdict = EndCounts::default();
+        self.control.iter().for_each(|control| without_verdict.add_all(control.without_verdict));
+        let rates = if is_any_time { paired_rates_at_any_time } else { paired_rates };
+        let PairedRates { first, difference, first_only, second_only, p_value, .. } =
+            rates(counts, [counts.n(); 2]);
         Some(Control {
             trial: TRIAL,
             nominal: nominal.to_vec(),
@@ -168,6 +168,8 @@ impl Pairs {
             fails_only_in_space: first_only,
             fails_only_in_control: second_only,
             p_value,
+            left_out,
+            without_verdict,
         })
     }
 }
@@ -226,4 +228,38 @@ pub(crate) fn copied(
 
 fn bits(value: Option<f64>) -> Option<u64> {
     value.map(f64::to_bits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outcome(verdict: Option<bool>) -> Outcome {
+        let without_verdict = EndCounts { failed: u64::from(verdict.is_none()), ..EndCounts::default() };
+        let succeeds = verdict == Some(true);
+        Outcome { counts: true, succeeds, decides: verdict.is_some(), without_verdict }
+    }
+
+    fn control(space: &[Option<bool>], arm: &[Option<bool>]) -> Control {
+        let outcomes = |verdicts: &[Option<bool>]| verdicts.iter().map(|verdict| outcome(*verdict)).collect();
+        let pairs = Pairs { random: outcomes(space), control: outcomes(arm) };
+        pairs.result(&[], false, false).expect("the arm has simulations")
+    }
+
+    #[test]
+    fn a_control_simulation_that_fails_to_run_says_nothing_about_the_perturbation() {
+        let space = [Some(true), Some(false), Some(true), None, Some(true)];
+        let found = control(&space, &[Some(true), Some(true), None, Some(true), Some(true)]);
+        assert_eq!((found.left_out, found.without_verdict.failed), (2, 1));
+        assert_eq!((found.fails_only_in_space, found.fails_only_in_control), (1, 0));
+        assert_eq!((found.success_rate.value, found.success_rate.n), (Some(1.0), 3));
+
+        let found = control(&space, &[None; 5]);
+        assert_eq!((found.success_rate.value, found.difference.value, found.left_out), (None, None, 5));
+    }
+
+    #[test]
+    fn the_first_simulation_of_an_unfinished_arm_is_paired_with_its_own_only() {
+        assert_eq!(control(&[Some(true); 5], &[Some(true)]).difference.n, 1);
+    }
 }

@@ -149,6 +149,11 @@ impl<'a> Evaluating<'a> {
         is_decided || self.random() >= self.requests.random.episodes
     }
 
+    /// Returns whether the run file says that the random simulations are complete.
+    pub(crate) fn is_ended(&self) -> bool {
+        self.is_ended
+    }
+
     /// Ends the random simulations, because another rule is satisfied.
     pub(crate) fn end(&mut self) {
         self.is_ended = true;
@@ -361,7 +366,11 @@ pub fn recorded_parts(run: &RunFile) -> Result<RecordedParts, MishandleError> {
         axis.kind != AxisKind::Start.name() && !(axis.low == axis.high && Some(axis.low) == *value)
     };
     let nominal: Vec<String> = axes.filter(is_fixed_by_arm).map(|(axis, _)| axis.name.clone()).collect();
-    let is_single = pairs.control.len() == 1;
+    // A complete arm has fewer simulations only if all of them would be the same.
+    let is_complete = trials(run)?
+        .into_iter()
+        .any(|(trial, status)| trial == control::TRIAL && status != TrialStatus::Running);
+    let is_single = is_complete && pairs.control.len() == 1;
     let stops_by_itself = stops_by_itself(&plan);
     Ok(RecordedParts {
         stops_by_itself,

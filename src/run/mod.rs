@@ -44,6 +44,7 @@ pub use end_text::end_text;
 pub use evaluate::{
     EvaluationOutcome, evaluate, evaluation_request, evaluation_simulations, rejects_scenarios,
 };
+pub(crate) use evaluating::stops_by_itself;
 pub use evaluating::{RecordedParts, recorded_parts};
 pub use falsify::{failure_rate_bound, falsify};
 pub use opening::Opening;

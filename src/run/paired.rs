@@ -219,6 +219,13 @@ pub fn evaluate_pairs(
             })?;
             let max = a.max_simulations()? + b.max_simulations()?;
             take_pairs(&mut rule, &mut waiting)?;
+            if (a.is_ended() || b.is_ended()) && !rule.has_enough() {
+                let differences = vec![format!(
+                    "status of trial 1: recorded as complete, but the rule does not end the comparison after {}",
+                    plural(rule.pairs, "pair")
+                )];
+                return Err(MishandleError::RunMismatch { differences });
+            }
             let mut is_stopped = watch(a.done() + b.done(), max).is_break();
             while !is_stopped && !rule.has_enough() {
                 let number = (rule.pairs / rule.batch + 1) * rule.batch;

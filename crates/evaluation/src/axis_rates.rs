@@ -4,7 +4,7 @@ use mishandle_results::{AxisRate, AxisRates, Estimate, PairRate, RateBin, ValueR
 use mishandle_rollout::{Axis, AxisValues, Episode, Scenario, Space};
 
 use crate::interaction::{Cells, Interaction, interaction};
-use crate::{decides_success, fisher_test, holm, wilson};
+use crate::{anytime_rate, decides_success, fisher_test, holm, wilson};
 
 /// Fewest simulations with rates over an axis, and over a pair of axes.
 const FEWEST: u64 = 50;
@@ -67,6 +67,7 @@ pub struct AxisRateCounter {
     pair_bins: Vec<Option<Vec<ValueRange>>>,
     all: Count,
     verdicts: u64,
+    is_any_time: bool,
 }
 
 /// Number of simulations, and of those that succeed.
@@ -80,10 +81,6 @@ impl Count {
     fn add(&mut self, is_success: bool) {
         self.n += 1;
         self.successes += u64::from(is_success);
-    }
-
-    fn rate(self) -> Estimate {
-        wilson(self.successes, self.n)
     }
 
     pub(crate) fn sum<'a>(counts: impl IntoIterator<Item = &'a Count>) -> Count {
@@ -147,7 +144,20 @@ impl AxisRateCounter {
             pair_bins,
             all: Count::default(),
             verdicts: 0,
+            is_any_time: false,
         }
+    }
+
+    /// Chooses intervals that hold at any time if `is_any_time` is `true`, because the results
+    /// decide how many simulations there are. A rule that reads the verdicts only does not affect
+    /// the tests: given the verdicts, the values of an axis without effect are still random.
+    pub fn with_intervals_at_any_time(self, is_any_time: bool) -> AxisRateCounter {
+        AxisRateCounter { is_any_time, ..self }
+    }
+
+    fn rate(&self, count: &Count) -> Estimate {
+        let interval = if self.is_any_time { anytime_rate } else { wilson };
+        interval(count.successes, count.n)
     }
 
     /// Counts the simulation of a random scenario. As in the success rate, one without a verdict is
@@ -211,16 +221,16 @@ impl AxisRateCounter {
             let bins = bins.iter().zip(counts).map(|(values, count)| {
                 let p_value = p_values.next().flatten();
                 let differs = p_value.is_some_and(|p| p < SIGNIFICANT);
-                RateBin { values: values.clone(), success_rate: count.rate(), p_value, differs }
+                RateBin { values: values.clone(), success_rate: self.rate(count), p_value, differs }
             });
             let bins = bins.collect();
             let axis = &self.space.axes()[*index];
             let (name, unit) = (axis.name.clone(), axis.unit.clone());
-            axes.push(AxisRate { axis: name, unit, success_rate: total.rate(), bins });
+            axes.push(AxisRate { axis: name, unit, success_rate: self.rate(total), bins });
         }
         axes.sort_by(|a, b| least(a).total_cmp(&least(b)));
         let (pairs, pairs_tested) = self.pair_rates();
-        Some(AxisRates { success_rate: self.all.rate(), axes, pairs, pairs_tested })
+        Some(AxisRates { success_rate: self.rate(&self.all), axes, pairs, pairs_tested })
     }
 
     /// Returns the pairs with the largest interaction, and the number of pairs that were tested.
@@ -244,7 +254,7 @@ impl AxisRateCounter {
             cells: pair
                 .counts
                 .chunks(columns(pair))
-                .map(|row| row.iter().map(|count| count.rate()).collect())
+                .map(|row| row.iter().map(|count| self.rate(count)).collect())
                 .collect(),
         };
         (ranked.into_iter().take(PAIRS).map(pair).collect(), count)

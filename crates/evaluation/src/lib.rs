@@ -70,7 +70,7 @@ pub use metrics::{
     FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success, rate,
 };
 pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats};
-pub use paired::{PairedCounts, paired_mean_difference, paired_rates};
+pub use paired::{PairedCounts, paired_mean_difference, paired_rates, paired_rates_at_any_time};
 pub use repeats::{repeats, variance_share};
 pub use run::{Evaluation, ScenarioFilter, evaluate};
 pub use screened::{

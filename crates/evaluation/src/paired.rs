@@ -6,7 +6,7 @@ use mishandle_random::Seed;
 
 use mishandle_results::PairedRates;
 
-use crate::{Estimate, bootstrap_mean, mean, rate, sign_test, wilson};
+use crate::{DifferenceSequence, Estimate, anytime_rate, bootstrap_mean, mean, rate, sign_test, wilson};
 
 /// Numbers of pairs by who has a property, such as success.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -106,6 +106,28 @@ pub fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
         first_only,
         second_only,
         p_value: sign_test(first_only, second_only),
+    }
+}
+
+/// Returns the rates of pairs like [`paired_rates`], with intervals and a p-value that hold at any
+/// time, because results decided how many pairs there are.
+pub fn paired_rates_at_any_time(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
+    let PairedRates { first, second, difference, first_only, second_only, .. } =
+        paired_rates(counts, verdicts);
+    let mut sequence = DifferenceSequence::of(counts);
+    sequence.look();
+    let n = counts.n();
+    let rate = |rate: Estimate, successes: u64| match rate.value {
+        Some(_) => anytime_rate(successes, n),
+        None => rate,
+    };
+    PairedRates {
+        first: rate(first, counts.both + first_only),
+        second: rate(second, counts.both + second_only),
+        difference: if difference.value.is_some() { sequence.estimate() } else { difference },
+        first_only,
+        second_only,
+        p_value: sequence.p_value(),
     }
 }
 

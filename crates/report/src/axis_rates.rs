@@ -44,15 +44,10 @@ pub fn sentence(rates: &AxisRates, source: &str) -> String {
     let found = match differing {
         0 => "No part of the range of an axis differs measurably from the rest of it".to_string(),
         _ => format!(
-            "{} of {} from the rest of the axis",
-            match differing {
-                1 => "1 part".to_string(),
-                n => format!("{n} parts"),
-            },
-            match rates.axes.len() {
-                1 => "the axis differs".to_string(),
-                n => format!("the {n} axes differ"),
-            }
+            "{} of the {} {} from the rest of the axis",
+            plural(differing as u64, "part"),
+            if rates.axes.len() == 1 { "axis".to_string() } else { format!("{} axes", rates.axes.len()) },
+            if differing == 1 { "differs" } else { "differ" },
         ),
     };
     format!("{all} {found} (exact test of Fisher, Holm's correction for all parts of all axes, 5 %).")

@@ -91,9 +91,13 @@ impl Verdict {
             }
         };
         let rate = wilson(failing, all);
+        let interval = match report.is_evaluation() {
+            true => words::failure_interval(report, failing, all),
+            false => rate.low.zip(rate.high).map(<[f64; 2]>::from),
+        };
         Verdict {
             text: format!("{failing} of {all} {name}"),
-            interval: rate.low.zip(rate.high).map(|(low, high)| [percent(low), percent(high)]),
+            interval: interval.map(|bounds| bounds.map(percent)),
             share: rate.value,
         }
     }

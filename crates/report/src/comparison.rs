@@ -192,8 +192,10 @@ fn differences(found: &Comparison) -> String {
         let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), |value| number(1e2 * value));
         rows.push(row(name, [rate(first), rate(second)], difference, &points, *p_value));
     }
+    let is_clipped = found.sequential.as_ref().is_some_and(|rule| rule.robustness_bounds.is_some());
+    let robustness = if is_clipped { "robustness, clipped" } else { "robustness" };
     let means = [
-        ("robustness", Some(&found.robustness)),
+        (robustness, Some(&found.robustness)),
         ("dangerous control steps", found.dangerous_steps.as_ref()),
         ("completion step, if both succeed", found.completion_step.as_ref()),
     ];
@@ -204,16 +206,26 @@ fn differences(found: &Comparison) -> String {
     }
     let head = ["mean over the random simulations", "A", "B", "B − A", "95 % interval", "p-value", "pairs"];
     table("Paired differences", &head, &rows)
-        + match &found.sequential {
-            Some(_) => {
-                "<p class=\"notes\">A rule ended both evaluations: interval and p-value of the success rate hold at any time, \
-                        the others are for a number of pairs that is fixed beforehand.</p>\n"
+        + match (found.at_any_time, is_clipped) {
+            (true, false) => {
+                "<p class=\"notes\">A rule chose the number of pairs: all p-values and the intervals of the rates hold at any \
+                 time; the intervals of the means are for a number of pairs that is fixed beforehand.</p>\n"
             }
-            None => "",
+            (true, true) => {
+                "<p class=\"notes\">A rule chose the number of pairs: all p-values and the intervals of the rates and of the \
+                 clipped robustness hold at any time; the intervals of the other means are for a number of pairs that is fixed \
+                 beforehand.</p>\n"
+            }
+            (false, _) => "",
         }
-        + "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
+        + match found.at_any_time {
+            true => "",
+            false => {
+                "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
            sign test, which asks whether B is as often above A as below it. Tests are two-sided and not corrected for their \
            number.</p>\n"
+            }
+        }
 }
 
 struct View<'a> {

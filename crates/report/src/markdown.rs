@@ -57,19 +57,30 @@ fn run(report: &RunReport) -> String {
         out.push_str(&table(&["predicate", "failures", "from", "simulation"], 1, &rows));
     }
     if let Some(rates) = &report.axis_rates {
-        out.push_str(&format!("### Success over the range of the axes\n\n{}", axes(rates)));
+        out.push_str(&format!(
+            "### Success over the range of the axes\n\n{}",
+            axes(rates, tables::interval_head(report))
+        ));
     }
     out.push_str(&format!(
         "Run file {}, seed {}, program {} {}.\n",
         code(&report.path),
         header.seed,
         escaped(&header.build.program_version),
-        escaped(&short(&header.build.git_commit, 12)),
+        escaped(&commit(&header.build.git_commit)),
     ));
     out
 }
 
-fn axes(rates: &AxisRates) -> String {
+/// Returns the start of a commit, and the mark of a changed working tree.
+fn commit(commit: &str) -> String {
+    match commit.split_once('-') {
+        Some((hash, mark)) => format!("{}-{mark}", short(hash, 12)),
+        None => short(commit, 12),
+    }
+}
+
+fn axes(rates: &AxisRates, interval_head: &str) -> String {
     let mut out = format!("{}\n\n", sentence(rates, "the random simulations"));
     let mut rows = Vec::new();
     for axis in rates.axes.iter().take(MAX_AXES) {
@@ -84,7 +95,7 @@ fn axes(rates: &AxisRates) -> String {
             ]);
         }
     }
-    out.push_str(&table(&["axis", "values", "success rate", "95 % interval", "simulations"], 2, &rows));
+    out.push_str(&table(&["axis", "values", "success rate", interval_head, "simulations"], 2, &rows));
     let rest = rates.axes.len().saturating_sub(MAX_AXES);
     if rest > 0 {
         out.push_str(&format!("{rest} more axes are not shown.\n\n"));

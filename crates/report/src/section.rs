@@ -43,6 +43,11 @@ pub fn section(report: &RunReport, id: usize) -> String {
     }
     if let Some(rates) = &report.axis_rates {
         out.push_str(&axis_rates::section(rates, "the random simulations"));
+        if report.parts.stops_by_itself {
+            out.push_str(
+                "<p>All these intervals hold at any time, because a rule ended the evaluation.</p>\n",
+            );
+        }
     }
     if let Some(found) = sensitivity {
         out.push_str(&sensitivity::section(report, found));

@@ -126,11 +126,15 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
 pub fn rate_notes(report: &RunReport) -> Vec<String> {
     let control = report.parts.control.iter().map(|control| {
         format!(
-            "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.",
+            "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.{}",
             mishandle_text::plural(control.difference.n, "pair"),
             control.fails_only_in_space,
             control.fails_only_in_control,
             control.nominal.join(", "),
+            match control.left_out {
+                0 => String::new(),
+                n => format!(" Left out: {} without two verdicts.", mishandle_text::plural(n, "pair")),
+            }
         )
     });
     control.chain(report.parts.sequential.iter().map(|sequential| sequential.verdict.clone())).collect()

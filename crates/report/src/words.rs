@@ -1,12 +1,12 @@
 //! The verdict in sentences.
 
-use mishandle::evaluation::{SurvivalCurve, wilson};
+use mishandle::evaluation::{SurvivalCurve, anytime_rate, wilson};
 use mishandle::results::Answer;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
 use crate::load::{RunReport, Trial};
-use crate::{margin, metamorphic, risk};
+use crate::{margin, metamorphic, risk, tables};
 
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
@@ -38,6 +38,21 @@ pub fn evaluated(report: &RunReport) -> (u64, u64) {
         let counts = trial.summary.counts;
         (counts.falsified, counts.simulations - counts.undecided)
     })
+}
+
+/// Returns the interval of the failure rate of an evaluation. If its results decided how many
+/// simulations there are, it holds at any time.
+pub fn failure_interval(report: &RunReport, failing: u64, decided: u64) -> Option<[f64; 2]> {
+    if !report.parts.stops_by_itself {
+        let rate = wilson(failing, decided);
+        return Some([rate.low?, rate.high?]);
+    }
+    let success = match &report.parts.sequential {
+        // What the rule found, which its earlier looks can narrow.
+        Some(found) if found.interval.n == decided => found.interval,
+        _ => anytime_rate(decided - failing, decided),
+    };
+    Some([1.0 - success.high?, 1.0 - success.low?])
 }
 
 /// Returns the numbers of falsified and of all trials.
@@ -130,7 +145,9 @@ fn progress(report: &RunReport) -> Option<String> {
     if report.is_evaluation() {
         let planned = plan.evaluate.as_ref()?.episodes;
         let done = report.trials.first().map_or(0, |trial| trial.summary.counts.simulations);
-        return (done < planned || ended < report.trials.len()).then(|| {
+        // A rule may end it before, and then only the status of the trials says that it did.
+        let has_fewer = done < planned && !(report.parts.stops_by_itself && done > 0);
+        return (has_fewer || ended < report.trials.len()).then(|| {
             format!(
                 "<strong>The run is not finished</strong>: {} have been simulated.",
                 of_all(done, planned)
@@ -179,12 +196,12 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
     let (found, trials) = falsified(report);
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);
-        let rate = wilson(failing, decided);
-        if let (Some(low), Some(high)) = (rate.low, rate.high) {
+        if let Some([low, high]) = failure_interval(report, failing, decided) {
             sentences.push(format!(
-                "Scenarios were drawn at random. The true failure rate is between {} and {} (95 % interval).",
+                "Scenarios were drawn at random. The true failure rate is between {} and {} ({}).",
                 percent(low),
-                percent(high)
+                percent(high),
+                tables::interval_head(report)
             ));
         }
     } else if found > 0 {

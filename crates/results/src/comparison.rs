@@ -25,6 +25,10 @@ pub struct Comparison {
     /// rates and its p-value then hold at any time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sequential: Option<Sequential>,
+    /// Whether results decided how many pairs there are. Then the rates, their differences and all
+    /// p-values hold at any time; intervals of means are for a fixed number of pairs, but that of a
+    /// robustness that the rule watches.
+    pub at_any_time: bool,
     /// Number of pairs of random simulations that count.
     pub pairs: u64,
     /// Number of other pairs: the target cannot start from the scenario in A or in B.
@@ -36,7 +40,8 @@ pub struct Comparison {
     /// Careful success rate; missing if one of the runs did not evaluate such a formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub careful_success: Option<PairedRates>,
-    /// Robustness, over pairs with two finite values.
+    /// Robustness, over pairs with two finite values; if a rule watches it, over pairs with two
+    /// values, clipped to the bounds of the rule.
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `null` if the target has no such formula.
     pub dangerous_steps: Option<PairedMeans>,
@@ -80,17 +85,19 @@ pub struct ComparedRun {
 /// A rate of both runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PairedRates {
-    /// Rate of A, with its Wilson interval; `null` if no simulation of A has a verdict.
+    /// Rate of A, with its Wilson interval, or with one that holds at any time; `null` if no
+    /// simulation of A has a verdict.
     pub first: Estimate,
-    /// Rate of B, with its Wilson interval; `null` if no simulation of B has a verdict.
+    /// Rate of B, likewise.
     pub second: Estimate,
-    /// B minus A, with Newcombe's interval for pairs; `null` if one of the rates is.
+    /// B minus A, with Newcombe's interval for pairs, or with one that holds at any time; `null` if
+    /// one of the rates is.
     pub difference: Estimate,
     /// Number of pairs in which only A succeeds.
     pub first_only: u64,
     /// Number of pairs in which only B succeeds.
     pub second_only: u64,
-    /// Two-sided p-value of the exact McNemar test.
+    /// Two-sided p-value of the exact McNemar test, or of its form that holds at any time.
     pub p_value: f64,
 }
 
@@ -111,7 +118,7 @@ pub struct PairedMeans {
     pub smaller: u64,
     /// Number of pairs in which B's value is larger.
     pub larger: u64,
-    /// Two-sided p-value of the exact sign test.
+    /// Two-sided p-value of the exact sign test, or of its form that holds at any time.
     pub p_value: f64,
 }
 

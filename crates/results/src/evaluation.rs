@@ -64,7 +64,8 @@ pub struct Control {
     pub nominal: Vec<String>,
     /// Number of simulations of the arm; 1 if all of them would be the same.
     pub simulations: u64,
-    /// Success rate of the arm over the pairs, with an interval as that of the space.
+    /// Success rate of the arm over the pairs, with an interval as that of the space. A pair counts
+    /// if both of its simulations have a verdict.
     pub success_rate: Estimate,
     /// Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with a
     /// rule that ends the evaluation, with one that holds at any time.
@@ -75,6 +76,10 @@ pub struct Control {
     pub fails_only_in_control: u64,
     /// Two-sided p-value of "no difference": exact McNemar test, or one that holds at any time.
     pub p_value: f64,
+    /// Number of pairs that do not count, because one of their simulations has no verdict.
+    pub left_out: u64,
+    /// Simulations of the arm without a verdict, by reason.
+    pub without_verdict: EndCounts,
 }
 
 /// A simulation without success.

@@ -54,9 +54,9 @@ pub struct SampleSize {
     /// The expected shares of pairs; missing for a rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_pairs: Option<ExpectedPairs>,
-    /// Smallest number that is fixed beforehand: for `decided`, its usual 5 % test decides with a
-    /// probability of 90 %; for a width or an equivalence, the usual interval of the expected
-    /// counts is narrow enough. `null` if it is above the maximum.
+    /// Smallest number that is fixed beforehand and is enough with a probability of 90 %: the usual
+    /// 5 % test or interval decides rightly, or the interval is as narrow as asked. `null` if it is
+    /// above the maximum.
     pub fixed: Option<u64>,
     /// Median number of the rule that stops by itself, from replications of the rule; `null` if it
     /// does not decide in half of them.

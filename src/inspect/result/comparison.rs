@@ -16,6 +16,7 @@ impl Comparison {
             second: self.second.clone(),
             differences: self.differences.clone(),
             sequential: self.sequential.clone(),
+            at_any_time: self.at_any_time,
             pairs: self.pairs,
             left_out: self.left_out,
             success: self.success,

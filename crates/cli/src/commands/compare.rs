@@ -23,7 +23,7 @@ use crate::show::{comparison, output};
   mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
   mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
-  mishandle compare point-reaching --controller ppo --against ddpg --episodes 5000 --until decided
+  mishandle compare point-reaching --controller ppo --against ddpg --episodes 5000 --until decided --margin 0.05
   mishandle compare old.sqlite new.sqlite --out compare.html     write a page
 
 A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
@@ -60,9 +60,6 @@ pub struct Arguments {
     /// With --measure robustness: bounds of the robustness; values beyond count as the bound
     #[arg(long, value_name = "LOW:HIGH", requires = "against", allow_hyphen_values = true, value_parser = bounds)]
     pub robustness_bounds: Option<[f64; 2]>,
-    /// Do not simulate the same starts and seeds with every other axis at nominal
-    #[arg(long, requires = "against")]
-    pub no_control: bool,
     /// Continue the two run files of a comparison that stops by itself
     #[arg(long, requires = "second")]
     pub resume: bool,
@@ -81,7 +78,7 @@ pub struct Arguments {
 }
 
 /// Arguments of `compare` that two run files already determine.
-const COMPARED: [&str; 11] = [
+const COMPARED: [&str; 15] = [
     "controller",
     "space",
     "preset",
@@ -93,6 +90,10 @@ const COMPARED: [&str; 11] = [
     "against",
     "episodes",
     "seed",
+    "until",
+    "margin",
+    "measure",
+    "robustness_bounds",
 ];
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -147,7 +148,8 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     plan.evaluate = Some(EvaluatePlan {
         episodes: command.episodes.unwrap_or(evaluate.episodes),
         batch: command.subject.batch.unwrap_or(evaluate.batch),
-        control: evaluate.control && !command.no_control,
+        // B stands beside A, and nothing here shows a control arm.
+        control: false,
         until: None,
         rate: None,
         ..evaluate

@@ -19,7 +19,10 @@ use crate::show::{evaluation, output};
   mishandle evaluate point-reaching --controller ppo --episodes 1000 --action-noise 0.5
   mishandle evaluate point-reaching --controller ppo --episodes 5000 --until width=0.04
   mishandle evaluate point-reaching --controller ppo --episodes 5000 --until decided --rate 0.95
-  mishandle evaluate point-reaching --controller my_controller.safetensors --json")]
+  mishandle evaluate point-reaching --controller my_controller.safetensors --json
+
+In a space with other axes than initial states, the same starts and seeds are simulated with every
+other axis at nominal, too (the control arm): --no-control does without.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,

@@ -36,13 +36,13 @@ pub fn text(found: &Comparison) -> String {
     }
     parts.push(output::table(&table(found)));
     parts.extend(without_verdict(found));
-    parts.push(match &found.sequential {
-        Some(_) => format!(
-            "{} The other intervals and p-values, but those of the success rate, are for a number of pairs that is fixed \
+    parts.push(match found.at_any_time {
+        true => format!(
+            "{} All p-values and intervals hold at any time; those marked with * are for a number of pairs that is fixed \
              beforehand.",
             found.verdict
         ),
-        None => format!("{} The other p-values are of exact sign tests.", found.verdict),
+        false => format!("{} The other p-values are of exact sign tests.", found.verdict),
     });
     let lists = [
         ("New failures: A succeeds, B fails", &found.new_failures),
@@ -93,23 +93,32 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             difference.n.to_string(),
         ]);
     }
+    let is_clipped = found.sequential.as_ref().is_some_and(|rule| rule.robustness_bounds.is_some());
+    let robustness = if is_clipped { "robustness, clipped" } else { "robustness" };
     let means = [
-        ("robustness", 4, Some(&found.robustness)),
+        (robustness, 4, Some(&found.robustness)),
         ("dangerous control steps", 2, found.dangerous_steps.as_ref()),
         ("completion step, if both succeed", 2, found.completion_step.as_ref()),
     ];
     for (name, decimals, means) in means.into_iter().filter_map(|(name, n, means)| Some((name, n, means?))) {
         let mean = |value: Option<f64>| value.map_or("-".to_string(), |mean| decimal(mean, decimals));
         let signed = |value: f64| {
-            let sign = if value.is_sign_negative() { "" } else { "+" };
-            format!("{sign}{}", decimal(value, decimals))
+            let text = decimal(value, decimals);
+            let has_digit = text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
+            match (has_digit, value.is_sign_negative()) {
+                (true, true) => text,
+                (true, false) => format!("+{text}"),
+                // Neither +0.00 nor -0.00.
+                (false, _) => decimal(0.0, decimals),
+            }
         };
+        let mark = if found.at_any_time && name != "robustness, clipped" { " *" } else { "" };
         rows.push(vec![
             name.to_string(),
             mean(means.first),
             mean(means.second),
             means.difference.value.map_or("-".to_string(), signed),
-            interval(&means.difference, &signed),
+            interval(&means.difference, &signed) + mark,
             means.difference.value.map_or("-".to_string(), |_| p_value_text(means.p_value)),
             means.difference.n.to_string(),
         ]);

@@ -1,6 +1,6 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Control, Estimate, Evaluation};
+use mishandle::results::{Control, EndCounts, Estimate, Evaluation};
 use mishandle_text::{p_value_text, plural};
 
 use super::{corners, escape, output, reasons, requirements, screening, simulation, subject};
@@ -105,15 +105,29 @@ fn control_text(control: &Control) -> String {
         value => format!(" (p = {value})"),
     });
     let once = match control.simulations {
-        1 if control.difference.n > 1 => ": one simulation, because all of them are the same",
+        1 if control.difference.n + control.left_out > 1 => {
+            ": one simulation, because all of them are the same"
+        }
         _ => "",
     };
-    format!(
-        "of {}, {} only in the space and {} only in the control{p}\ncontrol: the same starts and seeds, and at nominal {axes}{once}",
-        plural(control.difference.n, "pair"),
-        fail(control.fails_only_in_space),
-        fail(control.fails_only_in_control),
-    )
+    let found = match control.difference.value {
+        Some(_) => format!(
+            "of {}, {} only in the space and {} only in the control{p}",
+            plural(control.difference.n, "pair"),
+            fail(control.fails_only_in_space),
+            fail(control.fails_only_in_control),
+        ),
+        None => "no pair of space and control has two verdicts".to_string(),
+    };
+    let left_out = match control.left_out {
+        0 => String::new(),
+        1 => "\nleft out: 1 pair without two verdicts".to_string(),
+        n => format!("\nleft out: {n} pairs without two verdicts"),
+    };
+    let EndCounts { diverged, invalid, failed, undecided } = control.without_verdict;
+    let ends = simulation::without_verdict(diverged, invalid, failed, undecided);
+    let ends = ends.map_or(String::new(), |ends| format!("; in the control: {ends}"));
+    format!("{found}{left_out}{ends}\ncontrol: the same starts and seeds, and at nominal {axes}{once}")
 }
 
 fn fail(count: u64) -> String {

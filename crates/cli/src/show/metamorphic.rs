@@ -119,7 +119,8 @@ fn smallest_text(found: &Metamorphic, smallest: &SmallestChange) -> String {
             unit => format!(" {}", escape::name(unit)),
         });
         let sign = if *change < 0.0 { "" } else { "+" };
-        format!("{} {sign}{}{unit}", escape::name(axis), decimal(*change, 4))
+        let decimals = if facts.is_some_and(AxisFacts::is_discrete) { 0 } else { 4 };
+        format!("{} {sign}{}{unit}", escape::name(axis), decimal(*change, decimals))
     };
     // A share of a whole number is rounded, so it would say less than the change itself.
     let is_changed = |facts: &AxisFacts| smallest.change.0.iter().any(|(axis, _)| facts.name == *axis);

@@ -30,7 +30,7 @@ pub fn text(found: &SampleSize) -> String {
     };
     let rows = [
         vec![String::new(), format!("{unit}s")],
-        vec!["fixed beforehand".to_string(), number(found.fixed)],
+        vec!["fixed beforehand, with 90 % power".to_string(), number(found.fixed)],
         vec!["stops by itself, median".to_string(), number(found.median)],
         vec!["stops by itself, 90 % of all".to_string(), number(found.ninety_percent)],
         vec!["stops by itself, mean".to_string(), format!("{:.0}", found.mean.0)],

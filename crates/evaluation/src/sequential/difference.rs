@@ -72,6 +72,11 @@ impl Default for DifferenceSequence {
 }
 
 impl DifferenceSequence {
+    /// Makes the sequence of pairs at which nobody has looked.
+    pub fn of(counts: PairedCounts) -> DifferenceSequence {
+        DifferenceSequence { counts, ..DifferenceSequence::default() }
+    }
+
     /// Adds a pair.
     pub fn add(&mut self, first: bool, second: bool) {
         self.counts.add(first, second);
@@ -135,7 +140,7 @@ mod tests {
 
     fn sequence(first_only: u64, second_only: u64, concordant: u64) -> DifferenceSequence {
         let counts = PairedCounts { both: concordant, first_only, second_only, neither: 0 };
-        DifferenceSequence { counts, ..DifferenceSequence::default() }
+        DifferenceSequence::of(counts)
     }
 
     /// Integrates the likelihood ratio of discordant pairs against 1/2 over Beta(1/2, 1/2).

@@ -1,13 +1,19 @@
 //! How many simulations a question takes, fixed beforehand or with a rule that stops by itself.
 
+use std::cmp::Ordering;
+
 use mishandle_random::{Seed, Sequence};
 
 use super::{DifferenceSequence, RateSequence, StopRule};
 use crate::f_distribution::{incomplete_beta, ln_beta};
-use crate::{Estimate, PairedCounts, wilson};
+use crate::{Estimate, PairedCounts, sign_test, wilson};
 
-/// Power of the tests for a fixed number.
+/// Probability with which a fixed number is enough.
 const POWER: f64 = 0.9;
+
+/// Largest number of replications that find the power for a fixed number of pairs, if it is not
+/// computed.
+const POWER_REPLICATIONS: u64 = 2000;
 
 /// Probability of each tail of a two-sided 5 % test.
 const TAIL: f64 = 0.025;
@@ -36,7 +42,8 @@ impl SizeSettings {
 /// Numbers of simulations, or of pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sizes {
-    /// Smallest number that is fixed beforehand; `None` above the maximum.
+    /// Smallest number that is fixed beforehand and is enough with a probability of 90 %; `None`
+    /// above the maximum.
     pub fixed: Option<u64>,
     /// Median number of the rule; `None` if it does not decide in half of the replications.
     pub median: Option<u64>,
@@ -50,7 +57,8 @@ pub struct Sizes {
 
 /// Returns how many simulations it takes to know a rate that is probably `rate`.
 ///
-/// For a fixed number, the interval is Wilson's.
+/// For a fixed number, the interval is Wilson's, and the probability that it is on the right side
+/// of the rate, or narrow enough, is that of the binomial distribution.
 ///
 /// # Example
 /// ```
@@ -64,7 +72,9 @@ pub struct Sizes {
 pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> Sizes {
     let is_enough = |n: u64| match rule {
         StopRule::Rate(limit) => rate_power(rate, limit, n) >= POWER,
-        _ => rule.decide(&wilson((rate * n as f64).round() as u64, n)).is_some(),
+        StopRule::Width(width) => width_power(rate, width, n) >= POWER,
+        // A rate alone has no difference.
+        StopRule::Difference(_) => false,
     };
     let replicate = |sequence: &mut Sequence| {
         let mut found = RateSequence::default();
@@ -80,7 +90,9 @@ pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> Sizes {
 /// Returns how many pairs it takes to know the difference of two rates. `cells` are the
 /// probabilities that both, only the first, only the second, and neither succeeds.
 ///
-/// For a fixed number, the test is McNemar's exact test and the interval Newcombe's.
+/// For a fixed number, the test is McNemar's exact test and the interval Newcombe's. The power of
+/// the test is computed; how often the interval is narrow enough, or within the margin, is counted
+/// in replications with the seed.
 ///
 /// # Example
 /// ```
@@ -91,25 +103,25 @@ pub fn rate_size(rate: f64, rule: StopRule, settings: SizeSettings) -> Sizes {
 /// assert!(found.fixed.unwrap() < 400 && found.decided > 0.9);
 /// ```
 pub fn pair_size(cells: [f64; 4], rule: StopRule, settings: SizeSettings) -> Sizes {
-    let [both, first_only, second_only, _] = cells;
-    let is_enough = |n: u64| match rule {
-        StopRule::Difference(None) => mcnemar_power(first_only, second_only, n) >= POWER,
-        StopRule::Difference(Some(_)) if mcnemar_power(first_only, second_only, n) >= POWER => true,
-        _ => rule.decide(&expected_counts(cells, n).difference()).is_some(),
+    let [_, first_only, second_only, _] = cells;
+    let fixed = match rule {
+        StopRule::Difference(None) => {
+            smallest(settings.max, |n| mcnemar_power(first_only, second_only, n) >= POWER)
+        }
+        _ => smallest_replicated(cells, rule, settings),
     };
     let replicate = |sequence: &mut Sequence| {
         let mut found = DifferenceSequence::default();
         stop(rule, settings, |count| {
             for _ in 0..count {
-                let u = sequence.uniform();
-                let is_first = u < both + first_only;
-                found.add(is_first, u < both || !is_first && u < both + first_only + second_only);
+                let [first, second] = pair(cells, sequence);
+                found.add(first, second);
             }
             found.look();
             found.estimate()
         })
     };
-    summary(smallest(settings.max, is_enough), settings, replicate)
+    summary(fixed, settings, replicate)
 }
 
 /// Returns the smallest n up to `max` from which on `is_enough` holds, by bisection: powers rise
@@ -124,6 +136,54 @@ fn smallest(max: u64, is_enough: impl Fn(u64) -> bool) -> Option<u64> {
         if is_enough(n) { enough = n } else { less = n }
     }
     Some(enough)
+}
+
+/// Draws a pair: whether the first and the second succeed.
+fn pair([both, first_only, second_only, _]: [f64; 4], sequence: &mut Sequence) -> [bool; 2] {
+    let u = sequence.uniform();
+    let is_first = u < both + first_only;
+    [is_first, u < both || !is_first && u < both + first_only + second_only]
+}
+
+/// Returns the smallest number of pairs that is enough in 90 % of replications.
+fn smallest_replicated(cells: [f64; 4], rule: StopRule, settings: SizeSettings) -> Option<u64> {
+    let replications = settings.replications.clamp(1, POWER_REPLICATIONS);
+    let is_enough = |n: u64| {
+        let enough = (0..replications).filter(|stream| {
+            let mut sequence = Sequence::new(settings.seed.child(1).0, *stream);
+            let mut counts = PairedCounts::default();
+            for _ in 0..n {
+                let [first, second] = pair(cells, &mut sequence);
+                counts.add(first, second);
+            }
+            is_right(&counts, cells, rule)
+        });
+        enough.count() as f64 >= POWER * replications as f64
+    };
+    // What the expected counts need is close, so that few large numbers are replicated.
+    let mut most =
+        smallest(settings.max, |n| rule.decide(&expected_counts(cells, n).difference()).is_some())?;
+    while !is_enough(most) {
+        if most == settings.max {
+            return None;
+        }
+        most = most.saturating_mul(2).min(settings.max);
+    }
+    smallest(most, is_enough)
+}
+
+/// Returns whether the usual interval of the pairs is narrow enough, or within the margin, or the
+/// usual test finds the difference that there is.
+fn is_right(counts: &PairedCounts, [_, first_only, second_only, _]: [f64; 4], rule: StopRule) -> bool {
+    let found = counts.difference();
+    let StopRule::Difference(Some(margin)) = rule else { return rule.decide(&found).is_some() };
+    let is_within = found.low.zip(found.high).is_some_and(|(low, high)| -margin < low && high < margin);
+    let is_direction_right = match second_only.total_cmp(&first_only) {
+        Ordering::Less => counts.second_only < counts.first_only,
+        Ordering::Greater => counts.second_only > counts.first_only,
+        Ordering::Equal => false,
+    };
+    is_within || is_direction_right && sign_test(counts.first_only, counts.second_only) <= 2.0 * TAIL
 }
 
 /// Returns after how many values the rule decides; `None` if it does not.
@@ -205,6 +265,18 @@ fn rate_power(rate: f64, limit: f64, n: u64) -> f64 {
     at_least(above, n, rate)
 }
 
+/// Returns the probability with which Wilson's interval is at most `width` wide. It is the wider the
+/// closer the number of successes is to n / 2.
+fn width_power(rate: f64, width: f64, n: u64) -> f64 {
+    let is_narrow = |k: u64| StopRule::Width(width).decide(&wilson(k, n)).is_some();
+    let many = first_count(n, |k| 2 * k >= n && is_narrow(k));
+    if 2 * many <= n + 1 {
+        return 1.0;
+    }
+    // As many failures are as narrow.
+    at_least(many, n, rate) + at_least(many, n, 1.0 - rate)
+}
+
 /// Returns the probability with which the exact McNemar test finds the difference at 5 %.
 fn mcnemar_power(first_only: f64, second_only: f64, n: u64) -> f64 {
     let discordant = first_only + second_only;
@@ -226,7 +298,6 @@ fn mcnemar_power(first_only: f64, second_only: f64, n: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sign_test;
 
     #[test]
     fn the_power_of_mcnemars_test_is_that_of_simulated_pairs() {
@@ -258,6 +329,39 @@ mod tests {
         let expected = 10.0 * 0.9_f64.powi(9) * 0.1 + 0.9_f64.powi(10);
         assert!((rate_power(0.9, 0.5, 10) - expected).abs() < 1e-12);
         assert!((rate_power(0.1, 0.5, 10) - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_fixed_number_is_enough_in_90_percent_of_new_samples() {
+        // Counted with other seeds than those of the answer.
+        let sample = |stream: u64, n: u64, cells: [f64; 4]| {
+            let (mut sequence, mut counts) = (Sequence::new(11, stream), PairedCounts::default());
+            for _ in 0..n {
+                let [first, second] = pair(cells, &mut sequence);
+                counts.add(first, second);
+            }
+            counts
+        };
+        let share = |is: &dyn Fn(u64) -> bool| (0..2000).filter(|stream| is(*stream)).count() as f64 / 2000.0;
+        let settings = SizeSettings { max: 4000, batch: 64, replications: 2000, seed: Seed(0) };
+        let few = SizeSettings { replications: 1, ..settings };
+
+        let n = rate_size(0.97, StopRule::Width(0.04), few).fixed.expect("4000 are enough");
+        let found = share(&|stream| {
+            let rate = sample(stream, n, [0.97, 0.0, 0.0, 0.03]).both;
+            let found = wilson(rate, n);
+            found.high.zip(found.low).is_some_and(|(high, low)| high - low <= 0.04)
+        });
+        assert!((0.88..0.94).contains(&found), "{n} simulations: {found}");
+
+        let cells = [0.94, 0.01, 0.01, 0.04];
+        let n = smallest_replicated(cells, StopRule::Difference(Some(0.02)), settings);
+        let n = n.expect("4000 are enough");
+        let found = share(&|stream| {
+            let found = sample(stream, n, cells).difference();
+            found.low.zip(found.high).is_some_and(|(low, high)| -0.02 < low && high < 0.02)
+        });
+        assert!((0.87..0.94).contains(&found), "{n} pairs: {found}");
     }
 
     #[test]
