@@ -10,7 +10,7 @@ use mishandle::campaign::create_campaign;
 use mishandle::plan::{AxisSetting, ComparePlan, EvaluatePlan, Measure, Until};
 use mishandle::results::{Control, Evaluation};
 use mishandle::run::{CONTROL_TRIAL, Opening, create_run, evaluate, evaluate_pairs, evaluation_result};
-use mishandle::store::{RunFile, RunWriter, Simulation};
+use mishandle::store::{RunFile, RunWriter, Simulation, TrialStatus};
 use mishandle::{Plan, ResolvedPlan};
 
 fn plan(target: &str, space: &str, evaluate: EvaluatePlan) -> Plan {
@@ -123,6 +123,53 @@ fn the_pairs_of_a_comparison_end_together_and_a_resumed_one_is_the_same() {
         let error = evaluate(&resolved, RunWriter::resume(&path).unwrap(), |_| ControlFlow::Continue(()));
         assert!(error.unwrap_err().to_string().contains("mishandle compare --resume"));
     }
+}
+
+#[test]
+fn a_pair_that_is_complete_but_undecided_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let compare = ComparePlan { margin: Some(0.01), ..ComparePlan::default() };
+    let table = EvaluatePlan { episodes: 500, batch: 8, ..EvaluatePlan::default() };
+    let plan = Plan { compare: Some(compare), ..plan("toy/noisy", "", table) };
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let paths = ["a.sqlite", "b.sqlite"].map(|name| folder.path().join(name));
+    let runs = paths.each_ref().map(|path| create_run(&resolved, Some(path)).unwrap());
+    let both = [&resolved, &resolved];
+    assert!(!evaluate_pairs(both, runs, |_, _| ControlFlow::Break(())).unwrap());
+    let [mut a, b] = paths.map(|path| RunWriter::resume(&path).unwrap());
+    a.end_trial(1, TrialStatus::BudgetSpent).unwrap();
+    let error = evaluate_pairs(both, [a, b], |_, _| ControlFlow::Continue(())).unwrap_err();
+    assert!(error.to_string().contains("recorded as complete"), "{error}");
+}
+
+#[test]
+fn runs_that_rules_ended_are_compared_by_their_common_pairs_at_any_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, width: f64| {
+        let until = Some(Until::Width(width));
+        let table = EvaluatePlan { episodes: 3000, batch: 32, until, ..EvaluatePlan::default() };
+        let path = folder.path().join(name);
+        evaluated(&plan("toy/noisy", "", table), &path, u64::MAX);
+        RunFile::open(&path).unwrap()
+    };
+    let (short, long) = (run("short", 0.3), run("long", 0.15));
+    let found = mishandle::inspect::compare(&short, &long).unwrap().result();
+    let n = rows(short.path(), 1).len() as u64;
+    assert!(n < rows(long.path(), 1).len() as u64 && found.at_any_time);
+    // The same target and seeds: no pair differs.
+    let difference = found.success.difference;
+    assert_eq!((found.pairs, difference.value, found.success.p_value), (n, Some(0.0), 1.0));
+    let fixed =
+        mishandle::evaluation::wilson((found.success.first.value.unwrap() * n as f64).round() as u64, n);
+    assert!(found.success.first.low < fixed.low && fixed.high < found.success.first.high);
+    let parts = mishandle::inspect::run_difference(&short, &long).unwrap();
+    let rate = parts.results.iter().find(|result| result.name == "success rate").unwrap();
+    let width = |found: Option<mishandle::evaluation::Estimate>| {
+        let found = found.unwrap();
+        found.high.unwrap() - found.low.unwrap()
+    };
+    // What the rules promise.
+    assert!(width(rate.first) <= 0.3 && width(rate.second) <= 0.15);
 }
 
 #[test]

@@ -118,7 +118,7 @@ fn table(found: &Comparison) -> Vec<Vec<String>> {
             mean(means.first),
             mean(means.second),
             means.difference.value.map_or("-".to_string(), signed),
-            interval(&means.difference, &signed) + mark,
+            interval(&means.difference, &signed) + means.difference.low.map_or("", |_| mark),
             means.difference.value.map_or("-".to_string(), |_| p_value_text(means.p_value)),
             means.difference.n.to_string(),
         ]);
