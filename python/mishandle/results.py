@@ -909,7 +909,8 @@ class Control:
     simulations: int
     """Number of simulations of the arm; 1 if all of them would be the same."""
     success_rate: Estimate
-    """Success rate of the arm over the pairs, with an interval as that of the space."""
+    """Success rate of the arm over the pairs, with an interval as that of the space. A pair
+    counts if both of its simulations have a verdict."""
     difference: Estimate
     """Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with
     a rule that ends the evaluation, with one that holds at any time."""
@@ -919,6 +920,24 @@ class Control:
     """Number of pairs that fail only in the arm."""
     p_value: float
     """Two-sided p-value of "no difference": exact McNemar test, or one that holds at any time."""
+    left_out: int
+    """Number of pairs that do not count, because one of their simulations has no verdict."""
+    without_verdict: EndCounts
+    """Simulations of the arm without a verdict, by reason."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EndCounts:
+    """Numbers of simulations without a verdict on success, by reason."""
+
+    diverged: int
+    """Diverged."""
+    invalid: int
+    """Ended because the controller or the environment returned a value that is not finite."""
+    failed: int
+    """Could not start, crashed or took too long."""
+    undecided: int
+    """Left success undecided."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2616,35 +2635,23 @@ class ComparedRun:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EndCounts:
-    """Numbers of simulations without a verdict on success, by reason."""
-
-    diverged: int
-    """Diverged."""
-    invalid: int
-    """Ended because the controller or the environment returned a value that is not finite."""
-    failed: int
-    """Could not start, crashed or took too long."""
-    undecided: int
-    """Left success undecided."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class PairedRates:
     """A rate of both runs."""
 
     first: Estimate
-    """Rate of A, with its Wilson interval; ``None`` if no simulation of A has a verdict."""
+    """Rate of A, with its Wilson interval, or with one that holds at any time; ``None`` if no
+    simulation of A has a verdict."""
     second: Estimate
-    """Rate of B, with its Wilson interval; ``None`` if no simulation of B has a verdict."""
+    """Rate of B, likewise."""
     difference: Estimate
-    """B minus A, with Newcombe's interval for pairs; ``None`` if one of the rates is."""
+    """B minus A, with Newcombe's interval for pairs, or with one that holds at any time;
+    ``None`` if one of the rates is."""
     first_only: int
     """Number of pairs in which only A succeeds."""
     second_only: int
     """Number of pairs in which only B succeeds."""
     p_value: float
-    """Two-sided p-value of the exact McNemar test."""
+    """Two-sided p-value of the exact McNemar test, or of its form that holds at any time."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2662,7 +2669,7 @@ class PairedMeans:
     larger: int
     """Number of pairs in which B's value is larger."""
     p_value: float
-    """Two-sided p-value of the exact sign test."""
+    """Two-sided p-value of the exact sign test, or of its form that holds at any time."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -2709,6 +2716,10 @@ class Comparison:
     sequential: Sequential | None = None
     """The rule that ended both evaluations; missing without one. The difference of the success
     rates and its p-value then hold at any time."""
+    at_any_time: bool
+    """Whether results decided how many pairs there are. Then the rates, their differences and
+    all p-values hold at any time; intervals of means are for a fixed number of pairs, but that
+    of a robustness that the rule watches."""
     pairs: int
     """Number of pairs of random simulations that count."""
     left_out: int
@@ -2720,7 +2731,8 @@ class Comparison:
     careful_success: PairedRates | None = None
     """Careful success rate; missing if one of the runs did not evaluate such a formula."""
     robustness: PairedMeans
-    """Robustness, over pairs with two finite values."""
+    """Robustness, over pairs with two finite values; if a rule watches it, over pairs with two
+    values, clipped to the bounds of the rule."""
     dangerous_steps: PairedMeans | None
     """Number of dangerous control steps; ``None`` if the target has no such formula."""
     completion_step: PairedMeans | None
@@ -2899,9 +2911,9 @@ class SampleSize:
     expected_pairs: ExpectedPairs | None = None
     """The expected shares of pairs; missing for a rate."""
     fixed: int | None
-    """Smallest number that is fixed beforehand: for ``decided``, its usual 5 % test decides with
-    a probability of 90 %; for a width or an equivalence, the usual interval of the expected
-    counts is narrow enough. ``None`` if it is above the maximum."""
+    """Smallest number that is fixed beforehand and is enough with a probability of 90 %: the
+    usual 5 % test or interval decides rightly, or the interval is as narrow as asked. ``None``
+    if it is above the maximum."""
     median: int | None
     """Median number of the rule that stops by itself, from replications of the rule; ``None`` if
     it does not decide in half of them."""
