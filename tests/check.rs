@@ -205,7 +205,7 @@ fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
             let cell = cell(&found, "keeps-away");
             (
                 cell.verdict.clone(),
-                cell.failure_rate.clone(),
+                cell.failure_rate,
                 cell.without_verdict,
                 odd.is_none_or(|odd| odd > 0),
             )

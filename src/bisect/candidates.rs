@@ -96,7 +96,7 @@ pub fn git_candidates(
     };
     // Another revision in the place of a named end would be an answer to another question.
     let end = |revision: &str| -> Result<String, MishandleError> {
-        let commit = text(commit(revision)?);
+        let commit = text(&commit(revision)?);
         match has_file(&commit) {
             Ok(_) => Ok(commit),
             Err(_) => Err(problem(format!("the revision {revision} has no file {}", path_text(file)))),
@@ -109,7 +109,7 @@ pub fn git_candidates(
         None => bad.clone(),
     };
     let listed = git(parent, &["rev-list", "--reverse", "--topo-order", &range, "--", &name])?;
-    let listed = text(listed);
+    let listed = text(&listed);
     // A revision that does not change the file has that of the one before.
     let mut revisions: Vec<&str> = good.as_deref().into_iter().chain(listed.lines()).collect();
     revisions.dedup();
@@ -120,11 +120,11 @@ pub fn git_candidates(
     for revision in revisions {
         // A revision without the file is not a candidate.
         let Ok(blob) = has_file(revision) else { continue };
-        let blob = text(blob);
+        let blob = text(&blob);
         if last.as_ref() == Some(&blob) {
             continue;
         }
-        let size = text(git(parent, &["cat-file", "-s", &blob])?);
+        let size = text(&git(parent, &["cat-file", "-s", &blob])?);
         if size.parse::<u64>().map_or(true, |size| size > limits::CONTROLLER) {
             return Err(problem(format!(
                 "{name} of the revision {revision} has {size} bytes, which is too large"
@@ -167,8 +167,8 @@ fn git(folder: &Path, arguments: &[&str]) -> Result<Vec<u8>, MishandleError> {
     }
 }
 
-fn text(output: Vec<u8>) -> String {
-    String::from_utf8_lossy(&output).trim().to_string()
+fn text(output: &[u8]) -> String {
+    String::from_utf8_lossy(output).trim().to_string()
 }
 
 #[cfg(test)]
