@@ -4,6 +4,8 @@ use std::path::Path;
 
 use mishandle::files::read_text_bounded;
 use mishandle::results::EvidenceSigner;
+use ssh_key::encoding::pem::PemLabel;
+use ssh_key::encoding::{Decode, DecodePem, Reader};
 use ssh_key::public::KeyData;
 use ssh_key::{Algorithm, HashAlg, LineEnding, PrivateKey, PublicKey, SshSig};
 
@@ -17,6 +19,9 @@ pub const NAMESPACE: &str = "mishandle-evidence";
 
 /// Status of a signature that does not count.
 pub(crate) const WRONG: &str = "wrong";
+
+/// Status of a signature that only `ssh-keygen` can check.
+const UNSUPPORTED: &str = "unsupported";
 
 /// Largest size of a key or a signature, in bytes.
 pub(crate) const MAX_SIZE: u64 = 1 << 16;
@@ -87,8 +92,12 @@ pub(crate) fn check(bytes: &[u8], pem: Option<&str>, signers: &Signers) -> Check
     };
     let found = match SshSig::from_pem(pem) {
         Ok(found) => found,
+        // The library reads no key of ECDSA.
         Err(error) => {
-            return checked(WRONG, None, Some(format!("the signature cannot be read: {error}")));
+            return match SignedBy::decode_pem(pem) {
+                Ok(SignedBy(algorithm)) => checked(UNSUPPORTED, None, Some(unsupported(&algorithm))),
+                Err(_) => checked(WRONG, None, Some(format!("the signature cannot be read: {error}"))),
+            };
         }
     };
     let (key, allowed) = (found.public_key(), signers.of(found.public_key()));
@@ -99,11 +108,7 @@ pub(crate) fn check(bytes: &[u8], pem: Option<&str>, signers: &Signers) -> Check
         return checked(WRONG, named, Some(problem));
     }
     if !matches!(key, KeyData::Ed25519(_) | KeyData::SkEd25519(_)) {
-        let problem = format!(
-            "this program cannot check a signature of {}; check it with ssh-keygen -Y verify, as README.md says",
-            key.algorithm()
-        );
-        return checked("unsupported", named, Some(problem));
+        return checked(UNSUPPORTED, named, Some(unsupported(key.algorithm().as_str())));
     }
     if PublicKey::from(key.clone()).verify(NAMESPACE, bytes, &found).is_err() {
         return checked(WRONG, named, Some(format!("the signature does not fit {SUMS}")));
@@ -112,6 +117,40 @@ pub(crate) fn check(bytes: &[u8], pem: Option<&str>, signers: &Signers) -> Check
         (Signers::Unknown, _) => checked("valid", named, None),
         (_, Ok(_)) => checked("trusted", named, None),
         (_, Err(problem)) => checked(WRONG, named, Some(problem)),
+    }
+}
+
+fn unsupported(algorithm: &str) -> String {
+    format!(
+        "this program cannot check a signature of {algorithm}; check it with ssh-keygen -Y verify, as README.md says"
+    )
+}
+
+/// Name of the key's algorithm in a signature whose key the library does not know. It must be one
+/// that the library knows by name: other bytes are no signature.
+struct SignedBy(String);
+
+impl PemLabel for SignedBy {
+    const PEM_LABEL: &'static str = "SSH SIGNATURE";
+}
+
+impl Decode for SignedBy {
+    type Error = ssh_key::Error;
+
+    /// Reads the blob of PROTOCOL.sshsig up to the name in its public key.
+    fn decode(reader: &mut impl Reader) -> Result<SignedBy, ssh_key::Error> {
+        let mut magic = [0; 6];
+        reader.read(&mut magic)?;
+        let (version, _) = (u32::decode(reader)?, u32::decode(reader)?);
+        let name = String::decode(reader)?;
+        let is_known = name.contains("ecdsa") && Algorithm::new(&name).is_ok();
+        if &magic != b"SSHSIG" || version != 1 || !is_known {
+            return Err(ssh_key::Error::FormatEncoding);
+        }
+        while reader.remaining_len() > 0 {
+            u8::decode(reader)?;
+        }
+        Ok(SignedBy(name))
     }
 }
 

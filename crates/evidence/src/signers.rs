@@ -19,7 +19,15 @@ pub enum Signers {
     /// One key.
     Key(Box<PublicKey>),
     /// Keys with names.
-    Allowed(Vec<AllowedSigner>),
+    Allowed(AllowedSigners),
+}
+
+/// A file of allowed signers.
+#[derive(Clone, Debug)]
+pub struct AllowedSigners {
+    signers: Vec<AllowedSigner>,
+    /// Numbers of the lines whose keys this program cannot read, such as those of ECDSA.
+    unread: Vec<usize>,
 }
 
 /// A line of a file of allowed signers.
@@ -40,6 +48,11 @@ impl Signers {
         let text = read_text_bounded(path, MAX_SIZE).map_err(EvidenceError::file(path))?;
         match text.trim().parse() {
             Ok(key) => Ok(Signers::Key(Box::new(key))),
+            Err(_) if text.trim().starts_with("ecdsa-") || text.trim().starts_with("sk-ecdsa-") => {
+                let problem =
+                    "this program cannot check signatures of ECDSA; use ssh-keygen -Y verify".to_string();
+                Err(EvidenceError::Key { path: path.to_path_buf(), problem })
+            }
             Err(error) => {
                 let problem = format!("it is not a public key of OpenSSH ({error}), such as id_ed25519.pub");
                 Err(EvidenceError::Key { path: path.to_path_buf(), problem })
@@ -47,20 +60,30 @@ impl Signers {
         }
     }
 
-    /// Reads a file of allowed signers.
+    /// Reads a file of allowed signers. Lines with keys that this program cannot read allow nobody,
+    /// as for `ssh-keygen`.
     ///
     /// # Errors
-    /// If a line is none of such a file.
+    /// If the file cannot be read, or it has lines and none of them is readable.
     pub fn allowed(path: &Path) -> Result<Signers, EvidenceError> {
         let text = read_text_bounded(path, limits::RESULT).map_err(EvidenceError::file(path))?;
         let is_entry = |line: &&str| !line.is_empty() && !line.starts_with('#');
-        let entries = text.lines().map(str::trim).enumerate().filter(|(_, line)| is_entry(line));
-        let parsed = entries.map(|(index, line)| {
-            let problem =
-                || format!("line {} is not that of an allowed signer: NAMES [OPTIONS] KEY", index + 1);
-            entry(line).ok_or_else(|| EvidenceError::Key { path: path.to_path_buf(), problem: problem() })
-        });
-        Ok(Signers::Allowed(parsed.collect::<Result<_, _>>()?))
+        let (mut signers, mut unread) = (Vec::new(), Vec::new());
+        for (index, line) in text.lines().map(str::trim).enumerate().filter(|(_, line)| is_entry(line)) {
+            match entry(line) {
+                Some(signer) => signers.push(signer),
+                None => unread.push(index + 1),
+            }
+        }
+        match unread.first() {
+            Some(first) if signers.is_empty() => {
+                let problem = format!(
+                    "line {first} is not that of an allowed signer with a key that this program checks: NAMES [OPTIONS] KEY"
+                );
+                Err(EvidenceError::Key { path: path.to_path_buf(), problem })
+            }
+            _ => Ok(Signers::Allowed(AllowedSigners { signers, unread })),
+        }
     }
 
     /// Returns whether keys are given.
@@ -78,7 +101,8 @@ impl Signers {
             Signers::Key(known) if known.key_data() == key => Ok(Vec::new()),
             Signers::Key(_) => Err("the signature is that of another key".to_string()),
             Signers::Allowed(known) => {
-                let of_key: Vec<_> = known.iter().filter(|known| known.key.key_data() == key).collect();
+                let of_key: Vec<_> =
+                    known.signers.iter().filter(|known| known.key.key_data() == key).collect();
                 let allowed: Vec<String> = of_key
                     .iter()
                     .filter(|known| known.refusal.is_none())
@@ -87,10 +111,23 @@ impl Signers {
                 let refusal = of_key.iter().find_map(|known| known.refusal.clone());
                 match allowed.is_empty() {
                     false => Ok(allowed),
-                    true => Err(refusal.unwrap_or_else(|| {
-                        "the key of the signature is none of the allowed signers".to_string()
-                    })),
+                    true => Err(refusal.unwrap_or_else(|| known.stranger())),
                 }
+            }
+        }
+    }
+}
+
+impl AllowedSigners {
+    /// Says that a key is none of them.
+    fn stranger(&self) -> String {
+        let text = "the key of the signature is none of the allowed signers".to_string();
+        match self.unread.as_slice() {
+            [] => text,
+            [line] => format!("{text}; line {line} has a key that this program cannot read"),
+            lines => {
+                let lines: Vec<String> = lines.iter().map(usize::to_string).collect();
+                format!("{text}; lines {} have keys that this program cannot read", lines.join(", "))
             }
         }
     }
@@ -101,11 +138,16 @@ fn entry(line: &str) -> Option<AllowedSigner> {
     let (principals, rest) = word(line)?;
     let signer =
         |key: PublicKey, refusal| AllowedSigner { principals: principals.replace('"', ""), key, refusal };
-    if let Ok(key) = rest.parse() {
+    if let Some(key) = key(rest) {
         return Some(signer(key, None));
     }
     let (options, rest) = word(rest)?;
-    Some(signer(rest.parse().ok()?, refusal(options)))
+    Some(signer(key(rest)?, refusal(options)))
+}
+
+/// Parses a key, whose parts any blanks separate.
+fn key(text: &str) -> Option<PublicKey> {
+    text.split_whitespace().collect::<Vec<_>>().join(" ").parse().ok()
 }
 
 /// Splits off the first word. A space in quotes does not end it.
@@ -186,6 +228,34 @@ mod tests {
         {
             assert_eq!(is_in(patterns, NAMESPACE), expected, "{patterns}");
         }
+    }
+
+    const KEY: &str = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAILM+rvN+ot98qgEN796jTiQfZfG1KaT0PtFDJ/XFSqti";
+
+    #[test]
+    fn any_blanks_separate_the_parts_of_a_line() {
+        for line in [format!("me {KEY} comment"), format!("me\t{}", KEY.replace(' ', "\t"))] {
+            assert!(entry(&line).is_some_and(|entry| entry.refusal.is_none()), "{line}");
+        }
+        let narrow = format!("me\tnamespaces=\"git\"\t{KEY}");
+        assert!(entry(&narrow).is_some_and(|entry| entry.refusal.is_some()));
+        assert!(entry(KEY).is_none() && entry("me garbage").is_none());
+    }
+
+    #[test]
+    fn a_line_that_cannot_be_read_does_not_void_the_others() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("signers");
+        let read = |text: &str| {
+            std::fs::write(&path, text).expect("a file");
+            Signers::allowed(&path)
+        };
+        let known = key(KEY).expect("a key");
+        let unread = "you ecdsa-sha2-nistp256 AAAAE2VjZHNhLXNoYTItbmlzdHAyNTY=\ngarbage\n";
+        let signers = read(&format!("{unread}me {KEY}\n")).expect("signers");
+        assert_eq!(signers.of(known.key_data()), Ok(vec!["me".to_string()]));
+        assert!(read(unread).is_err());
+        assert!(read("# nobody\n").is_ok());
     }
 
     #[test]
