@@ -32,7 +32,7 @@ def evidence(
     key : path, optional
         Private Ed25519 key of ``ssh-keygen`` without a passphrase, which signs. Without it, hashes show accidents, not forgery.
     force : bool
-        Replace ``out`` if it is a folder of evidence.
+        Replace ``out`` if it is a folder of evidence with no other file.
     controller, target : path, optional
         Present paths of the runs' controller and target file, if they were moved.
 
@@ -45,7 +45,7 @@ def evidence(
     >>> [run.page for run in evidence([found.path], folder + "/evidence").runs]
     ['pages/run.html']
     >>> verified = verify_evidence(folder + "/evidence", share=1.0)
-    >>> (verified.is_verified, verified.signature, len(verified.runs[0].replayed) == verified.runs[0].simulations)
+    >>> (verified.is_verified, verified.signature, len(verified.runs[0].replayed) == verified.runs[0].chosen)
     (True, 'missing', True)
     """
     if isinstance(runs, (str, os.PathLike)):
@@ -71,8 +71,9 @@ def verify_evidence(
 ) -> EvidenceVerification:
     """Checks signature, hashes and run files of a folder of others, and replays a random share of its simulations.
 
-    What is wrong is part of the result: ``is_verified`` and ``problems``. Nothing is written, and no program of the folder is started.
-    Systems in Python are not replayed, because their code is not in the folder: pass it to :func:`replay`.
+    What is wrong is part of the result: ``is_verified`` and ``problems``; ``unverified`` has what cannot be checked. Nothing is
+    written, and no program of the folder is started. Systems in Python are not replayed, because their code is not in the folder, so
+    ``is_verified`` is false unless ``share`` is 0: pass the system to :func:`replay`.
 
     Parameters
     ----------

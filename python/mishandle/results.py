@@ -3423,6 +3423,8 @@ class VerifiedRun:
     """Run file in the folder."""
     simulations: int
     """Number of simulations."""
+    chosen: int
+    """Number of simulations that the seed chose. Those that a time limit ended are not replayed."""
     replayed: tuple[ReplayedSimulation, ...]
     """The simulations that were replayed."""
     not_replayed: str | None
@@ -3461,7 +3463,13 @@ class EvidenceVerification:
     files: int
     """Number of files whose hashes were compared."""
     problems: tuple[str, ...]
-    """Everything wrong with signature, files, manifest and run files; empty if nothing is."""
+    """Everything wrong with signature, files, manifest, pages and run files; empty if nothing is."""
+    unverified: tuple[str, ...]
+    """What the verification cannot vouch for although nothing differs: simulations that cannot be
+    replayed, runs that are not finished or empty; empty if there is nothing."""
+    pages_compared: bool
+    """Whether README and pages were made again and compared; ``False`` if another build made
+    them."""
     program: str
     """Commit of this program."""
     share: float
@@ -3471,9 +3479,10 @@ class EvidenceVerification:
     runs: tuple[VerifiedRun, ...]
     """The runs; empty if a file differs, because then no run is opened."""
     is_verified: bool
-    """Whether all is as it should be: no problem, and no replay differs."""
+    """Whether all is as it should be: no problem, nothing unverified, no replay that differs, and
+    no interruption."""
     is_complete: bool
-    """Whether all chosen simulations were replayed; ``false`` after an interruption."""
+    """Whether the verification came to its end; ``False`` after an interruption."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -24,12 +24,17 @@ pub fn evidence(
     controller: Option<String>,
     target: Option<String>,
 ) -> PyResult<String> {
+    let mut exception = None;
     let written = py.detach(|| {
         let key = key.as_deref().map(Key::read).transpose()?;
         let moved = Moved { controller: controller.as_deref(), target: target.as_deref() };
-        mishandle_evidence::write(&Collection { runs: &runs, out: &out, force, moved, key: key.as_ref() })
+        let collection = Collection { runs: &runs, out: &out, force, moved, key: key.as_ref() };
+        mishandle_evidence::write(&collection, || signals(&mut exception))
     });
-    json(&written.map_err(|error| raised(&error))?)
+    match exception {
+        Some(exception) => Err(exception),
+        None => json(&written.map_err(|error| raised(&error))?),
+    }
 }
 
 /// Verifies a folder of evidence and returns the document.
@@ -48,18 +53,23 @@ pub fn verify_evidence(
         let signers = signers(allowed_signers.as_deref(), public_key.as_deref())?;
         let seed = seed.unwrap_or_else(random_seed);
         mishandle_evidence::verify(&Verification { folder: &folder, signers, share, seed }, |_, _| {
-            match Python::attach(|py| py.check_signals()) {
-                Ok(()) => ControlFlow::Continue(()),
-                Err(raised) => {
-                    exception = Some(raised);
-                    ControlFlow::Break(())
-                }
-            }
+            signals(&mut exception)
         })
     });
     match exception {
         Some(exception) => Err(exception),
         None => json(&verified.map_err(|error| raised(&error))?),
+    }
+}
+
+/// Stops at a signal, such as Ctrl-C, whose exception it keeps.
+fn signals(exception: &mut Option<PyErr>) -> ControlFlow<()> {
+    match Python::attach(|py| py.check_signals()) {
+        Ok(()) => ControlFlow::Continue(()),
+        Err(raised) => {
+            *exception = Some(raised);
+            ControlFlow::Break(())
+        }
     }
 }
 

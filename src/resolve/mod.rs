@@ -108,6 +108,12 @@ pub fn target_names() -> Vec<String> {
     task::task_names().into_iter().chain(toys).chain(problems).collect()
 }
 
+/// Returns whether a name is that of a target of this program, not of a file, a program or a Python
+/// system.
+pub fn is_built_in(name: &str) -> bool {
+    target_names().iter().any(|known| known == name)
+}
+
 /// Checks that the plan sets no option that only tasks support.
 fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
     let given = [

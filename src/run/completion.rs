@@ -1,12 +1,17 @@
 //! Whether a recorded run is complete.
 
+use mishandle_evaluation::Corners;
 use mishandle_store::{RunFile, RunKind, TrialStatus};
+use mishandle_text::plural;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::run::evaluate::TRIAL;
+use crate::resolve::ResolvedPlan;
+use crate::run::evaluate::{TRIAL, trial_differences, with_requests};
 use crate::run::evaluating::stops_by_itself;
-use mishandle_text::plural;
+use crate::run::question::recorded_answer;
+use crate::run::rate_rule::RateRule;
+use crate::run::{control, record};
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
 /// is complete.
@@ -64,13 +69,72 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
     Ok(missing.or(running.map(|found| format!("trial {} has not ended", found.trial.number))))
 }
 
+/// Describes what a run lacks, as [`unfinished`] does, and also what only the target tells: trials
+/// of corners and of the control arm, and simulations that the question still asks. A forged run
+/// can lack them although its rows say that it is complete.
+///
+/// # Errors
+/// If the run file cannot be read.
+pub fn missing(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<String>, MishandleError> {
+    if let Some(missing) = unfinished(run)? {
+        return Ok(Some(missing));
+    }
+    let is_screened = resolved.plan.screening.is_some();
+    match run.header().kind {
+        RunKind::Evaluate if !is_screened => missing_of_evaluation(run, resolved),
+        RunKind::Falsify if !is_screened => Ok(None),
+        _ => match recorded_answer(resolved, run) {
+            Ok(answer) if answer.is_complete() => Ok(None),
+            Ok(_) => Ok(Some("its question asks for further simulations".to_string())),
+            Err(error) => Ok(Some(error.to_string())),
+        },
+    }
+}
+
+/// Describes what a recorded evaluation lacks although its rows say that it is complete.
+fn missing_of_evaluation(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<String>, MishandleError> {
+    let differences = trial_differences(resolved, run)?;
+    if !differences.is_empty() {
+        return Ok(Some(differences.join("; ")));
+    }
+    let mut recorded = run.trials()?;
+    recorded.extend(run.derived_trials()?);
+    let count = |trial: u32| {
+        let found = recorded.iter().find(|found| found.trial.number == trial);
+        found.map_or(0, |found| found.counts.simulations)
+    };
+    let random = count(TRIAL);
+    let (corners, arm) = with_requests(resolved, |requests| {
+        let arm = requests.control.as_ref().map_or(0, |arm| arm.simulations(random));
+        Ok((requests.corners.as_ref().map_or(0, |corners| u64::from(corners.simulations())), arm))
+    })?;
+    for (what, trial, planned) in [
+        ("the corners of the initial box", Corners::TRIAL, corners),
+        ("the control arm", control::TRIAL, arm),
+    ] {
+        if count(trial) < planned {
+            return Ok(Some(format!("it has {} of {planned} simulations of {what}", count(trial))));
+        }
+    }
+    // The rows decide when a rule ends the run.
+    let evaluate = resolved.plan.evaluate.as_ref();
+    if let Some((evaluate, mut rule)) = evaluate.and_then(|plan| Some((plan, RateRule::new(plan)?))) {
+        for row in run.trial_simulations(TRIAL) {
+            rule.add(&record::recorded_episode(&row?));
+        }
+        if !rule.is_decided() && random < evaluate.episodes {
+            return Ok(Some(format!("its rule asks for more than {}", plural(random, "random simulation"))));
+        }
+    }
+    Ok(None)
+}
+
 #[cfg(test)]
 mod tests {
     use std::ops::ControlFlow;
 
     use super::*;
     use crate::plan::EvaluatePlan;
-    use crate::resolve::ResolvedPlan;
     use crate::run::{create_run, evaluate};
 
     #[test]

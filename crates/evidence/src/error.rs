@@ -24,12 +24,23 @@ pub enum EvidenceError {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder that `--force` would replace is something else.
-    #[error("{} is not a folder of evidence, so --force does not replace it; choose another folder", path.display())]
+    /// The folder that `--force` would replace is something else, or has a file of somebody else.
+    #[error("--force does not replace {}, because {problem}; choose another folder", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
+        /// What is not evidence.
+        problem: String,
     },
+    /// A run is in the folder that `--force` would replace.
+    #[error("{} is in the folder that --force replaces; choose another --out", path.display())]
+    Inside {
+        /// The run file.
+        path: PathBuf,
+    },
+    /// The caller stopped it.
+    #[error("interrupted")]
+    Interrupted,
     /// The folder to verify is something else.
     #[error("{} is not a folder of evidence: it has no file {}", path.display(), crate::SUMS)]
     NotEvidence {

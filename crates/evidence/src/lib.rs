@@ -17,10 +17,14 @@
 //!
 //! `SHA256SUMS` lists every other file, so its signature covers all of them.
 
+mod closed;
 mod error;
+mod existing;
 mod layout;
 mod manifest;
+mod page;
 mod readme;
+mod replays;
 mod signature;
 mod signers;
 mod sums;

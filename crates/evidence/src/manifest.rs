@@ -1,5 +1,6 @@
 //! `manifest.json`: what the folder holds, and which program on which machine made it.
 
+use mishandle::Plan;
 use mishandle::build::build;
 use mishandle::inspect::run_facts;
 use mishandle::portable::portable_plan;
@@ -120,9 +121,44 @@ impl Manifest {
             files,
         }
     }
+
+    /// Returns whether this program made the folder, so that it would write the same pages.
+    pub(crate) fn is_of_this_build(&self) -> bool {
+        self.program == Program::from(&build()) && self.mujoco == mishandle::world::mujoco_version()
+    }
 }
 
 impl ManifestRun {
+    /// Lists the facts that differ from those of the run file.
+    pub(crate) fn differences(&self, run: &RunFile) -> Result<Vec<&'static str>, EvidenceError> {
+        let again = ManifestRun::new(
+            run,
+            [self.file.clone(), self.page.clone()],
+            self.files.clone(),
+            self.not_replayable.clone(),
+        )?;
+        // Another version of the program can write the same plan in other words, or not read it.
+        let is_same_plan = again.plan == self.plan
+            || match Plan::from_toml(&self.plan) {
+                Ok(plan) => plan == portable_plan(run.header())?,
+                Err(_) => again.program != Program::from(&build()),
+            };
+        let facts = [
+            ("kind", again.kind == self.kind),
+            ("target", again.target == self.target),
+            ("components", again.components == self.components),
+            ("formula", again.formula == self.formula),
+            ("simulations", again.simulations == self.simulations),
+            ("failures", again.failures == self.failures),
+            ("is_complete", again.is_complete == self.is_complete),
+            ("content_digest", again.content_digest == self.content_digest),
+            ("program", again.program == self.program),
+            ("versions", again.versions == self.versions),
+            ("plan", is_same_plan),
+        ];
+        Ok(facts.into_iter().filter(|(_, is_same)| !is_same).map(|(name, _)| name).collect())
+    }
+
     /// Describes a run. `name` is that of its files in the folder.
     pub(crate) fn new(
         run: &RunFile,

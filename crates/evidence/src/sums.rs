@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::files::open_for_reading;
@@ -22,18 +23,24 @@ pub struct Hashed {
     pub sha256: String,
 }
 
+/// Asks after each piece of a file whether to continue.
+pub type Watch<'w> = &'w mut dyn FnMut() -> ControlFlow<()>;
+
 /// Hashes a file piece by piece, so that its size does not matter.
 ///
 /// # Errors
-/// If it is not a regular file, or cannot be read.
-pub fn hash(path: &Path) -> Result<Hashed, EvidenceError> {
+/// If it is not a regular file, cannot be read, or `watch` stops it.
+pub fn hash(path: &Path, watch: Watch<'_>) -> Result<Hashed, EvidenceError> {
     let mut file = open_for_reading(path).map_err(EvidenceError::file(path))?;
-    let (mut digest, mut size, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
+    let (mut digest, mut size, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 20]);
     loop {
         let n = file.read(&mut buffer).map_err(EvidenceError::file(path))?;
         if n == 0 {
             let sha256 = digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
             return Ok(Hashed { size, sha256 });
+        }
+        if watch().is_break() {
+            return Err(EvidenceError::Interrupted);
         }
         digest.update(&buffer[..n]);
         size += n as u64;
@@ -79,7 +86,7 @@ mod tests {
         // The first example of FIPS 180-2, appendix B.
         std::fs::write(&path, "abc").expect("a file");
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        let found = hash(&path).expect("a hash");
+        let found = hash(&path, &mut || ControlFlow::Continue(())).expect("a hash");
         assert_eq!((found.size, found.sha256.as_str()), (3, expected));
         let list = text([("a b", expected)].into_iter());
         assert_eq!(parse(&list), Ok(BTreeMap::from([("a b", expected)])));

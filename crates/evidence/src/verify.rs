@@ -1,28 +1,23 @@
 //! Verifies a folder of evidence.
 
 use std::collections::BTreeSet;
-use std::fmt::Display;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::build::build;
 use mishandle::files::{read_text_bounded, refuse_link};
-use mishandle::portable::resolve_in;
-use mishandle::random::Sequence;
-use mishandle::replay::{build_differences, replay_with};
-use mishandle::resolve::is_python;
-use mishandle::results::{EvidenceVerification, ReplayedSimulation, Seed, VerifiedRun};
-use mishandle::store::{RunFile, SimulationEnd};
+use mishandle::results::{EvidenceVerification, Seed, VerifiedRun};
 use mishandle_text::path_text;
 
 use crate::error::EvidenceError;
-use crate::layout::{self, MANIFEST, SIGNATURE, SUMS, is_name};
-use crate::manifest::{self, FORMAT, Manifest, ManifestRun};
+use crate::layout::{self, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
+use crate::manifest::{self, FORMAT, Manifest};
+use crate::readme;
+use crate::replays;
 use crate::signature::{self, Checked, WRONG};
 use crate::signers::Signers;
-use crate::sums;
-use crate::write::reason;
+use crate::sums::{self, Watch};
 
 /// A folder to verify, and how.
 #[derive(Debug)]
@@ -44,9 +39,10 @@ pub fn random_seed() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
-/// Verifies a folder. `watch` gets the number of replayed simulations, and of those to replay.
+/// Verifies a folder. `watch` gets the number of replayed simulations, and of those to replay (0
+/// while files are hashed), and can stop it.
 ///
-/// Every problem is part of the result. A run file is opened only if the whole folder has the
+/// Every problem is part of the result, and so is an interruption. A run file is opened only if the whole folder has the
 /// hashes of its list.
 ///
 /// # Errors
@@ -62,6 +58,8 @@ pub fn verify(
         signer: None,
         files: 0,
         problems: Vec::new(),
+        unverified: Vec::new(),
+        pages_compared: false,
         program: build().git_commit,
         share: request.share,
         seed: Seed(request.seed),
@@ -82,10 +80,21 @@ pub fn verify(
     found.signature = status.to_string();
     found.signer = signer;
     found.problems.extend(problem);
-    let Some(manifest) = check_files(folder, &list, &mut found)? else { return Ok(found) };
-    check_runs(request, &manifest, &mut found, &mut watch)?;
+    let checked = check_files(folder, &list, &mut found, &mut || watch(0, 0));
+    let done = match checked {
+        Ok(Some(manifest)) => replays::check(request, &manifest, &mut found, &mut watch),
+        Ok(None) => return Ok(found),
+        Err(error) => Err(error),
+    };
+    match done {
+        Err(EvidenceError::Interrupted) => found.is_complete = false,
+        done => done?,
+    }
     let differs = |run: &VerifiedRun| run.replayed.iter().any(|replayed| !replayed.differences.is_empty());
-    found.is_verified = found.problems.is_empty() && !found.runs.iter().any(differs);
+    found.is_verified = found.is_complete
+        && found.problems.is_empty()
+        && found.unverified.is_empty()
+        && !found.runs.iter().any(differs);
     Ok(found)
 }
 
@@ -107,6 +116,7 @@ fn check_files(
     folder: &Path,
     list: &str,
     found: &mut EvidenceVerification,
+    watch: Watch<'_>,
 ) -> Result<Option<Manifest>, EvidenceError> {
     let listed = match sums::parse(list) {
         Ok(listed) => listed,
@@ -125,7 +135,7 @@ fn check_files(
             }
             continue;
         };
-        let hashed = sums::hash(&folder.join(name))?;
+        let hashed = sums::hash(&folder.join(name), watch)?;
         found.files += 1;
         if hashed.sha256 != *expected {
             problems.push(format!("{name}: the content has changed; its SHA-256 is {}", hashed.sha256));
@@ -170,119 +180,52 @@ fn check_files(
         found.problems.push(format!("{MANIFEST}: its list of files is not that of {SUMS}"));
         return Ok(None);
     }
+    let uses = uses(&manifest);
+    let is_consistent = uses.is_empty();
+    found.problems.extend(uses);
+    if !is_consistent {
+        return Ok(None);
+    }
+    // Another version of the program writes other words.
+    found.pages_compared = manifest.is_of_this_build();
+    if found.pages_compared
+        && let Some(text) = read(folder, README, manifest::MAX_SIZE, &mut found.problems)
+        && text != readme::text(&manifest)
+    {
+        found.problems.push(format!("{README}: it is not the text that follows from {MANIFEST}"));
+    }
     Ok(Some(manifest))
 }
 
-/// Opens the runs, compares them with the manifest, and replays a share of their simulations.
-fn check_runs(
-    request: &Verification<'_>,
-    manifest: &Manifest,
-    found: &mut EvidenceVerification,
-    watch: &mut impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<(), EvidenceError> {
-    let mut opened = Vec::new();
-    for (index, run) in manifest.runs.iter().enumerate() {
-        match open(request, run, manifest) {
-            Ok(file) => {
-                // Each run has its own numbers, so that another run changes none of them.
-                let chosen = choose(&file, request.share, Sequence::new(request.seed, index as u64));
-                match chosen {
-                    Ok(chosen) => opened.push((run, file, chosen)),
-                    Err(error) => found.problems.push(format!("{}: {error}", run.file)),
-                }
-            }
-            Err(problem) => found.problems.push(problem),
-        }
+/// Lists what is wrong with the files that the runs of a manifest name: each file of the folder
+/// belongs to one run, so that no run goes without a check.
+fn uses(manifest: &Manifest) -> Vec<String> {
+    let mut problems = Vec::new();
+    if manifest.runs.is_empty() {
+        problems.push(format!("{MANIFEST}: it has no run"));
     }
-    let total = opened.iter().map(|(_, _, chosen)| chosen.len() as u64).sum();
-    let mut done = 0;
-    for (run, file, chosen) in opened {
-        let mut verified = VerifiedRun {
-            file: run.file.clone(),
-            simulations: run.simulations,
-            replayed: Vec::new(),
-            not_replayed: None,
-            build_differences: Vec::new(),
-        };
-        if !chosen.is_empty() && found.is_complete {
-            let place = run.files.as_deref().unwrap_or("");
-            let resolved = match is_python(&file.header().target.kind) {
-                true => Err("its system is written in Python: replay it with mishandle.replay and your code"
-                    .to_string()),
-                false => {
-                    resolve_in(file.header(), &request.folder.join(place)).map_err(|error| reason(&error))
-                }
-            };
-            match resolved {
-                Ok(resolved) => {
-                    verified.build_differences = build_differences(file.header(), &resolved);
-                    for (trial, simulation) in chosen {
-                        if watch(done, total).is_break() {
-                            found.is_complete = false;
-                            break;
-                        }
-                        let differences = match replay_with(&file, trial, simulation, &resolved) {
-                            Ok(replayed) => replayed.differences,
-                            Err(error) => vec![reason(&error)],
-                        };
-                        verified.replayed.push(ReplayedSimulation { trial, simulation, differences });
-                        done += 1;
-                    }
-                }
-                Err(why) => {
-                    if run.not_replayable.is_none() {
-                        found
-                            .problems
-                            .push(format!("{}: its simulations cannot be replayed: {why}", run.file));
-                    }
-                    verified.not_replayed = Some(why);
-                }
+    let mut named = BTreeSet::from([README]);
+    for run in &manifest.runs {
+        for (name, folder) in [(run.file.as_str(), RUNS), (run.page.as_str(), PAGES)] {
+            let is_there = manifest.files.iter().any(|file| file.path == name);
+            if !is_there || name.split('/').next() != Some(folder) {
+                problems.push(format!("{MANIFEST}: {name:?} is none of the files in {folder}"));
+            }
+            if !named.insert(name) {
+                problems.push(format!("{MANIFEST}: it names {name} twice"));
             }
         }
-        found.runs.push(verified);
     }
-    Ok(())
-}
-
-/// Opens a run of the folder with all checks of its records, and compares it with the manifest.
-fn open(request: &Verification<'_>, run: &ManifestRun, manifest: &Manifest) -> Result<RunFile, String> {
-    let of = |problem: &dyn Display| format!("{}: {problem}", run.file);
-    let is_file = |name: &str| is_name(name) && manifest.files.iter().any(|file| file.path == *name);
-    if !is_file(&run.file) || !is_file(&run.page) || !run.files.as_deref().is_none_or(is_name) {
-        return Err(format!("{MANIFEST}: it names files that the folder does not list"));
+    let folders: Vec<&str> = manifest.runs.iter().filter_map(|run| run.files.as_deref()).collect();
+    if let Some(folder) = folders.iter().find(|folder| !is_name(folder) || !folder.starts_with(FILES)) {
+        problems.push(format!("{MANIFEST}: {folder:?} is no folder in {FILES}"));
     }
-    let file = RunFile::open(request.folder.join(&run.file)).map_err(|error| of(&error))?;
-    file.check().map_err(|error| of(&error))?;
-    let [file_name, page] = [run.file.clone(), run.page.clone()];
-    let again = ManifestRun::new(&file, [file_name, page], run.files.clone(), run.not_replayable.clone())
-        .map_err(|error| of(&error))?;
-    // Another version of the program can write the same plan in other words.
-    match (ManifestRun { plan: run.plan.clone(), ..again }) == *run {
-        true => Ok(file),
-        false => Err(of(&format!("{MANIFEST} describes another run"))),
-    }
-}
-
-/// Chooses simulations of a run, in order.
-fn choose(run: &RunFile, share: f64, mut random: Sequence) -> Result<Vec<(u32, u32)>, EvidenceError> {
-    if share <= 0.0 {
-        return Ok(Vec::new());
-    }
-    let mut all = Vec::new();
-    for simulation in run.simulations() {
-        let simulation = simulation?;
-        // A time limit depends on the clock.
-        if !matches!(simulation.end, SimulationEnd::TimedOut { .. }) {
-            all.push((simulation.trial, simulation.number));
-        }
-    }
-    let n = ((share * all.len() as f64).ceil() as usize).min(all.len());
-    // The first n numbers of a shuffle.
-    for i in 0..n {
-        let other = i + random.below((all.len() - i) as u64) as usize;
-        all.swap(i, other);
-    }
-    all.truncate(n);
-    all.sort_unstable();
-    Ok(all)
+    let is_in = |name: &str| {
+        let mut rests = folders.iter().filter_map(|folder| name.strip_prefix(*folder));
+        rests.any(|rest| rest.starts_with('/'))
+    };
+    let unused =
+        manifest.files.iter().filter(|file| !named.contains(file.path.as_str()) && !is_in(&file.path));
+    problems.extend(unused.map(|file| format!("{}: no run of {MANIFEST} has this file", file.path)));
+    problems
 }

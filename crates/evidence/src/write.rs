@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::files::AtomicFolder;
@@ -10,15 +11,17 @@ use mishandle::resolve::{Moved, is_python};
 use mishandle::results::{Evidence, EvidenceRun};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
-use mishandle_report::{RunReport, page};
 use mishandle_text::path_text;
 
+use crate::closed;
 use crate::error::EvidenceError;
+use crate::existing;
 use crate::layout::{self, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
 use crate::manifest::{Manifest, ManifestFile, ManifestRun};
+use crate::page;
 use crate::readme;
 use crate::signature::Key;
-use crate::sums::{self, Hashed};
+use crate::sums::{self, Hashed, Watch};
 
 /// The parts of a folder of evidence.
 #[derive(Debug)]
@@ -35,11 +38,16 @@ pub struct Collection<'a> {
     pub key: Option<&'a Key>,
 }
 
-/// Makes a folder of evidence. It appears when it is complete.
+/// Makes a folder of evidence. It appears when it is complete. If `watch` stops it, nothing is left.
 ///
 /// # Errors
-/// If the folder exists, a run cannot be read or is not closed, or a file cannot be written.
-pub fn write(collection: &Collection<'_>) -> Result<Evidence, EvidenceError> {
+/// If the folder exists, a run cannot be read or is not closed, a file cannot be written, or
+/// `watch` stops it.
+pub fn write(
+    collection: &Collection<'_>,
+    mut watch: impl FnMut() -> ControlFlow<()>,
+) -> Result<Evidence, EvidenceError> {
+    let watch: Watch<'_> = &mut watch;
     let out = collection.out;
     let folder = create(collection)?;
     let home = folder.path();
@@ -48,11 +56,14 @@ pub fn write(collection: &Collection<'_>) -> Result<Evidence, EvidenceError> {
         fs::create_dir(&path).map_err(EvidenceError::file(&path))?;
     }
     let mut names = BTreeSet::new();
-    let runs: Vec<ManifestRun> =
-        collection.runs.iter().map(|run| add(run, home, &mut names, collection)).collect::<Result<_, _>>()?;
+    let runs: Vec<ManifestRun> = collection
+        .runs
+        .iter()
+        .map(|run| add(run, home, &mut names, collection, watch))
+        .collect::<Result<_, _>>()?;
     let manifest = Manifest::new(runs, Vec::new());
     write_file(&home.join(README), readme::text(&manifest).as_bytes())?;
-    let files = hashed(home)?;
+    let files = hashed(home, watch)?;
     let bytes: u64 = files.iter().map(|file| file.size).sum();
     let manifest = Manifest { files, ..manifest };
     let mut text = serde_json::to_string_pretty(&manifest)
@@ -60,7 +71,7 @@ pub fn write(collection: &Collection<'_>) -> Result<Evidence, EvidenceError> {
         .map_err(EvidenceError::file(out))?;
     text.push('\n');
     write_file(&home.join(MANIFEST), text.as_bytes())?;
-    let Hashed { size, sha256 } = sums::hash(&home.join(MANIFEST))?;
+    let Hashed { size, sha256 } = sums::hash(&home.join(MANIFEST), watch)?;
     let mut listed: Vec<(&str, &str)> =
         manifest.files.iter().map(|file| (file.path.as_str(), file.sha256.as_str())).collect();
     listed.push((MANIFEST, &sha256));
@@ -102,12 +113,7 @@ fn create(collection: &Collection<'_>) -> Result<AtomicFolder, EvidenceError> {
     let created = match collection.force {
         false => AtomicFolder::create_new(out),
         true => {
-            let is_there = out.symlink_metadata().is_ok();
-            let is_evidence =
-                || out.join(SUMS).is_file() && out.join(MANIFEST).is_file() && !out.is_symlink();
-            if is_there && !is_evidence() {
-                return Err(EvidenceError::Foreign { path: out.to_path_buf() });
-            }
+            existing::check(out, collection.runs)?;
             AtomicFolder::replace(out)
         }
     };
@@ -123,29 +129,20 @@ fn add(
     home: &Path,
     names: &mut BTreeSet<String>,
     collection: &Collection<'_>,
+    watch: Watch<'_>,
 ) -> Result<ManifestRun, EvidenceError> {
-    let original = RunFile::open_unchecked(path)?;
-    if beside(path, "-wal").exists() || beside(path, "-journal").exists() {
-        return Err(EvidenceError::NotClosed { path: path.to_path_buf() });
+    if watch().is_break() {
+        return Err(EvidenceError::Interrupted);
     }
     let name = unique(path, names);
     let [file, page_name] = [format!("{RUNS}/{name}.sqlite"), format!("{PAGES}/{name}.html")];
     let copy = home.join(&file);
-    fs::copy(path, &copy).map_err(EvidenceError::file(path))?;
-    drop(original);
+    closed::copy(path, &copy)?;
     let run = RunFile::open(&copy)?;
     run.check()?;
-    let (files, resolved) = files(&run, home, collection)?;
-    let mut report = RunReport::load(&run, &file)?;
-    report.hide_paths();
-    match &resolved {
-        Ok(resolved) => report.add_answer_of(&run, resolved)?,
-        Err(why) => {
-            report.add_note(format!("Simulations cannot be replayed from the folder of evidence: {why}."));
-        }
-    }
-    report.note_no_simulations("the page shows what the run file contains");
-    write_file(&home.join(&page_name), page(&[report]).as_bytes())?;
+    let (files, resolved) = files(&run, home, collection, watch)?;
+    let text = page::text(&run, &file, resolved.as_ref().map_err(String::as_str))?;
+    write_file(&home.join(&page_name), text.as_bytes())?;
     ManifestRun::new(&run, [file, page_name], files, resolved.err())
 }
 
@@ -155,6 +152,7 @@ fn files(
     run: &RunFile,
     home: &Path,
     collection: &Collection<'_>,
+    watch: Watch<'_>,
 ) -> Result<(Option<String>, Result<ResolvedPlan, String>), EvidenceError> {
     let header = run.header();
     if is_python(&header.target.kind) {
@@ -188,9 +186,9 @@ fn files(
     if !place.exists() {
         return Ok((None, Ok(resolved)));
     }
-    let own = hashed(&place)?;
+    let own = hashed(&place, watch)?;
     for known in 1..number {
-        if hashed(&home.join(FILES).join(known.to_string()))? == own {
+        if hashed(&home.join(FILES).join(known.to_string()), watch)? == own {
             remove(&place)?;
             return Ok((Some(format!("{FILES}/{known}")), Ok(resolved)));
         }
@@ -215,13 +213,13 @@ pub(crate) fn reason(error: &MishandleError) -> String {
 }
 
 /// Returns the files of a folder with their hashes.
-fn hashed(folder: &Path) -> Result<Vec<ManifestFile>, EvidenceError> {
+fn hashed(folder: &Path, watch: Watch<'_>) -> Result<Vec<ManifestFile>, EvidenceError> {
     let found = layout::list(folder)?;
     if let Some(problem) = found.problems.into_iter().next() {
         return Err(EvidenceError::Name { name: problem });
     }
     let hash = |path: String| {
-        let Hashed { size, sha256 } = sums::hash(&folder.join(&path))?;
+        let Hashed { size, sha256 } = sums::hash(&folder.join(&path), watch)?;
         Ok(ManifestFile { path, size, sha256 })
     };
     found.files.into_iter().map(hash).collect()
@@ -241,12 +239,6 @@ fn unique(path: &Path, names: &mut BTreeSet<String>) -> String {
         .unwrap_or(plain.clone());
     names.insert(name.clone());
     name
-}
-
-fn beside(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(suffix);
-    PathBuf::from(name)
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvidenceError> {

@@ -7,6 +7,7 @@ use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, metric_counter,
     mode_survey,
 };
+use mishandle::portable::portable_plan;
 use mishandle::results::{Answer, AxisRates};
 use mishandle::rollout::{Axis, Seed};
 use mishandle::run::{RecordedParts, recorded_answer, recorded_axis, recorded_parts};
@@ -311,9 +312,12 @@ impl RunReport {
         self.notes.push(note.into());
     }
 
-    /// Leaves out the folders of the target's parts, which are paths of the machine that made the
-    /// run.
+    /// Leaves out the folders of the target's parts and of the files of the plan, which are paths of
+    /// the machine that made the run.
     pub fn hide_paths(&mut self) {
+        if let Ok(plan) = portable_plan(&self.header) {
+            self.header.plan = plan.to_toml();
+        }
         for component in &mut self.header.components {
             let path = Path::new(&component.name);
             if let (true, Some(name)) = (path.is_absolute(), path.file_name()) {

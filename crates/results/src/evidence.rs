@@ -65,8 +65,13 @@ pub struct EvidenceVerification {
     pub signer: Option<EvidenceSigner>,
     /// Number of files whose hashes were compared.
     pub files: u64,
-    /// Everything wrong with signature, files, manifest and run files; empty if nothing is.
+    /// Everything wrong with signature, files, manifest, pages and run files; empty if nothing is.
     pub problems: Vec<String>,
+    /// What the verification cannot vouch for although nothing differs: simulations that cannot be
+    /// replayed, runs that are not finished or empty; empty if there is nothing.
+    pub unverified: Vec<String>,
+    /// Whether README and pages were made again and compared; `false` if another build made them.
+    pub pages_compared: bool,
     /// Commit of this program.
     pub program: String,
     /// Share of the simulations that were to be replayed, at least one of each run.
@@ -75,9 +80,10 @@ pub struct EvidenceVerification {
     pub seed: Seed,
     /// The runs; empty if a file differs, because then no run is opened.
     pub runs: Vec<VerifiedRun>,
-    /// Whether all is as it should be: no problem, and no replay differs.
+    /// Whether all is as it should be: no problem, nothing unverified, no replay that differs, and no
+    /// interruption.
     pub is_verified: bool,
-    /// Whether all chosen simulations were replayed; `false` after an interruption.
+    /// Whether the verification came to its end; `false` after an interruption.
     pub is_complete: bool,
 }
 
@@ -88,6 +94,8 @@ pub struct VerifiedRun {
     pub file: String,
     /// Number of simulations.
     pub simulations: u64,
+    /// Number of simulations that the seed chose. Those that a time limit ended are not replayed.
+    pub chosen: u64,
     /// The simulations that were replayed.
     pub replayed: Vec<ReplayedSimulation>,
     /// Why none could be replayed; `null` if some were, or none was to be.

@@ -2,14 +2,15 @@ mod verify;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::{Args, Subcommand};
 use mishandle::resolve::Moved;
-use mishandle_evidence::{Collection, Key, NAMESPACE, SUMS};
+use mishandle_evidence::{Collection, EvidenceError, Key, NAMESPACE, SUMS};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::show::{escape, evidence, output};
+use crate::{interrupt, run};
 
 /// Put runs, pages, hashes and a signature into a folder that others can verify
 #[derive(Debug, Args)]
@@ -62,22 +63,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let Some(out) = command.out.as_deref() else { return Ok(ExitStatus::Done) };
     let key = command.key.as_deref().map(Key::read).transpose()?;
-    let inside = command.runs.iter().find(|run| run.starts_with(out));
-    if let Some(run) = inside {
-        ensure!(
-            !command.force,
-            "{} is in the folder that --force replaces; choose another --out",
-            run.display()
-        );
-    }
     let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
-    let found = mishandle_evidence::write(&Collection {
-        runs: &command.runs,
-        out,
-        force: command.force,
-        moved,
-        key: key.as_ref(),
-    })?;
+    let collection = Collection { runs: &command.runs, out, force: command.force, moved, key: key.as_ref() };
+    interrupt::listen(|| {}, || {})?;
+    let found = match mishandle_evidence::write(&collection, run::control_flow) {
+        Err(EvidenceError::Interrupted) => {
+            output::message("interrupted: no folder was written");
+            return Ok(ExitStatus::Interrupted);
+        }
+        found => found?,
+    };
     match command.json {
         true => output::json(&found)?,
         false => output::line(&evidence::text(&found))?,

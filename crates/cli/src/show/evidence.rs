@@ -38,7 +38,20 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         "unsupported" => format!("signature: not checked, by {}", key()),
         _ => format!("signature: WRONG, by {}", key()),
     };
-    let mut lines = vec![signature, format!("hashes: {} compared", plural(found.files, "file"))];
+    let unverified = |text: &String| format!("not verified: {}", escape::name(text));
+    let mut lines: Vec<String> = found.unverified.iter().take(MAX_LINES).map(unverified).collect();
+    if found.unverified.len() > MAX_LINES {
+        lines.push(format!("{} more that are not verified", found.unverified.len() - MAX_LINES));
+    }
+    lines.extend([signature, format!("hashes: {} compared", plural(found.files, "file"))]);
+    let is_read = !found.runs.is_empty();
+    lines.extend(is_read.then(|| {
+        match found.pages_compared {
+            true => "README and pages: made again and compared",
+            false => "README and pages: not compared, because another build made them",
+        }
+        .to_string()
+    }));
     for run in &found.runs {
         lines.push(run_text(run));
         for replayed in run.replayed.iter().take(MAX_LINES) {
@@ -58,13 +71,22 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
     if found.problems.len() > MAX_LINES {
         lines.push(format!("{} more problems", found.problems.len() - MAX_LINES));
     }
-    let replays: usize = found.runs.iter().map(|run| run.replayed.len()).sum();
-    let chosen = match replays {
-        0 => String::new(),
-        n => format!(" Seed {} chose {} to replay.", found.seed.0, plural(n, "simulation")),
+    let sum = |count: fn(&VerifiedRun) -> u64| found.runs.iter().map(count).sum::<u64>();
+    let (chosen, replays) = (sum(|run| run.chosen), sum(|run| run.replayed.len() as u64));
+    let is_different = !found.problems.is_empty()
+        || found.runs.iter().flat_map(|run| &run.replayed).any(|replayed| !replayed.differences.is_empty());
+    let verdict = match () {
+        () if is_different => "NOT VERIFIED.",
+        () if !found.is_complete => "INTERRUPTED: nothing differs so far, but not all was verified.",
+        () if !found.unverified.is_empty() => "NOT VERIFIED: nothing differs, but not all can be verified.",
+        () if !found.pages_compared => "All that was compared agrees.",
+        () => "All agrees.",
     };
-    let verdict = if found.is_verified { "All agrees." } else { "NOT VERIFIED." };
-    lines.push(format!("{verdict}{chosen}"));
+    let replayed = match chosen {
+        0 => "No simulation was replayed.".to_string(),
+        _ => format!("Seed {} chose {}; {replays} replayed.", found.seed.0, plural(chosen, "simulation")),
+    };
+    lines.push(format!("{verdict} {replayed}"));
     lines.join("\n")
 }
 
@@ -73,7 +95,7 @@ fn run_text(run: &VerifiedRun) -> String {
     let simulations = plural(run.simulations, "simulation");
     match &run.not_replayed {
         Some(why) => format!("{name}: {simulations}, none replayed: {}", escape::name(why)),
-        None => format!("{name}: {simulations}, {} replayed", run.replayed.len()),
+        None => format!("{name}: {simulations}, {} of {} chosen replayed", run.replayed.len(), run.chosen),
     }
 }
 

@@ -22,8 +22,9 @@ A file of allowed signers has a line `NAME KEY` for each key, as for ssh-keygen 
 needs no network, writes nothing, and starts no program that the folder names. A replay takes the
 time of the simulation.
 
-Exit code 0 means that all agrees, 1 that something differs or that the signature does not count, 2
-that the folder cannot be read.")]
+Exit code 0 means that all agrees, 1 that something differs, that the signature does not count, or
+that not all can be verified (systems in Python, programs, time limits, runs that are not finished),
+2 that the folder cannot be read. --replay 0 asks for no replay, so none can be missing.")]
 pub struct Arguments {
     /// Folder of `mishandle evidence`
     #[arg(value_name = "DIR")]
@@ -72,11 +73,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "valid" => output::message(
             "nobody vouches for the key: name the keys that you trust with --allowed-signers or --public-key",
         ),
-        "missing" => output::message("the folder is not signed: its hashes show accidents, not forgery"),
+        "missing" => output::message(
+            "the folder is not signed: whoever wrote it could have changed everything but what was replayed",
+        ),
         _ => {}
     }
     if !found.is_complete {
-        output::message("interrupted: not all chosen simulations were replayed");
+        output::message("interrupted: not all was verified");
         return Ok(ExitStatus::Interrupted);
     }
     Ok(if found.is_verified { ExitStatus::Done } else { ExitStatus::Violated })
