@@ -203,12 +203,7 @@ fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
             let odd =
                 found.cells.iter().find(|cell| cell.requirement == "odd").map(|cell| cell.without_verdict);
             let cell = cell(&found, "keeps-away");
-            (
-                cell.verdict.clone(),
-                cell.failure_rate,
-                cell.without_verdict,
-                odd.is_none_or(|odd| odd > 0),
-            )
+            (cell.verdict.clone(), cell.failure_rate, cell.without_verdict, odd.is_none_or(|odd| odd > 0))
         });
     assert_eq!((found[0].0.as_str(), found[0].2), (VIOLATED, 0));
     assert!(found.iter().all(|other| *other == found[0]), "{found:?}");

@@ -243,7 +243,10 @@ mod tests {
 
     #[test]
     fn a_limit_is_violated_only_if_the_rate_is_surely_above_it() {
-        assert_eq!(row([100, 3, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
+        // The upper bounds of 1 and 2 of 100 are 4.7 % and 6.2 %: the 95 % quantiles of the beta
+        // distributions (2, 99) and (3, 98).
+        assert_eq!(row([100, 1, 0], [0; 3]).verdict(Some(0.05)).0, NOT_VIOLATED);
+        assert_eq!(row([100, 2, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
         assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, VIOLATED);
         assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, VIOLATED);
     }

@@ -28,6 +28,10 @@ const LOCK: &str = "check.lock";
 /// # Errors
 /// If another check runs in it, or it is not that of a check: then its files stay as they are.
 pub(super) fn open(folder: &Path) -> Result<FileLock, MishandleError> {
+    if folder.exists() && !folder.is_dir() {
+        let source = std::io::ErrorKind::NotADirectory.into();
+        return Err(MishandleError::File { path: folder.to_path_buf(), source });
+    }
     create_folder(folder)?;
     let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
     // A check writes its result before the reports. A kill can leave hidden temporary files.
