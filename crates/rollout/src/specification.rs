@@ -327,8 +327,8 @@ impl SpecificationMonitor {
     /// [`OnlineMonitor::bounds`] computes it.
     ///
     /// # Errors
-    /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value, unless
-    /// it is one of the other requirements.
+    /// If a signal of a formula contains NaN or an infinity, or a formula has no finite value that
+    /// is not one of the other requirements.
     pub fn verdict(&mut self, trace: &Trace, samples: usize) -> Result<Verdict, RolloutError> {
         let is_complete = trace.len() >= samples;
         let at_start = |monitor: &mut Option<FormulaMonitor>| match monitor {
