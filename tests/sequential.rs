@@ -204,6 +204,8 @@ fn a_control_arm_has_the_same_starts_and_seeds_and_every_other_axis_at_nominal()
     for number in [1, 40] {
         let again = mishandle::replay::replay(&run, CONTROL_TRIAL, number, None).unwrap();
         assert_eq!(again.differences, Vec::<String>::new());
+        let explained = mishandle::inspect::explain(&run, CONTROL_TRIAL, number, None).unwrap();
+        assert_eq!(explained.recorded.trial, CONTROL_TRIAL);
     }
     assert!(run.simulations().all(|row| row.unwrap().trial < CONTROL_TRIAL));
     let parts = mishandle::run::recorded_parts(&run).unwrap();

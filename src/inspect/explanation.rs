@@ -8,8 +8,8 @@ use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 use crate::error::MishandleError;
 use crate::replay::replay_command;
 use crate::resolve::{Moved, ResolvedPlan, is_python, recorded_plan};
-use crate::run::record;
 use crate::run::violation::{MAX_SUBFORMULAS, decided};
+use crate::run::{record, system_of};
 
 /// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
 const MAX_PARTS: usize = 100;
@@ -292,7 +292,7 @@ pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
 /// the whole episode if the simulation was stopped early.
 fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
     let request: Request = record::request(recorded, resolved.stored_parts > 0);
-    let mut system = resolved.system()?;
+    let (mut system, _) = system_of(resolved, recorded.trial)?;
     let whole = Request { stop_threshold: None, ..request.clone() };
     let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);
     let episode = simulate(request)?;

@@ -3,7 +3,7 @@
 use mishandle_evaluation::{Decision, RateSequence, StopRule};
 use mishandle_results::{Estimate, Sequential};
 use mishandle_rollout::Episode;
-use mishandle_text::{number_text, plural};
+use mishandle_text::{plural, short_number};
 
 use crate::plan::{EvaluatePlan, Until};
 
@@ -119,7 +119,7 @@ fn interval_text(interval: &Estimate) -> String {
 }
 
 fn percent(rate: f64) -> String {
-    format!("{} %", number_text(100.0 * rate))
+    format!("{} %", short_number(100.0 * rate))
 }
 
 /// Returns the name of a decision in results.

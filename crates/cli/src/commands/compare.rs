@@ -198,7 +198,9 @@ fn compare_plan(command: &Arguments, given: Option<ComparePlan>) -> Result<Optio
     ];
     let Some(until) = command.until.or(given.map(|given| given.until)) else {
         let other = other.into_iter().find(|(_, is_given)| *is_given);
-        ensure!(other.is_none(), "{} needs --until decided or --until width=W", other.unwrap_or_default().0);
+        let (flag, _) = other.unwrap_or_default();
+        let rules = if flag == "--margin" { "decided" } else { "decided or --until width=W" };
+        ensure!(other.is_none(), "{flag} needs --until {rules}");
         return Ok(None);
     };
     let given = given.unwrap_or_default();
