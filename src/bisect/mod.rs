@@ -74,8 +74,8 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
     let files = match &plan.test {
         BisectionTest::Counterexamples(path) => counterexamples(path)?,
         BisectionTest::Rate { plan: asked, .. } => {
-            // A mistake in the plan is reported before the first simulation. A candidate that cannot
-            // be loaded is none.
+            // A mistake in the plan is reported before the first simulation. One candidate that
+            // cannot be loaded is none.
             let mut mistake = None;
             for candidate in &plan.candidates {
                 match ResolvedPlan::new(&with_controller(asked, candidate)) {

@@ -59,8 +59,8 @@ pub struct Comparison {
     pub strict: Option<PairedRates>,
     /// Careful success; `None` if one of the runs did not evaluate such a formula.
     pub careful: Option<PairedRates>,
-    /// Robustness of the success formula, over the pairs in which both values are finite; clipped if
-    /// a rule watches it.
+    /// Robustness of the success formula, over the pairs in which both values are finite; clipped
+    /// if a rule watches it.
     pub robustness: PairedMeans,
     /// Number of dangerous control steps; `None` if the target has no such formula.
     pub dangerous_steps: Option<PairedMeans>,

@@ -265,8 +265,8 @@ fn rate_power(rate: f64, limit: f64, n: u64) -> f64 {
     at_least(above, n, rate)
 }
 
-/// Returns the probability with which Wilson's interval is at most `width` wide. It is the wider the
-/// closer the number of successes is to n / 2.
+/// Returns the probability with which Wilson's interval is at most `width` wide. It is the wider
+/// the closer the number of successes is to n / 2.
 fn width_power(rate: f64, width: f64, n: u64) -> f64 {
     let is_narrow = |k: u64| StopRule::Width(width).decide(&wilson(k, n)).is_some();
     let many = first_count(n, |k| 2 * k >= n && is_narrow(k));
