@@ -3465,7 +3465,7 @@ class EvidenceVerification:
     problems: tuple[str, ...]
     """Everything wrong with signature, files, manifest, pages and run files; empty if nothing is."""
     unverified: tuple[str, ...]
-    """What the verification cannot vouch for although nothing differs: simulations that cannot be
+    """Everything that cannot be verified although nothing differs: simulations that cannot be
     replayed, runs that are not finished or empty; empty if there is nothing."""
     pages_compared: bool
     """Whether README and pages were made again and compared; ``False`` if another build made

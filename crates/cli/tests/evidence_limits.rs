@@ -1,5 +1,5 @@
-//! `mishandle evidence verify`: what no replay can find is said, a manifest, a page and a README say
-//! what the run files say, nothing is written, and an interruption is no agreement.
+//! `mishandle evidence verify`: what no replay can find is said, manifest, pages and README follow
+//! from the run files, nothing is written, and an interruption does not count as agreement.
 
 #![allow(clippy::unwrap_used)]
 

@@ -29,7 +29,7 @@ pub enum EvidenceError {
     Foreign {
         /// The folder.
         path: PathBuf,
-        /// What is not evidence.
+        /// The part that is not evidence.
         problem: String,
     },
     /// A run is in the folder that `--force` would replace.

@@ -9,8 +9,8 @@ use crate::layout::{self, MANIFEST, SIGNATURE, SUMS};
 use crate::manifest::{self, Manifest};
 use crate::sums;
 
-/// Checks that nothing but a folder of evidence is lost if the folder `out` is replaced: its list of
-/// hashes has exactly the files that are there, its manifest is one of evidence, and none of
+/// Checks that nothing but a folder of evidence is lost if the folder `out` is replaced: its list
+/// of hashes has exactly the files that are there, its manifest is one of evidence, and none of
 /// `runs` is in it. A folder that does not exist is fine.
 ///
 /// # Errors

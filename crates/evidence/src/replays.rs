@@ -110,8 +110,8 @@ fn names_built_in(header: &RunHeader) -> bool {
     is_built_in(&header.target.name) || portable_plan(header).is_ok_and(|plan| is_built_in(&plan.target))
 }
 
-/// Returns whether the target of a plan can be written in Python: it is no target of this program,
-/// and neither a file nor a program.
+/// Returns whether the target of a plan can be written in Python: it is neither a target of this
+/// program nor a file nor a program.
 fn can_be_python(header: &RunHeader) -> bool {
     let is_other = |target: &str| is_built_in(target) || is_target_file(target) || command(target).is_some();
     !names_built_in(header) && portable_plan(header).is_ok_and(|plan| !is_other(&plan.target))

@@ -127,7 +127,7 @@ fn unsupported(algorithm: &str) -> String {
 }
 
 /// Name of the key's algorithm in a signature whose key the library does not know. It must be one
-/// that the library knows by name: other bytes are no signature.
+/// that the library knows by name: other bytes are not a signature.
 struct SignedBy(String);
 
 impl PemLabel for SignedBy {

@@ -40,7 +40,7 @@ pub fn random_seed() -> u64 {
 }
 
 /// Verifies a folder. `watch` gets the number of replayed simulations, and of those to replay (0
-/// while files are hashed), and can stop it.
+/// while it hashes files), and can stop it.
 ///
 /// Every problem is part of the result, and so is an interruption. A run file is opened only if the whole folder has the
 /// hashes of its list.

@@ -38,7 +38,8 @@ pub struct Collection<'a> {
     pub key: Option<&'a Key>,
 }
 
-/// Makes a folder of evidence. It appears when it is complete. If `watch` stops it, nothing is left.
+/// Makes a folder of evidence. It appears when it is complete. If `watch` stops it, nothing is
+/// left.
 ///
 /// # Errors
 /// If the folder exists, a run cannot be read or is not closed, a file cannot be written, or

@@ -312,8 +312,8 @@ impl RunReport {
         self.notes.push(note.into());
     }
 
-    /// Leaves out the folders of the target's parts and of the files of the plan, which are paths of
-    /// the machine that made the run.
+    /// Leaves out the folders of the target's parts and of the files of the plan, which are paths
+    /// of the machine that made the run.
     pub fn hide_paths(&mut self) {
         if let Ok(plan) = portable_plan(&self.header) {
             self.header.plan = plan.to_toml();

@@ -67,7 +67,7 @@ pub struct EvidenceVerification {
     pub files: u64,
     /// Everything wrong with signature, files, manifest, pages and run files; empty if nothing is.
     pub problems: Vec<String>,
-    /// What the verification cannot vouch for although nothing differs: simulations that cannot be
+    /// Everything that cannot be verified although nothing differs: simulations that cannot be
     /// replayed, runs that are not finished or empty; empty if there is nothing.
     pub unverified: Vec<String>,
     /// Whether README and pages were made again and compared; `false` if another build made them.
@@ -80,8 +80,8 @@ pub struct EvidenceVerification {
     pub seed: Seed,
     /// The runs; empty if a file differs, because then no run is opened.
     pub runs: Vec<VerifiedRun>,
-    /// Whether all is as it should be: no problem, nothing unverified, no replay that differs, and no
-    /// interruption.
+    /// Whether all is as it should be: no problem, nothing unverified, no replay that differs, and
+    /// no interruption.
     pub is_verified: bool,
     /// Whether the verification came to its end; `false` after an interruption.
     pub is_complete: bool,
