@@ -69,7 +69,7 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
     Ok(missing.or(running.map(|found| format!("trial {} has not ended", found.trial.number))))
 }
 
-/// Describes what a run lacks, as [`unfinished`] does, and also what only the target tells: trials
+/// Describes what a run lacks, as [`unfinished`] does, and also what only the target shows: trials
 /// of corners and of the control arm, and simulations that the question still asks. A forged run
 /// can lack them although its rows say that it is complete.
 ///

@@ -220,7 +220,7 @@ impl Opened<'_> {
     }
 }
 
-/// The simulations of a run that are to be replayed.
+/// The simulations of a run that the seed chose.
 struct Chosen {
     /// Trial, number, and whether the clock ended it, in order.
     all: Vec<(u32, u32, bool)>,

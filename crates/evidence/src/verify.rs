@@ -42,8 +42,8 @@ pub fn random_seed() -> u64 {
 /// Verifies a folder. `watch` gets the number of replayed simulations, and of those to replay (0
 /// while it hashes files), and can stop it.
 ///
-/// Every problem is part of the result, and so is an interruption. A run file is opened only if the whole folder has the
-/// hashes of its list.
+/// Every problem is part of the result, and so is an interruption. A run file is opened only if the
+/// whole folder has the hashes of its list.
 ///
 /// # Errors
 /// If the folder is not one of evidence, or a file cannot be read.
