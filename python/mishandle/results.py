@@ -3463,12 +3463,13 @@ class EvidenceVerification:
     files: int
     """Number of files whose hashes were compared."""
     problems: tuple[str, ...]
-    """Everything wrong with signature, files, manifest, pages and run files; empty if nothing is."""
+    """Everything wrong with signature, files, manifest, pages and run files; empty if nothing
+    is."""
     unverified: tuple[str, ...]
     """Everything that cannot be verified although nothing differs: simulations that cannot be
     replayed, runs that are not finished or empty; empty if there is nothing."""
     pages_compared: bool
-    """Whether README and pages were made again and compared; ``False`` if another build made
+    """Whether README and pages were made again and compared; ``false`` if another build made
     them."""
     program: str
     """Commit of this program."""
@@ -3479,10 +3480,10 @@ class EvidenceVerification:
     runs: tuple[VerifiedRun, ...]
     """The runs; empty if a file differs, because then no run is opened."""
     is_verified: bool
-    """Whether all is as it should be: no problem, nothing unverified, no replay that differs, and
-    no interruption."""
+    """Whether all is as it should be: no problem, nothing unverified, no replay that differs,
+    and no interruption."""
     is_complete: bool
-    """Whether the verification came to its end; ``False`` after an interruption."""
+    """Whether the verification came to its end; ``false`` after an interruption."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -64,7 +64,7 @@ pub fn verify_evidence(
 
 /// Stops at a signal, such as Ctrl-C, whose exception it keeps.
 fn signals(exception: &mut Option<PyErr>) -> ControlFlow<()> {
-    match Python::attach(|py| py.check_signals()) {
+    match Python::attach(Python::check_signals) {
         Ok(()) => ControlFlow::Continue(()),
         Err(raised) => {
             *exception = Some(raised);
