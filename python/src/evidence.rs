@@ -64,9 +64,9 @@ pub fn verify_evidence(
 
 /// Stops at a signal, such as Ctrl-C, whose exception it keeps.
 fn signals(exception: &mut Option<PyErr>) -> ControlFlow<()> {
-    match Python::attach(Python::check_signals) {
-        Ok(()) => ControlFlow::Continue(()),
-        Err(raised) => {
+    match Python::attach(|py| py.check_signals().err()) {
+        None => ControlFlow::Continue(()),
+        Some(raised) => {
             *exception = Some(raised);
             ControlFlow::Break(())
         }
