@@ -49,7 +49,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "bisect", "size", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "bisect", "reproduce"]),
     (
         "Understand",
         &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],

@@ -23,7 +23,7 @@ use crate::show::{comparison, output};
   mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
   mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
-  mishandle compare point-reaching --controller ppo --against ddpg --episodes 5000 --until decided --margin 0.05
+  mishandle compare door-opening --controller ppo --against sac --episodes 500 --until width=0.1
   mishandle compare old.sqlite new.sqlite --out compare.html     write a page
 
 A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
