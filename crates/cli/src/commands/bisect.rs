@@ -28,8 +28,9 @@ fn is_rate(rate: f64) -> bool {
   mishandle bisect --git policy.onnx --good v1.0 --bad HEAD --target arm.toml --rate 0.9
 
 The controllers of a folder are ordered by name, with numbers by value. A test by a rate gives all
-candidates the same scenarios and seeds, and ends as soon as an interval that holds at any time is on
-one side of the rate. Finished tests are kept in the folder of --cache: the same command continues.
+candidates the same scenarios and seeds, and ends as soon as an interval that holds at any time is
+on one side of the rate. Finished tests are kept in the folder of --cache: the same command
+continues.
 
 Exit code 0 means that the first failing candidate was found, 1 that the first candidate does not
 pass or the last one does not fail, 2 an error.")]

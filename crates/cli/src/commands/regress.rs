@@ -128,12 +128,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     regression::report_problems(&found);
     if !is_complete {
-        let files = match command.junit.is_some() || command.sarif.is_some() {
+        let unwritten = match command.junit.is_some() || command.sarif.is_some() {
             true => "; the files of --junit and --sarif are not written",
             false => "",
         };
         output::message(&format!(
-            "interrupted: the results of {} of {} are printed, the others are lost{files}",
+            "interrupted: the results of {} of {} are printed, the others are lost{unwritten}",
             found.tests.len(),
             plural(files.len(), "counterexample")
         ));
