@@ -149,7 +149,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             bar.clear();
             let names = files.iter().filter_map(|(_, file)| file.as_deref());
             let names: Vec<String> = names.map(|file| file.display().to_string()).collect();
-            output::message(&format!("interrupted: nothing is kept, {} not written", names.join(" and ")));
+            let verb = if names.len() == 1 { "is" } else { "are" };
+            output::message(&format!(
+                "interrupted: nothing is kept, {} {verb} not written",
+                names.join(" and ")
+            ));
             return Ok(ExitStatus::Interrupted);
         };
         reports.push(report);

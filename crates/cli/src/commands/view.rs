@@ -30,8 +30,8 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
   mishandle view failure.json                                     an exported counterexample
 
 The simulation runs again and must be bit-identical to its record. Then its states play in a loop:
-space pauses, the arrows left and right go one control step back and forth, Ctrl-Q closes. The viewer
-is that of the Python package `mujoco`, which must be installed and needs a display.")]
+space pauses, the arrows left and right go one control step back and forth, Ctrl-Q closes. The
+viewer is that of the Python package `mujoco`, which must be installed and needs a display.")]
 pub struct Arguments {
     #[command(flatten)]
     pub recorded: flags::Recorded,
