@@ -7,7 +7,7 @@ mod order;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use mishandle_evaluation::RateSequence;
+use mishandle_evaluation::{Decision, StopRule};
 use mishandle_files::{limits, read_text_bounded, write_atomically};
 use mishandle_results::{BisectedCandidate, Bisection, Estimate};
 use mishandle_text::{path_text, plural};
@@ -21,7 +21,7 @@ use crate::error::MishandleError;
 use crate::inspect::RANDOM_TRIAL;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{recorded_episode, run_simulations};
+use crate::run::{RateRule, recorded_episode, run_simulations};
 
 /// The test of a bisection.
 #[derive(Clone, Debug)]
@@ -285,39 +285,30 @@ fn by_rate(
     let evaluate = plan.evaluate.clone().unwrap_or_default();
     let most = u32::try_from(evaluate.episodes).unwrap_or(u32::MAX);
     let batch = evaluate.batch.max(1);
-    let (mut rate, mut done, mut verdicts) = (RateSequence::default(), 0, 0_u64);
-    let mut outcome = Outcome::Undecided;
-    while done < most && outcome == Outcome::Undecided {
+    let (mut rule, mut done) = (RateRule::with(StopRule::Rate(bar), batch.into(), most.into()), 0);
+    while done < most && !rule.is_decided() {
         if count(u64::from(done), u64::from(most)).is_break() {
             return Ok(None);
         }
         let last = done.saturating_add(batch).min(most);
         for simulation in run_simulations(&resolved, RANDOM_TRIAL, done + 1..=last)? {
-            let episode = recorded_episode(&simulation);
-            if episode.end.counts_in_rates() {
-                verdicts += u64::from(mishandle_evaluation::decides_success(&episode));
-                rate.add(episode.is_success());
-            }
+            rule.add(&recorded_episode(&simulation));
         }
         done = last;
-        rate.look();
-        let found = rate.estimate();
-        outcome = match (found.low, found.high) {
-            // A rate without any verdict measures nothing.
-            _ if verdicts == 0 => Outcome::Undecided,
-            (Some(low), _) if low >= bar => Outcome::Passes,
-            (_, Some(high)) if high < bar => Outcome::Fails,
-            _ => Outcome::Undecided,
-        };
     }
-    let found = rate.estimate();
+    let outcome = match rule.decision() {
+        Some(Decision::Above) => Outcome::Passes,
+        Some(_) => Outcome::Fails,
+        None => Outcome::Undecided,
+    };
+    let found = rule.estimate();
     let percent =
         |value: Option<f64>| value.map_or("-".to_string(), |value| format!("{:.1} %", 100.0 * value));
     let interval = format!("{} to {} at any time", percent(found.low), percent(found.high));
     let reason = match outcome {
         Outcome::Passes => None,
         Outcome::Fails => Some(format!("success rate {} ({interval})", percent(found.value))),
-        Outcome::Undecided if verdicts == 0 => Some("no simulation has a verdict".to_string()),
+        Outcome::Undecided if !rule.has_verdict() => Some("no simulation has a verdict".to_string()),
         Outcome::Undecided => {
             Some(format!("success rate {} ({interval}), which contains the bar", percent(found.value)))
         }

@@ -12,7 +12,7 @@ use mishandle_requirements::{RequirementFile, WrittenRequirement};
 use mishandle_results as results;
 use mishandle_results::{Check, CheckRun, CheckedController, CheckedRequirement, Severity};
 use mishandle_rollout::Target;
-use mishandle_store::RunFile;
+use mishandle_store::{RunFile, RunKind};
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
@@ -146,16 +146,8 @@ impl<'a> Checker<'a> {
         settings: &'a CheckSettings<'a>,
         folder: &'a Path,
     ) -> Result<Checker<'a>, MishandleError> {
-        let plan = Plan {
-            evaluate: None,
-            falsify: None,
-            margin: None,
-            metamorphic: None,
-            risk: None,
-            harden: None,
-            screening: None,
-            ..subject.plan.clone()
-        };
+        let others = subject.plan.clone().only(RunKind::Evaluate);
+        let plan = Plan { evaluate: None, harden: None, screening: None, ..others };
         let target = match &subject.target {
             Some(target) => target.clone(),
             None => target(&plan)?,

@@ -26,15 +26,20 @@ impl RateRule {
             (Until::Width(width), _) => StopRule::Width(width),
             (Until::Decided, rate) => StopRule::Rate(rate?),
         };
-        Some(RateRule {
+        Some(RateRule::with(rule, evaluate.batch.into(), evaluate.episodes))
+    }
+
+    /// Returns a rule that looks at the end of each batch, and after `max` simulations.
+    pub(crate) fn with(rule: StopRule, batch: u64, max: u64) -> RateRule {
+        RateRule {
             rule,
-            batch: evaluate.batch.into(),
-            max: evaluate.episodes,
+            batch,
+            max,
             rate: RateSequence::default(),
             simulations: 0,
             has_verdict: false,
             decision: None,
-        })
+        }
     }
 
     /// Adds the next simulation. At the end of a batch, the rule looks.
@@ -49,6 +54,16 @@ impl RateRule {
             let decision = self.has_verdict.then(|| self.rule.decide(&self.rate.estimate())).flatten();
             self.decision = self.decision.or(decision);
         }
+    }
+
+    /// Returns what the rule decided; `None` if more simulations are necessary.
+    pub(crate) fn decision(&self) -> Option<Decision> {
+        self.decision
+    }
+
+    /// Returns whether a simulation has a verdict.
+    pub(crate) fn has_verdict(&self) -> bool {
+        self.has_verdict
     }
 
     /// Returns whether the rule ended the evaluation.
