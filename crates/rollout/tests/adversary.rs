@@ -166,13 +166,14 @@ fn system(noise: Noise) -> Rollout {
 
 const NOISE: Noise = Noise { action_std: 0.05, observation_std: 0.02 };
 
-/// Rows of the batch, and decisions of an episode: at the begin of each third and of the second
-/// half for offsets, and every 0.5 s, which are 5 steps, for the push, which begins until 1.7 s.
+/// Rows of the batch, and decisions of an episode: at the begin of each third for forces, in the
+/// step after a knot for the next one, whose weight is 0 at the knot before it, and every 0.5 s,
+/// which are 5 steps, for the push, which begins until 1.7 s.
 const ROWS: usize = 21;
-const DECISIONS: [usize; 7] = [0, 5, 8, 10, 12, 15, 16];
+const DECISIONS: [usize; 8] = [0, 1, 5, 8, 10, 13, 15, 16];
 
 /// Channel that asks for the push.
-const TRIGGER: usize = 4;
+const TRIGGER: usize = 3;
 
 /// An adversary in the tests: its action from decision, row, channel and observation.
 type Act = dyn Fn(usize, usize, usize, &[f32]) -> f64;
@@ -319,8 +320,8 @@ fn the_adversary_decides_offsets_and_events_only() {
     assert_eq!(decided, [&offsets[..], &["push_time", "push"]].concat());
     let others: Vec<String> = delays().iter().map(|d| d.axis.name.clone()).chain(["x".to_string()]).collect();
     assert_eq!(names(environment.spec().space.axes()), others);
-    // The force, two knots of the drift, the bias, whether to push, and how hard.
-    assert_eq!(environment.spec().action_size, 6);
+    // The force, a knot of the drift, the bias, whether to push, and how hard.
+    assert_eq!(environment.spec().action_size, 5);
     let specification = Specification::new(Formula::parse(REQUIREMENT).unwrap());
     let mut mass = Mass::new();
     mass.space = Space::new("starts", mass.space.axes()[..1].to_vec()).unwrap();

@@ -67,7 +67,7 @@ impl Decisions {
         steps.extend(asked.filter(|_| !events.is_empty()));
         steps.sort_unstable();
         steps.dedup();
-        // A decision can set several knots of one number: the first two of a piecewise-linear one.
+        // A decision can set several offsets of one number, such as a bias and a knot of a drift.
         let mut channels: Vec<(Place, usize)> = Vec::new();
         let mut all = Vec::with_capacity(steps.len());
         for step in steps {
