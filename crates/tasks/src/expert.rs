@@ -9,6 +9,9 @@ use crate::definition::Definition;
 use crate::kinematic::ResolvedRate;
 use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
 
+/// The memory of an expert that has not seen a state yet. Phases are not negative.
+const NOT_BEGUN: f64 = -1.0;
+
 /// The observation of an expert.
 pub struct ExpertInput<'a> {
     /// Positions of the arm joints, rad.
@@ -46,6 +49,10 @@ pub trait ExpertPolicy: Send + Sync + 'static {
         arm: &mut ResolvedRate,
         memory: &mut [f64],
     ) -> [f64; ARM_JOINTS];
+
+    /// Writes the memory of an expert that takes over in this state, in which another controller may
+    /// have left the robot: its phase. At the start of an episode, that is the first one.
+    fn begin(&self, _input: &ExpertInput<'_>, _arm: &mut ResolvedRate, _memory: &mut [f64]) {}
 
     /// Returns the actions of the fingers, in [-1, 1]. The call follows
     /// [`velocity`](Self::velocity). The actions have an effect only in tasks whose policy moves
@@ -118,7 +125,7 @@ struct ExpertWorker<P> {
 
 impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
     fn reset(&mut self, state: &mut [f64], _seed: mishandle_rollout::Seed) {
-        state.fill(0.0);
+        state.fill(NOT_BEGUN);
     }
 
     fn act(&mut self, _rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
@@ -133,6 +140,9 @@ impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
             let fingers = std::array::from_fn(|i| position(ARM_JOINTS + i));
             let input = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
             self.arm.set(&q);
+            if memory.first() == Some(&NOT_BEGUN) {
+                self.policy.begin(&input, &mut self.arm, memory);
+            }
             let desired = self.policy.velocity(&input, &mut self.arm, memory);
             // A policy may move its copy of the arm.
             self.arm.set(&q);

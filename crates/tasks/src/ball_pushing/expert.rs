@@ -36,6 +36,11 @@ const LEAN: f64 = 0.5;
 /// Height of the grasp point at which the robot stops after the push, m.
 const CLEAR: f64 = 0.5;
 
+/// Distance from a point (m) and rotation (rad) up to which the hand is there when the expert takes
+/// over.
+const BESIDE: f64 = 0.03;
+const TURNED: f64 = 0.15;
+
 /// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const DESCEND: f64 = 1.0;
@@ -50,12 +55,8 @@ impl ExpertPolicy for Push {
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.3, 0.0, 2.4, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (to_hole, ball) = (input.point(6), input.point(9));
-        let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
+        let Line { to_hole, along, behind, above, turn } = Line::from_observation(input, arm);
         let grasp = arm.position();
-        let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
-        let above = [behind[0], behind[1], TRAVEL_HEIGHT];
-        let turn = rotation_between(&arm.rotation(), &leaning(along));
         memory[0] = match memory[0] {
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
             DESCEND if norm(sub(behind, grasp)) < 0.01 && norm(turn) < 0.05 => PUSH,
@@ -77,6 +78,44 @@ impl ExpertPolicy for Push {
         };
         let angular = clamp_norm(scale(turn, 6.0), 2.0);
         arm.twist(&input.q, linear, angular)
+    }
+
+    fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
+        let Line { to_hole, along, behind, above, turn } = Line::from_observation(input, arm);
+        let error = sub(behind, arm.position());
+        let ahead = error[0] * along[0] + error[1] * along[1];
+        let aside = norm_xy(sub(error, scale(along, ahead)));
+        let is_behind = (-BEHIND..BESIDE).contains(&ahead) && aside < BESIDE && norm(turn) < TURNED;
+        let is_low = error[2].abs() < BESIDE;
+        let (speed, is_near) = (input.point(0)[0], norm_xy(to_hole) <= ON_THE_WAY);
+        memory[0] = match speed > SLOW {
+            true if speed > STRUCK || is_near => DONE,
+            _ if is_behind && is_low => PUSH,
+            _ if norm_xy(sub(above, arm.position())) < BESIDE => DESCEND,
+            _ => TRAVEL,
+        };
+    }
+}
+
+/// The line from the ball to the hole, and where the hand is beside it.
+struct Line {
+    /// Vector from the ball to the hole, m, and its horizontal direction.
+    to_hole: [f64; 3],
+    along: [f64; 3],
+    /// Points behind the ball at which the push and the descent begin, m.
+    behind: [f64; 3],
+    above: [f64; 3],
+    /// Rotation vector to the orientation of the push, rad.
+    turn: [f64; 3],
+}
+
+impl Line {
+    fn from_observation(input: &ExpertInput<'_>, arm: &ResolvedRate) -> Line {
+        let (to_hole, ball) = (input.point(6), input.point(9));
+        let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
+        let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
+        let turn = rotation_between(&arm.rotation(), &leaning(along));
+        Line { to_hole, along, behind, above: [behind[0], behind[1], TRAVEL_HEIGHT], turn }
     }
 }
 

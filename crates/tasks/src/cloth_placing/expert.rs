@@ -71,11 +71,8 @@ impl ExpertPolicy for Place {
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -1.9, 0.0, 2.0, 0.5];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (from_target, target, grasp) = (input.point(3), input.point(6), arm.position());
-        let distance = norm_xy(from_target);
-        let away = scale([from_target[0], from_target[1], 0.0], 1.0 / distance.max(1e-3));
-        let beyond = (distance + BEYOND).min(INSIDE);
-        let above = [target[0] + beyond * away[0], target[1] + beyond * away[1], ABOVE];
+        let Sheet { from_target, distance, away, above } = Sheet::from_observation(input);
+        let grasp = arm.position();
         let next = match memory[0] {
             CARRY | LOWER if input.fingers[0] > OPEN => LEAVE,
             CARRY if distance < NEAR => LOWER,
@@ -106,9 +103,45 @@ impl ExpertPolicy for Place {
         arm.twist(&input.q, linear, clamp_norm(scale(angular, 4.0), 2.0))
     }
 
+    fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
+        let Sheet { distance, above, .. } = Sheet::from_observation(input);
+        let grasp = arm.position();
+        memory[0] = match input.fingers[0] > OPEN {
+            false if distance < NEAR => LOWER,
+            false => CARRY,
+            true if distance <= GOOD => LEAVE,
+            true if grasp[2] < PUSH_HEIGHT + 0.01 => PUSH,
+            true if norm_xy(sub(above, grasp)) < 0.04 => DESCEND,
+            true if distance > TOO_FAR && grasp[2] > ABOVE - 0.02 => GO_BEYOND,
+            true => LEAVE,
+        };
+        memory[1] = 0.0;
+    }
+
     fn fingers(&self, input: &ExpertInput<'_>, memory: &[f64]) -> [f64; 2] {
         let carries = memory[0] < LEAVE && input.fingers.iter().all(|opening| *opening < SHUT);
         [if carries { -1.0 } else { 1.0 }; 2]
+    }
+}
+
+/// The cloth relative to the table's center, from the observation.
+struct Sheet {
+    /// Vector from the center to the cloth's centroid, m, its horizontal length and direction.
+    from_target: [f64; 3],
+    distance: f64,
+    away: [f64; 3],
+    /// Point from which the hand descends to push the cloth, m.
+    above: [f64; 3],
+}
+
+impl Sheet {
+    fn from_observation(input: &ExpertInput<'_>) -> Sheet {
+        let (from_target, target) = (input.point(3), input.point(6));
+        let distance = norm_xy(from_target);
+        let away = scale([from_target[0], from_target[1], 0.0], 1.0 / distance.max(1e-3));
+        let beyond = (distance + BEYOND).min(INSIDE);
+        let above = [target[0] + beyond * away[0], target[1] + beyond * away[1], ABOVE];
+        Sheet { from_target, distance, away, above }
     }
 }
 

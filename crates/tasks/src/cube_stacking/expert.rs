@@ -37,6 +37,11 @@ const REACH_OF_LEAN: f64 = 0.2;
 /// Gain of the position and orientation errors, 1/s.
 const RATE: f64 = 8.0;
 
+/// Horizontal distance (m) and rotation (rad) up to which a cube above the target is being lowered
+/// when the expert takes over.
+const ALIGNED: f64 = 0.012;
+const TURNED: f64 = 0.06;
+
 /// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const LOWER: f64 = 1.0;
@@ -55,15 +60,7 @@ impl ExpertPolicy for Stack {
     const REST: [f64; 7] = [0.0, 0.1, 0.0, -2.0, 0.0, 2.2, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let from_target = input.point(7);
-        let target = sub(input.point(0), from_target);
-        let along = scale([target[0], target[1], 0.0], 1.0 / norm_xy(target).max(0.01));
-        let lean = ((norm_xy(target) - LEVEL_REACH) / REACH_OF_LEAN).max(0.0);
-        let place = scale(along, -topple(lean));
-        let off = sub(place, [from_target[0], from_target[1], 0.0]);
-        let above = add(off, [0.0, 0.0, HOVER + SLOPE * (norm_xy(off) - 0.01).max(0.0) - from_target[2]]);
-        let turn = rotation_between(&arm.rotation(), &self.standing(along, lean));
-        let narrowest = input.fingers[0].min(input.fingers[1]);
+        let Goal { off, above, turn, narrowest } = self.goal(input, arm);
         memory[0] = match memory[0] {
             TRAVEL if norm(above) < 0.006 && norm(turn) < 0.03 => LOWER,
             TRAVEL | LOWER if narrowest > LET_GO => OPEN,
@@ -81,9 +78,45 @@ impl ExpertPolicy for Stack {
         let angular = clamp_norm(scale(turn, RATE), 2.0);
         arm.twist(&input.q, linear, angular)
     }
+
+    fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
+        let Goal { off, above, turn, narrowest } = self.goal(input, arm);
+        // Below the point above the target, on the way down.
+        let is_lowering = norm_xy(off) < ALIGNED && above[2] > -ALIGNED && norm(turn) < TURNED;
+        memory[0] = match narrowest {
+            opening if opening > OPENED => LEAVE,
+            opening if opening > LET_GO => OPEN,
+            _ if is_lowering => LOWER,
+            _ => TRAVEL,
+        };
+    }
+}
+
+/// What is left to do.
+struct Goal {
+    /// Horizontal vector from the cube to the place where it is lowered, m.
+    off: [f64; 3],
+    /// Vector from the cube to the point above it from which it is lowered, m.
+    above: [f64; 3],
+    /// Rotation vector to the orientation in which it is lowered, rad.
+    turn: [f64; 3],
+    /// Position of the finger that is opened less, m.
+    narrowest: f64,
 }
 
 impl Stack {
+    fn goal(&self, input: &ExpertInput<'_>, arm: &ResolvedRate) -> Goal {
+        let from_target = input.point(7);
+        let target = sub(input.point(0), from_target);
+        let along = scale([target[0], target[1], 0.0], 1.0 / norm_xy(target).max(0.01));
+        let lean = ((norm_xy(target) - LEVEL_REACH) / REACH_OF_LEAN).max(0.0);
+        let place = scale(along, -topple(lean));
+        let off = sub(place, [from_target[0], from_target[1], 0.0]);
+        let above = add(off, [0.0, 0.0, HOVER + SLOPE * (norm_xy(off) - 0.01).max(0.0) - from_target[2]]);
+        let turn = rotation_between(&arm.rotation(), &self.standing(along, lean));
+        Goal { off, above, turn, narrowest: input.fingers[0].min(input.fingers[1]) }
+    }
+
     /// Returns the rotation matrix of a hand whose fingers point down, with an outward lean of the
     /// cube.
     fn standing(&self, along: [f64; 3], lean: f64) -> [f64; 9] {

@@ -47,6 +47,12 @@ const RETAKE: f64 = 0.26;
 /// Sum of the finger positions below which the fingers hold nothing, m. The lever is 33.5 mm high.
 const EMPTY: f64 = 0.02;
 
+/// Sum of the finger positions below which the fingers hold the lever, m.
+const HELD: f64 = 0.037;
+
+/// Distance from the goal up to which the hand is at the lever when the expert takes over, m.
+const AT_LEVER: f64 = 0.02;
+
 /// Phases, stored in the first value of the memory. The second value counts the control steps of
 /// the phase.
 const RAISE: f64 = 0.0;
@@ -102,6 +108,26 @@ impl ExpertPolicy for Pull {
             }
         };
         within_limits(arm.twist(&input.q, linear, clamp_norm(scale(turn, 6.0), 2.5)))
+    }
+
+    fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
+        let lever = Lever::from_observation(input);
+        let error = sub(lever.goal(), arm.position());
+        let ahead = dot(error, lever.forward);
+        let aside = norm(sub(error, scale(lever.forward, ahead)));
+        let turn = norm(rotation_between(&arm.rotation(), &level(lever.forward)));
+        let opening = input.fingers.iter().sum::<f64>();
+        let is_there = aside < AT_LEVER && ahead.abs() < AT_LEVER;
+        let is_before = (0.0..2.0 * BEFORE).contains(&ahead) && aside < AT_LEVER && turn < 0.2;
+        memory[0] = match () {
+            () if lever.yaw > OPENED => HOLD,
+            () if is_there && (EMPTY..HELD).contains(&opening) => PULL,
+            () if lever.yaw >= RETAKE && opening < EMPTY => PULL,
+            () if is_there => CLOSE,
+            () if is_before => ENTER,
+            () => RAISE,
+        };
+        memory[1] = 0.0;
     }
 
     fn fingers(&self, _input: &ExpertInput<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {

@@ -7,7 +7,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, rotate, scale, sub};
 
-use super::{AXIS, DEPTH, SHAFT};
+use super::{AXIS, DEPTH, RADIUS, SHAFT};
 use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
 use crate::kinematic::ResolvedRate;
 
@@ -48,6 +48,10 @@ const TILT: f64 = 0.08;
 const LEAVE_HEIGHT: f64 = 0.6;
 const LEAVE_SPEED: f64 = 0.3;
 
+/// Horizontal distance of the tip from the hole within which the arm is folded when the expert takes
+/// over, m.
+const NEAR: f64 = 0.15;
+
 /// Phases, stored in the memory.
 const FOLD: f64 = 0.0;
 const TRAVEL: f64 = 1.0;
@@ -62,11 +66,7 @@ impl ExpertPolicy for Insert {
     const REST: [f64; 7] = [0.0, 0.4, 0.0, -1.0, 0.0, 1.4, WRIST];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (peg, peg_from_hole) = (input.point(0), input.point(7));
-        let axis = rotate([3, 4, 5, 6].map(|i| f64::from(input.task[i])), AXIS);
-        let tip = add(peg_from_hole, scale(axis, -SHAFT / 2.0));
-        let hole = sub(peg, peg_from_hole);
-        let (posture, upright) = (folded(hole), upright(hole));
+        let Peg { hole, tip, axis, upright, posture } = Peg::from_observation(input);
         let unfolded = posture.iter().zip(&input.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let (offset, height) = (norm_xy(tip), tip[2]);
         memory[0] = match memory[0] {
@@ -91,6 +91,41 @@ impl ExpertPolicy for Insert {
         let turn = clamp_norm(scale(cross(axis, upright), RATE), 1.5);
         let from_tip = sub(arm.position(), add(hole, tip));
         arm.twist(&input.q, add(desired, cross(turn, from_tip)), turn)
+    }
+
+    fn begin(&self, input: &ExpertInput<'_>, _arm: &mut ResolvedRate, memory: &mut [f64]) {
+        let Peg { tip, axis, upright, .. } = Peg::from_observation(input);
+        let (offset, height, tilt) = (norm_xy(tip), tip[2], norm(sub(axis, upright)));
+        memory[0] = match height {
+            low if low < 0.2 * DEPTH && offset < RADIUS => LEAVE,
+            low if low < DEPTH && offset < RADIUS => LOWER,
+            low if low < ABOVE + 0.01 && offset < 2.0 * OFFSET && tilt < 2.0 * TILT => LOWER,
+            above if above > DEPTH && offset < NEAR => TRAVEL,
+            _ => FOLD,
+        };
+    }
+}
+
+/// The peg above the block, from the observation.
+struct Peg {
+    /// Center of the hole's floor, m.
+    hole: [f64; 3],
+    /// The peg's tip relative to it, m.
+    tip: [f64; 3],
+    /// Direction of the peg's axis, and that during lowering.
+    axis: [f64; 3],
+    upright: [f64; 3],
+    /// Joint positions that hold the peg above the hole, rad.
+    posture: [f64; 7],
+}
+
+impl Peg {
+    fn from_observation(input: &ExpertInput<'_>) -> Peg {
+        let (peg, peg_from_hole) = (input.point(0), input.point(7));
+        let axis = rotate([3, 4, 5, 6].map(|i| f64::from(input.task[i])), AXIS);
+        let tip = add(peg_from_hole, scale(axis, -SHAFT / 2.0));
+        let hole = sub(peg, peg_from_hole);
+        Peg { hole, tip, axis, upright: upright(hole), posture: folded(hole) }
     }
 }
 
