@@ -118,16 +118,19 @@ impl ExpertPolicy for Pull {
         let turn = norm(rotation_between(&arm.rotation(), &level(lever.forward)));
         let opening = input.fingers.iter().sum::<f64>();
         let is_there = aside < AT_LEVER && ahead.abs() < AT_LEVER;
-        let is_before = (0.0..2.0 * BEFORE).contains(&ahead) && aside < AT_LEVER && turn < 0.2;
+        let is_at_rest = Self::REST.iter().zip(&input.q).all(|(rest, q)| (rest - q).abs() < 0.3);
+        // In front of the lever, so that the way to the point before it is free.
+        let is_before = ahead > 0.0 && ahead < 3.0 * BEFORE && aside < 0.5 * ahead + AT_LEVER && turn < 0.6;
         memory[0] = match () {
             () if lever.yaw > OPENED => HOLD,
             () if is_there && (EMPTY..HELD).contains(&opening) => PULL,
             () if lever.yaw >= RETAKE && opening < EMPTY => PULL,
             () if is_there => CLOSE,
-            () if is_before => ENTER,
+            () if is_at_rest || is_before => ENTER,
             () => RAISE,
         };
-        memory[1] = 0.0;
+        // Fingers that hold the lever pull at full speed.
+        memory[1] = if memory[0] == PULL { 20.0 } else { 0.0 };
     }
 
     fn fingers(&self, _input: &ExpertInput<'_>, memory: &[f64]) -> [f64; JOINTS - ARM_JOINTS] {
