@@ -1,0 +1,148 @@
+//! Experts that take over in the middle of an episode of another controller.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle_controllers::ControllerFile;
+use mishandle_rollout::{Controller, ControllerWorker, Environment, Noise, Request, Rollout, Seed, System};
+use mishandle_tasks::{Preset, Reward, TASKS, TaskEnvironment};
+
+/// Where an expert begins anew.
+#[derive(Clone, Copy, Debug)]
+enum Begin {
+    /// After this number of control steps of the student.
+    After(usize),
+    /// In each control step.
+    Always,
+    /// Never: with its first phase, which is 0.
+    Never,
+}
+
+/// A student, and from some step on the expert.
+struct Relay {
+    student: Arc<dyn Controller>,
+    expert: Arc<dyn Controller>,
+    begin: Begin,
+}
+
+impl Controller for Relay {
+    fn observation_size(&self) -> usize {
+        self.expert.observation_size()
+    }
+
+    fn action_size(&self) -> usize {
+        self.expert.action_size()
+    }
+
+    fn state_size(&self) -> usize {
+        1 + self.student.state_size() + self.expert.state_size()
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(RelayWorker {
+            student: self.student.worker(),
+            expert: self.expert.worker(),
+            sizes: [self.student.state_size(), self.observation_size(), self.action_size()],
+            state_size: self.state_size(),
+            begin: self.begin,
+        })
+    }
+}
+
+struct RelayWorker {
+    student: Box<dyn ControllerWorker>,
+    expert: Box<dyn ControllerWorker>,
+    sizes: [usize; 3],
+    state_size: usize,
+    begin: Begin,
+}
+
+impl ControllerWorker for RelayWorker {
+    fn reset(&mut self, state: &mut [f64], seed: Seed) {
+        let (steps, rest) = state.split_first_mut().unwrap();
+        let (student, expert) = rest.split_at_mut(self.sizes[0]);
+        *steps = 0.0;
+        self.student.reset(student, seed);
+        match self.begin {
+            Begin::Never => expert.fill(0.0),
+            _ => self.expert.reset(expert, seed),
+        }
+    }
+
+    fn act(&mut self, _rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
+        let [student_size, observation_size, action_size] = self.sizes;
+        let rows = observations.chunks(observation_size).zip(actions.chunks_mut(action_size));
+        for ((observation, action), state) in rows.zip(states.chunks_mut(self.state_size)) {
+            let (steps, rest) = state.split_first_mut().unwrap();
+            let (student, expert) = rest.split_at_mut(student_size);
+            match self.begin {
+                Begin::After(count) if *steps < count as f64 => {
+                    self.student.act(1, observation, student, action);
+                }
+                Begin::After(_) | Begin::Never => self.expert.act(1, observation, expert, action),
+                Begin::Always => {
+                    self.expert.reset(expert, Seed(0));
+                    self.expert.act(1, observation, expert, action);
+                }
+            }
+            *steps += 1.0;
+        }
+    }
+}
+
+/// Returns the robustness from reachable starts, a sixth as many of a cloth, with the student `ppo`.
+fn robustness(task: &str, begin: Begin, starts: usize) -> Vec<f64> {
+    let task = *TASKS.iter().find(|t| t.definition().name == task).unwrap();
+    let definition = task.definition();
+    let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
+    let starts = if definition.name.starts_with("cloth") { starts.div_ceil(6) } else { starts };
+    let requests: Vec<Request> = (0..)
+        .map(|i| (environment.space().sample(Seed(21), i), i))
+        .filter(|(start, _)| task.reachable(&start.values().iter().flatten().copied().collect::<Vec<f64>>()))
+        .map(|(start, i)| Request::new(start, Seed(21).child(i)))
+        .take(starts)
+        .collect();
+    let file = format!("../../controllers/{}/ppo.safetensors", definition.name);
+    let student = Arc::new(ControllerFile::load(Path::new(&file)).unwrap().policy);
+    let relay = Relay { student, expert: task.expert().unwrap(), begin };
+    let specification = definition.paper.specification().unwrap();
+    let mut rollout =
+        Rollout::new(Arc::new(environment), Arc::new(relay), specification, Noise::default()).unwrap();
+    rollout.rollout(&requests).unwrap().iter().map(|episode| episode.verdict.robustness.unwrap()).collect()
+}
+
+/// The tasks whose experts have phases, and how many of the starts succeed at least. In some of
+/// ball pushing, the student has already knocked the ball away.
+const TASKS_WITH_PHASES: [&str; 5] =
+    ["ball-pushing", "cloth-placing", "cube-stacking", "door-opening", "peg-in-hole"];
+const SHARE: f64 = 0.9;
+
+fn check(task: &str, begin: Begin) {
+    let found = robustness(task, begin, 40);
+    let successes = found.iter().filter(|rho| **rho > 0.0).count();
+    assert!(successes as f64 >= SHARE * found.len() as f64, "{task}, {begin:?}: {successes} succeed");
+}
+
+#[test]
+fn an_expert_takes_over_from_another_controller() {
+    for task in TASKS_WITH_PHASES {
+        for steps in [10, 40, 100] {
+            check(task, Begin::After(steps));
+        }
+    }
+}
+
+/// So what it would do in a state is a function of the state, which a student can learn.
+#[test]
+fn an_expert_that_forgets_its_phase_at_each_step_succeeds() {
+    TASKS_WITH_PHASES.iter().for_each(|task| check(task, Begin::Always));
+}
+
+#[test]
+fn an_expert_begins_an_episode_in_its_first_phase() {
+    for task in TASKS_WITH_PHASES {
+        assert_eq!(robustness(task, Begin::After(0), 12), robustness(task, Begin::Never, 12), "{task}");
+    }
+}
