@@ -54,6 +54,8 @@ pub enum Stream {
     Scenario = 12,
     /// Disturbances that a proposal of importance sampling chooses while the simulation runs.
     Steering = 13,
+    /// Noise of a camera's sensor, whose standard deviation is part of the scenario.
+    CameraNoise = 14,
 }
 
 impl Seed {
@@ -88,7 +90,8 @@ impl Seed {
         }
     }
 
-    fn block(self, stream: Stream, step: u64, index: u32) -> [u32; 4] {
+    /// Returns 128 random bits, for whoever needs many numbers of few bits.
+    pub fn block(self, stream: Stream, step: u64, index: u32) -> [u32; 4] {
         let [low, high] = halves(step);
         philox4x32([index, stream as u32, low, high], halves(self.0))
     }

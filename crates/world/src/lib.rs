@@ -39,6 +39,7 @@ mod render;
 mod rows;
 mod sensing;
 mod servo;
+mod shapes;
 mod state;
 mod structure;
 
@@ -65,6 +66,7 @@ pub use render::{
 };
 pub use rows::Rows;
 pub use servo::Servo;
+pub use shapes::{CameraMount, Geom, GeomKind, Surface};
 pub use state::World;
 
 /// The robot, a Franka Emika Panda with its hand, as MJCF document.

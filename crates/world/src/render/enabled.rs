@@ -18,9 +18,6 @@ const CAMERA: &str = "view";
 /// The camera that follows a body.
 const FOLLOWING: &str = "close";
 
-/// Group of collision shapes, which are rendered only if bodies have no other ones.
-const COLLISION_GEOMS: usize = 3;
-
 /// Group of the robot's sites, which are not rendered.
 const HIDDEN_SITES: usize = 4;
 
@@ -92,9 +89,7 @@ impl Renderer {
         let model = light::without_others(Model::from_xml_with_assets(&lit, assets.clone())?, &bare, quality);
         let (placement, camera) = place(&model, camera, follows.as_deref())?;
         let mut options = MjvOption::default();
-        let is_other = |(body, group): (&i32, &i32)| *body > 0 && *group < COLLISION_GEOMS as i32;
-        let has_other = bare.inner.geom_bodyid().iter().zip(bare.inner.geom_group()).any(is_other);
-        options.geomgroup[COLLISION_GEOMS] = u8::from(!has_other);
+        options.geomgroup = bare.drawn_groups().map(u8::from);
         options.sitegroup[HIDDEN_SITES] = 0;
         let inner = MjRenderer::builder()
             .width(width)

@@ -1,0 +1,146 @@
+//! Scenes, cameras and poses of a model.
+
+use std::sync::Arc;
+
+use mishandle_world::{CameraMount, GeomKind, Model, Surface, World};
+
+use crate::camera::{Camera, CameraError, Effects, Optics, Size};
+use crate::form::Form;
+use crate::material::Material;
+use crate::mesh::Mesh;
+use crate::scene::{Ambient, Background, Lamp, NO_SHAPE, Poses, Scene, Shape};
+use crate::vector::Pose;
+
+/// MuJoCo's exponent of the sharpest highlights.
+const EXPONENT: f32 = 128.0;
+
+/// Part of MuJoCo's highlights that the nominal lamp has.
+const HIGHLIGHT: f32 = 0.3;
+
+impl Scene {
+    /// Makes the scene of a model under nominal light: the shapes that pictures show, in plain
+    /// colors. Height fields and textures are not drawn.
+    ///
+    /// # Errors
+    /// If the model has too many shapes.
+    pub fn of_model(model: &Model) -> Result<Scene, CameraError> {
+        let mut scene = Scene {
+            shapes: Vec::new(),
+            meshes: Vec::new(),
+            cloths: Vec::new(),
+            lamps: vec![Lamp::NOMINAL, Lamp::SECOND],
+            ambient: Ambient::NOMINAL,
+            background: Background::NOMINAL,
+        };
+        // The mesh of the scene with each index of the model.
+        let mut meshes: Vec<(usize, usize)> = Vec::new();
+        for (index, geom) in model.geoms().iter().enumerate().filter(|(_, geom)| geom.is_drawn) {
+            let [a, b, c] = geom.size.map(|v| v as f32);
+            let form = match geom.kind {
+                GeomKind::Plane => {
+                    Form::Plane { half: [a, b].map(|half| if half > 0.0 { half } else { f32::INFINITY }) }
+                }
+                GeomKind::Sphere => Form::Sphere { radius: a },
+                GeomKind::Capsule => Form::Capsule { radius: a, half: b },
+                GeomKind::Ellipsoid => Form::Ellipsoid { half: [a, b, c] },
+                GeomKind::Cylinder => Form::Cylinder { radius: a, half: b },
+                GeomKind::Box => Form::Box { half: [a, b, c] },
+                GeomKind::Mesh(mesh) => {
+                    let known = meshes.iter().find(|(known, _)| *known == mesh).map(|(_, own)| *own);
+                    Form::Mesh(known.unwrap_or_else(|| {
+                        let (vertices, triangles) = model.mesh(mesh);
+                        scene.meshes.push(Arc::new(Mesh::new(vertices, triangles)));
+                        meshes.push((mesh, scene.meshes.len() - 1));
+                        scene.meshes.len() - 1
+                    }))
+                }
+                GeomKind::Other => continue,
+            };
+            let [red, green, blue, opacity] = geom.color;
+            let material = Material {
+                opacity,
+                specular: HIGHLIGHT * geom.specular,
+                exponent: (EXPONENT * geom.shininess) as u32,
+                emission: geom.emission,
+                ..Material::plain([red, green, blue])
+            };
+            let pose = Pose::new(geom.position, geom.quaternion);
+            scene.shapes.push(Shape { body: geom.body.index(), pose, form, material, geom: Some(index) });
+        }
+        for surface in model.surfaces() {
+            let vertices = surface.vertices.iter().map(|(_, local)| local.map(|v| v as f32)).collect();
+            scene.cloths.push(Arc::new(Mesh::smooth(vertices, surface.triangles)));
+            let [red, green, blue, opacity] = surface.color;
+            scene.shapes.push(Shape {
+                body: surface.vertices.first().map_or(0, |(body, _)| body.index()),
+                pose: Pose::IDENTITY,
+                form: Form::Cloth(scene.cloths.len() - 1),
+                material: Material { opacity, ..Material::plain([red, green, blue]) },
+                geom: None,
+            });
+        }
+        match scene.shapes.len() < usize::from(NO_SHAPE) {
+            true => Ok(scene),
+            false => Err(CameraError::Shapes(scene.shapes.len())),
+        }
+    }
+}
+
+impl Camera {
+    /// Makes a nominal camera where a model has one.
+    pub fn of_model(mount: &CameraMount, size: Size) -> Camera {
+        // This is computed once, from a model's degrees, and never from the number of an axis.
+        let focal_length = 0.5 / (0.5 * mount.fovy_deg).to_radians().tan();
+        Camera {
+            size,
+            body: mount.body.index(),
+            pose: Pose::new(mount.position, mount.quaternion),
+            tilt: [0.0; 3],
+            focal_length: focal_length as f32,
+            optics: Optics::NOMINAL,
+            effects: Effects::NOMINAL,
+        }
+    }
+}
+
+/// Reads poses of states.
+#[derive(Debug)]
+pub struct PoseReader {
+    world: World,
+    surfaces: Vec<Surface>,
+}
+
+impl PoseReader {
+    /// Makes a reader of states of a model.
+    pub fn new(model: &Model) -> PoseReader {
+        PoseReader { world: model.world(), surfaces: model.surfaces() }
+    }
+
+    /// Sets the poses to those of a state: a row of an environment, of which MuJoCo's state is the
+    /// first part.
+    ///
+    /// # Panics
+    /// If the state is shorter than [`Model::state_size`].
+    pub fn read(&mut self, state: &[f64], poses: &mut Poses) {
+        self.world.set_state(state);
+        self.world.refresh();
+        poses.of_world(&self.world, &self.surfaces);
+    }
+}
+
+impl Poses {
+    fn of_world(&mut self, world: &World, surfaces: &[Surface]) {
+        let (model, rows) = (world.model(), world.rows());
+        self.bodies.clear();
+        for index in 0..model.count(mishandle_world::ElementKind::Body) {
+            let body = model.body_at(index);
+            self.bodies.push(Pose::new(rows.position(body), rows.quaternion(body)));
+        }
+        self.cloths.resize(surfaces.len(), Vec::new());
+        for (cloth, surface) in self.cloths.iter_mut().zip(surfaces) {
+            cloth.clear();
+            let vertices = 0..surface.vertices.len();
+            cloth.extend(vertices.map(|vertex| surface.vertex(world, vertex).map(|v| v as f32)));
+        }
+    }
+}
