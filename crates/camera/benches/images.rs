@@ -35,7 +35,7 @@ fn main() {
         let scene = Scene::of_model(&model).expect("the scene has few shapes");
         let rate = |side: usize, camera: usize| {
             let size = Size::new(side, side).expect("the size is in range");
-            images_per_second(&model, &scene, &states::cameras(&model, size)[camera], &states)
+            images_per_second(&model, &scene, &states::cameras(*task, &model, size)[camera], &states)
         };
         let rates =
             [rate(64, 0), rate(64, 1), rate(96, 0), rate(128, 0)].map(|rate| format!("{rate:>10.0} /s"));

@@ -8,41 +8,42 @@ mod states;
 use std::fs::File;
 use std::path::Path;
 
-use mishandle_camera::{Camera, Output, Scene, Size, StateShot, Studio};
+use mishandle_camera::{Output, Scene, Size, StateShot, Studio};
 use mishandle_random::Seed;
 use mishandle_tasks::TASKS;
 
 /// Control steps whose states are shown.
-const STEPS: [usize; 4] = [0, 60, 120, 240];
+const STEPS: [usize; 4] = [0, 20, 60, 200];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let folder = words.first().ok_or("the first argument is a folder")?;
     let side = words.get(1).map_or(Ok(64), |word| word.parse())?;
-    let (size, enlarge) = (Size::new(side, side)?, (256 / side).max(1));
-    for task in TASKS {
-        let name = task.definition().name;
-        let (model, states) = states::expert_states(*task, 0.4);
-        let (scene, cameras) = (Scene::of_model(&model)?, states::cameras(&model, size));
-        let mut studio = Studio::new(&model, 1);
-        let mut images = vec![vec![0; 3 * size.pixels()]; cameras.len() * STEPS.len()];
-        let shot = |camera, step: &usize| StateShot {
-            state: &states[*step],
-            before: None,
-            scene: &scene,
-            camera,
-            seed: Seed(0),
-            step: *step as u64,
-        };
-        let shots: Vec<StateShot<'_>> = cameras
-            .iter()
-            .flat_map(|camera: &Camera| STEPS.iter().map(move |step| shot(camera, step)))
-            .collect();
-        let mut outputs: Vec<Output<'_>> =
-            images.iter_mut().map(|rgb| Output { rgb, depth: None, segments: None }).collect();
-        studio.render(&shots, &mut outputs);
-        let path = Path::new(folder).join(format!("{name}.png"));
-        write(&path, &images, [side, enlarge, STEPS.len()])?;
+    let (size, enlarge) = (Size::new(side, side)?, (192 / side).max(1));
+    for (part, tasks) in TASKS.chunks(4).enumerate() {
+        let mut all = Vec::new();
+        for task in tasks {
+            let (model, states) = states::expert_states(*task, 0.4);
+            let (scene, cameras) = (Scene::of_model(&model)?, states::cameras(*task, &model, size));
+            let mut studio = Studio::new(&model, 1);
+            let mut images = vec![vec![0; 3 * size.pixels()]; cameras.len() * STEPS.len()];
+            let shot = |camera, step: &usize| StateShot {
+                state: &states[*step],
+                before: None,
+                scene: &scene,
+                camera,
+                seed: Seed(0),
+                step: *step as u64,
+            };
+            let of_camera = |camera| STEPS.iter().map(move |step| shot(camera, step));
+            let shots: Vec<StateShot<'_>> = cameras.iter().flat_map(of_camera).collect();
+            let mut outputs: Vec<Output<'_>> =
+                images.iter_mut().map(|rgb| Output { rgb, depth: None, segments: None }).collect();
+            studio.render(&shots, &mut outputs);
+            all.extend(images);
+        }
+        let path = Path::new(folder).join(format!("tasks_{}.png", part + 1));
+        write(&path, &all, [side, enlarge, 2 * STEPS.len()])?;
         println!("{}", path.display());
     }
     Ok(())

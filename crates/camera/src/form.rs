@@ -193,3 +193,127 @@ pub(crate) fn enter_capsule(radius: f32, half: f32, o: Lanes3, d: Lanes3) -> Lan
     let t = z.abs().select_at_most(Lanes::all(half), side, cap);
     rest.select_less(Lanes::ZERO, Lanes::MISS, t)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::LANES;
+    use mishandle_random::Sequence;
+
+    /// Returns how far a point is inside a form, in some unit: a function whose zeros are the
+    /// surface and whose gradient is opposite to the normal.
+    fn inside(form: Form, p: [f64; 3]) -> f64 {
+        let wide = |v: f32| f64::from(v);
+        match form {
+            Form::Sphere { radius } => wide(radius) - (p[0].powi(2) + p[1].powi(2) + p[2].powi(2)).sqrt(),
+            Form::Box { half } => {
+                [0, 1, 2].map(|i| wide(half[i]) - p[i].abs()).into_iter().fold(f64::INFINITY, f64::min)
+            }
+            Form::Capsule { radius, half } => {
+                let z = p[2] - p[2].clamp(-wide(half), wide(half));
+                wide(radius) - (p[0].powi(2) + p[1].powi(2) + z * z).sqrt()
+            }
+            Form::Cylinder { radius, half } => (wide(radius) - p[0].hypot(p[1])).min(wide(half) - p[2].abs()),
+            Form::Ellipsoid { half } => {
+                1.0 - [0, 1, 2].map(|i| (p[i] / wide(half[i])).powi(2)).iter().sum::<f64>()
+            }
+            Form::Plane { .. } | Form::Mesh(_) | Form::Cloth(_) => unreachable!("no inside"),
+        }
+    }
+
+    fn enter(form: Form, o: Lanes3, d: Lanes3) -> Lanes {
+        match form {
+            Form::Sphere { radius } => enter_sphere(radius, o, d),
+            Form::Box { half } => enter_box(half, o, d),
+            Form::Capsule { radius, half } => enter_capsule(radius, half, o, d),
+            Form::Cylinder { radius, half } => enter_cylinder(radius, half, o, d),
+            Form::Ellipsoid { half } => enter_ellipsoid(half, o, d),
+            Form::Plane { .. } | Form::Mesh(_) | Form::Cloth(_) => Lanes::MISS,
+        }
+    }
+
+    const FORMS: [Form; 5] = [
+        Form::Sphere { radius: 0.12 },
+        Form::Box { half: [0.1, 0.2, 0.05] },
+        Form::Capsule { radius: 0.06, half: 0.11 },
+        Form::Cylinder { radius: 0.09, half: 0.07 },
+        Form::Ellipsoid { half: [0.1, 0.16, 0.07] },
+    ];
+
+    #[test]
+    fn rays_enter_where_they_first_come_inside_and_normals_are_gradients() {
+        let mut numbers = Sequence::new(8, 0);
+        for form in FORMS {
+            let mut hits = 0;
+            for _ in 0..500 {
+                let mut random = |size: f32| size * (2.0 * numbers.uniform() as f32 - 1.0);
+                let eye = [0, 1, 2].map(|_| random(1.0));
+                let mut lanes = [Lanes::ZERO; 3];
+                for lane in 0..LANES {
+                    let target = [0, 1, 2].map(|_| random(0.15));
+                    (0..3).for_each(|i| lanes[i].0[lane] = target[i] - eye[i]);
+                }
+                if inside(form, eye.map(f64::from)) > 0.0 {
+                    continue;
+                }
+                let t = enter(form, eye.map(Lanes::all), lanes);
+                for lane in 0..LANES {
+                    let direction = lanes.map(|lanes| f64::from(lanes.0[lane]));
+                    let at = |t: f64| [0, 1, 2].map(|i| f64::from(eye[i]) + t * direction[i]);
+                    let end = if t.0[lane] < 4.0 { f64::from(t.0[lane]) } else { 4.0 };
+                    // Nowhere before. A ray that grazes an edge may come inside by rounding.
+                    let before = (1..400).map(|k| inside(form, at((end - 1e-4) * f64::from(k) / 400.0)));
+                    assert!(before.fold(f64::NEG_INFINITY, f64::max) < 1e-5, "{form:?}");
+                    if t.0[lane] == f32::INFINITY {
+                        continue;
+                    }
+                    hits += 1;
+                    let p = at(end);
+                    assert!(inside(form, p).abs() < 2e-5, "{form:?}: {}", inside(form, p));
+                    let gradient = [0, 1, 2].map(|i| {
+                        let moved = |by: f64| {
+                            let mut p = p;
+                            p[i] += by;
+                            inside(form, p)
+                        };
+                        moved(-1e-6) - moved(1e-6)
+                    });
+                    let length = gradient.iter().map(|v| v * v).sum::<f64>().sqrt();
+                    let normal = form.normal(p.map(|v| v as f32));
+                    let cosine: f64 = (0..3).map(|i| gradient[i] / length * f64::from(normal[i])).sum();
+                    // At an edge the gradient is that of either side.
+                    assert!(cosine > 0.9999 || is_edge(form, p), "{form:?} at {p:?}: {normal:?}");
+                }
+            }
+            assert!(hits > 500, "{form:?}: {hits}");
+        }
+    }
+
+    fn is_edge(form: Form, p: [f64; 3]) -> bool {
+        match form {
+            Form::Box { half } => {
+                (0..3).filter(|i| (p[*i].abs() - f64::from(half[*i])).abs() < 1e-4).count() > 1
+            }
+            Form::Cylinder { radius, half } => {
+                (p[0].hypot(p[1]) - f64::from(radius)).abs() < 1e-4
+                    && (p[2].abs() - f64::from(half)).abs() < 1e-4
+            }
+            _ => false,
+        }
+    }
+
+    #[test]
+    fn a_ray_along_an_axis_enters_at_the_end() {
+        let (o, d) = (crate::lanes::same([0.02, 0.01, 0.5]), crate::lanes::same([0.0, 0.0, -1.0]));
+        let cap = 0.11 + (0.06_f32 * 0.06 - 0.0005).sqrt();
+        for (form, top) in [(FORMS[1], 0.05), (FORMS[2], cap), (FORMS[3], 0.07)] {
+            assert!((enter(form, o, d).0[0] - (0.5 - top)).abs() < 1e-6, "{form:?}");
+            // A ray that starts inside does not enter.
+            assert_eq!(enter(form, crate::lanes::same([0.02, 0.01, 0.0]), d).0[0], f32::INFINITY);
+        }
+        let plane = |z: f32| enter_plane([0.1, 0.1], crate::lanes::same([0.02, 0.01, z]), d).0[0];
+        assert_eq!((plane(0.5), plane(-0.5)), (0.5, f32::INFINITY));
+        let beside = enter_plane([0.1, 0.005], o, d).0[0];
+        assert_eq!(beside, f32::INFINITY, "the plane ends before");
+    }
+}

@@ -10,9 +10,6 @@ use crate::view::{Rectangle, View};
 /// The position of a shape at a pixel without one.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Distance from a surface of triangles within which it casts no shadow on itself, m.
-const CLOSE: f32 = 5e-4;
-
 /// A shape in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Placed {
@@ -46,9 +43,10 @@ impl Placed {
         }
     }
 
-    /// Returns where rays in the world first meet the shape. They start at its surface or outside.
+    /// Returns where rays in the frame of the shape enter it. They pass triangles before `least`,
+    /// m.
     #[inline(always)]
-    pub fn enter(&self, meshes: &Meshes<'_>, o: Lanes3, d: Lanes3) -> Lanes {
+    pub fn enter(&self, meshes: &Meshes<'_>, least: f32, o: Lanes3, d: Lanes3) -> Lanes {
         match self.form {
             Form::Plane { half } => form::enter_plane(half, o, d),
             Form::Sphere { radius } => form::enter_sphere(radius, o, d),
@@ -58,7 +56,7 @@ impl Placed {
             Form::Ellipsoid { half } => form::enter_ellipsoid(half, o, d),
             Form::Mesh(_) | Form::Cloth(_) => meshes
                 .of(self.form)
-                .map_or(Lanes::MISS, |mesh| mesh.enter(o, d, CLOSE, Lanes::MISS, &mut [0; LANES])),
+                .map_or(Lanes::MISS, |mesh| mesh.enter(o, d, least, Lanes::MISS, &mut [0; LANES])),
         }
     }
 }

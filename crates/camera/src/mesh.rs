@@ -243,3 +243,113 @@ fn grow(low: &mut [f32; 3], high: &mut [f32; 3], p: [f32; 3]) {
         high[i] = high[i].max(p[i]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mishandle_random::Sequence;
+
+    /// Returns where a ray meets a triangle, by the algorithm of Möller and Trumbore (1997).
+    fn meets_triangle(o: [f64; 3], d: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> Option<f64> {
+        use mishandle_world::frame::{cross, dot, sub};
+        let (ab, ac, from) = (sub(b, a), sub(c, a), sub(o, a));
+        let (p, q) = (cross(d, ac), cross(from, ab));
+        let determinant = dot(ab, p);
+        let (u, v, t) = (dot(from, p) / determinant, dot(d, q) / determinant, dot(ac, q) / determinant);
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+    }
+
+    /// Returns a wavy sheet of `count` x `count` cells over the unit square.
+    fn sheet(count: u32, height: f32) -> Mesh {
+        let vertex = |i: u32, j: u32| {
+            let wave = ((i * 7 + j * 3) % 5) as f32 / 5.0;
+            [i as f32 / count as f32, j as f32 / count as f32, height * wave]
+        };
+        let vertices = (0..=count).flat_map(|j| (0..=count).map(move |i| vertex(i, j))).collect();
+        let cell = |i: u32, j: u32| {
+            let a = j * (count + 1) + i;
+            [[a, a + 1, a + count + 2], [a, a + count + 2, a + count + 1]]
+        };
+        let triangles = (0..count).flat_map(|j| (0..count).flat_map(move |i| cell(i, j))).collect();
+        Mesh::new(vertices, triangles)
+    }
+
+    #[test]
+    fn rays_meet_the_first_triangle_also_after_the_vertices_moved() {
+        let mut numbers = Sequence::new(4, 0);
+        let mut random = |low: f32, high: f32| low + (high - low) * numbers.uniform() as f32;
+        let mut mesh = sheet(9, 0.4);
+        let mut hits = 0;
+        for round in 0..300 {
+            if round == 150 {
+                let moved: Vec<[f32; 3]> =
+                    mesh.vertices.iter().map(|[x, y, z]| [*y, *x + *z, 0.5 * *x]).collect();
+                mesh.deform(&moved);
+            }
+            let o = [random(-1.0, 2.0), random(-1.0, 2.0), random(-1.0, 1.0)];
+            let mut d = [Lanes::ZERO; 3];
+            for lane in 0..LANES {
+                let target = [random(0.0, 1.0), random(0.0, 1.0), random(0.0, 0.4)];
+                (0..3).for_each(|i| d[i].0[lane] = target[i] - o[i]);
+            }
+            let mut which = [u32::MAX; LANES];
+            let t = mesh.enter(o.map(Lanes::all), d, 0.0, Lanes::MISS, &mut which);
+            for lane in 0..LANES {
+                let wide = |v: [f32; 3]| v.map(f64::from);
+                let direction = d.map(|d| f64::from(d.0[lane]));
+                let corners = |triangle: &[u32; 3]| triangle.map(|i| wide(mesh.vertices[i as usize]));
+                let truth =
+                    mesh.triangles.iter().filter_map(|own| meets_triangle(wide(o), direction, corners(own)));
+                let truth = truth.fold(f64::INFINITY, f64::min);
+                let own = f64::from(t.0[lane]);
+                // A ray through the outer edge may miss in one precision and not in the other.
+                if truth.is_finite() != own.is_finite() {
+                    continue;
+                }
+                assert!(own == truth || (own - truth).abs() < 1e-4 * truth.max(1.0), "{own}, {truth}");
+                if truth.is_finite() {
+                    hits += 1;
+                    let corners = corners(&mesh.triangles[which[lane] as usize]);
+                    assert!(
+                        meets_triangle(wide(o), direction, corners).is_none_or(|t| (t - own).abs() < 1e-4)
+                    );
+                }
+            }
+        }
+        assert!(hits > 1000, "{hits}");
+    }
+
+    /// A ray to a point of an edge inside the sheet meets one of its triangles.
+    #[test]
+    fn triangles_with_a_common_edge_leave_no_gap() {
+        let mesh = sheet(8, 0.0);
+        let mut numbers = Sequence::new(9, 0);
+        let mut random = |low: f32, high: f32| low + (high - low) * numbers.uniform() as f32;
+        for _ in 0..2000 {
+            let o = [random(-3.0, 3.0), random(-3.0, 3.0), random(0.5, 3.0)];
+            let mut d = [Lanes::ZERO; 3];
+            for lane in 0..LANES {
+                // Points of grid lines and of diagonals.
+                let (i, s) = ((random(1.0, 8.0) as u32) as f32 / 8.0, random(0.1, 0.9));
+                let target = [[i, s, 0.0], [s, i, 0.0], [s, s, 0.0]][lane % 3];
+                (0..3).for_each(|i| d[i].0[lane] = target[i] - o[i]);
+            }
+            let t = mesh.enter(o.map(Lanes::all), d, 0.0, Lanes::MISS, &mut [0; LANES]);
+            assert!(t.0.iter().all(|t| (*t - 1.0).abs() < 1e-4), "{t:?} from {o:?}");
+        }
+    }
+
+    #[test]
+    fn normals_of_a_smooth_sheet_are_between_those_of_its_triangles() {
+        let vertices = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let triangles = vec![[0, 1, 2], [0, 3, 1]];
+        let (flat, smooth) =
+            (Mesh::new(vertices.clone(), triangles.clone()), Mesh::smooth(vertices, triangles));
+        assert_eq!(flat.normal(0, [0.2, 0.2, 0.0]), [0.0, 0.0, 1.0]);
+        let edge = smooth.normal(0, [0.5, 0.0, 0.0]);
+        let half = 0.5_f32.sqrt();
+        assert!(sub(edge, [0.0, half, half]).iter().all(|v| v.abs() < 1e-6), "{edge:?}");
+        let corner = smooth.normal(0, [0.0, 1.0, 0.0]);
+        assert!(sub(corner, [0.0, 0.0, 1.0]).iter().all(|v| v.abs() < 1e-6), "{corner:?}");
+    }
+}

@@ -15,7 +15,7 @@ use crate::vector::Pose;
 const EXPONENT: f32 = 128.0;
 
 /// Part of MuJoCo's highlights that the nominal lamp has.
-const HIGHLIGHT: f32 = 0.3;
+const HIGHLIGHT: f32 = 0.2;
 
 impl Scene {
     /// Makes the scene of a model under nominal light: the shapes that pictures show, in plain

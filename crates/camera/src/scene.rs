@@ -93,7 +93,7 @@ impl Lamp {
     pub const NOMINAL: Lamp = Lamp {
         direction: [0.35, -0.3, 1.0],
         color: [1.0; 3],
-        strength: 0.62,
+        strength: 0.6,
         casts_shadows: true,
         radius: 0.0,
         shadow_rays: 8,
@@ -105,10 +105,10 @@ impl Lamp {
 
 impl Ambient {
     /// The nominal ambient light.
-    pub const NOMINAL: Ambient = Ambient { above: [0.44, 0.44, 0.45], below: [0.26, 0.26, 0.25] };
+    pub const NOMINAL: Ambient = Ambient { above: [0.40, 0.40, 0.41], below: [0.24, 0.24, 0.23] };
 }
 
 impl Background {
-    /// The nominal background, a bright wall.
-    pub const NOMINAL: Background = Background { above: [0.80, 0.86, 0.92], horizon: [0.93, 0.95, 0.97] };
+    /// The nominal background, darker than robot and ground.
+    pub const NOMINAL: Background = Background { above: [0.44, 0.54, 0.64], horizon: [0.60, 0.68, 0.75] };
 }

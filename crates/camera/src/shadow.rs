@@ -7,6 +7,10 @@ use crate::scene::Lamp;
 use crate::surface::Surface;
 use crate::vector::{self, Pose, beside, scale, unit};
 
+/// Distance within which a surface casts no shadow, m: shapes have common surfaces, which rounding
+/// would turn into spots, and triangles do not shade their neighbors at once.
+const CLOSE: f32 = 5e-4;
+
 /// Rows of a tile of pixels. A tile has one packet of columns.
 const TILE: usize = 8;
 
@@ -138,13 +142,13 @@ impl Shadows {
                 }
                 let shape = &placed[caster.position as usize];
                 let o = local(&shape.pose, surface.point[index]);
-                let t = shape.enter(meshes, o, same(caster.direction));
+                let t = shape.enter(meshes, CLOSE, o, same(caster.direction));
                 // A convex shape does not shade itself.
                 let itself = if shape.form.is_convex() { caster.position } else { NONE };
                 let (lit, shapes) = (&mut self.lit[index], &frame.shape[index]);
                 for i in 0..LANES {
-                    let is_reached = t.0[i] == f32::INFINITY || shapes[i] == itself;
-                    lit.0[i] = if is_reached { lit.0[i] } else { 0.0 };
+                    let is_blocked = CLOSE < t.0[i] && t.0[i] < f32::INFINITY && shapes[i] != itself;
+                    lit.0[i] = if is_blocked { 0.0 } else { lit.0[i] };
                 }
             }
         }

@@ -182,7 +182,7 @@ pub(crate) fn shade_over(
             let mut triangle = [0; LANES];
             let t = match meshes.of(own.form) {
                 Some(mesh) => mesh.enter(rays.origin, d, 0.0, Lanes::MISS, &mut triangle),
-                None => own.enter(meshes, rays.origin, d),
+                None => own.enter(meshes, 0.0, rays.origin, d),
             };
             for lane in 0..LANES {
                 if t.0[lane] >= frame.depth[index].0[lane] {

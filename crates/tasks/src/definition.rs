@@ -3,6 +3,7 @@ use mishandle_rollout::fault::FaultSite;
 use mishandle_rollout::{Axis, NamedFormula, RolloutError, Space, Specification};
 use mishandle_world::{Model, Rows, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::manner::CAREFUL;
 use crate::robot::{ARM_JOINTS, JOINTS, Panda};
 
@@ -316,6 +317,11 @@ pub trait Task: Send + Sync {
     /// an empty page.
     fn notes(&self) -> &'static str {
         ""
+    }
+
+    /// Returns the places of the cameras: over the table and at the wrist.
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::OVER, CameraPlace::WRIST]
     }
 
     /// Finds the elements of the scene in the compiled model.

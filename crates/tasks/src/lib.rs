@@ -14,6 +14,7 @@ mod ball_balancing;
 mod ball_catching;
 mod ball_pushing;
 mod batch;
+mod cameras;
 mod check;
 mod cloth_placing;
 mod cube_stacking;
@@ -38,6 +39,7 @@ mod target;
 mod training_batch;
 
 pub use batch::TaskBatch;
+pub use cameras::CameraPlace;
 pub use definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
     TaskFormulas, Variations, scalar, vector3,

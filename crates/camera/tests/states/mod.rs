@@ -2,7 +2,7 @@
 
 use mishandle_camera::{Camera, Size};
 use mishandle_rollout::{Environment, Sample, Seed};
-use mishandle_tasks::{EPISODE_STEPS, JOINTS, Preset, Reward, Task, TaskEnvironment, compose};
+use mishandle_tasks::{CameraPlace, EPISODE_STEPS, JOINTS, Preset, Reward, Task, TaskEnvironment, compose};
 use mishandle_world::Model;
 
 /// Returns the model of a task's pictures and the states of an episode of its expert, which starts
@@ -32,10 +32,12 @@ pub fn expert_states(task: &dyn Task, place: f64) -> (Model, Vec<Vec<f64>>) {
     (model, states)
 }
 
-/// Returns a camera in front of the robot and one at its wrist.
-pub fn cameras(model: &Model, size: Size) -> [Camera; 2] {
-    let hand = model.body("hand").expect("the robot has a hand").index();
-    let over = [[1.75, 0.55, 1.15], [0.42, 0.0, 0.42], [0.0, 0.0, 1.0]];
-    let wrist = [[0.075, 0.0, 0.01], [0.0, 0.0, 0.16], [1.0, 0.0, 0.0]];
-    [Camera::looking(size, 0, over, 1.0), Camera::looking(size, hand, wrist, 0.65)]
+/// Returns the cameras of a task.
+pub fn cameras(task: &dyn Task, model: &Model, size: Size) -> Vec<Camera> {
+    let camera = |place: &CameraPlace| {
+        let body = place.body.map_or(0, |name| model.body(name).expect("the body exists").index());
+        let points = [place.from, place.to, place.up].map(|p| p.map(|v| v as f32));
+        Camera::looking(size, body, points, place.focal_length as f32)
+    };
+    task.cameras().iter().map(camera).collect()
 }

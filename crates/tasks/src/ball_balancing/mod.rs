@@ -9,6 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
     scalar, vector3,
@@ -137,6 +138,12 @@ impl Task for BallBalancing {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        // The hand is below the tray, so the camera at the wrist is on a mast.
+        let wrist = CameraPlace { from: [0.4, 0.0, -0.2], to: [0.2, 0.0, 0.1], ..CameraPlace::WRIST };
+        [CameraPlace::over([1.15, 0.6, 1.55], [0.36, 0.0, 0.9], 1.2), wrist]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

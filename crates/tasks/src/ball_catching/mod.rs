@@ -9,6 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, dot, norm, norm_xy, scale, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
     scalar, vector3,
@@ -151,6 +152,10 @@ impl Task for BallCatching {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([1.1, 1.35, 1.35], [0.62, 0.0, 0.95], 1.1), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -9,6 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     BoxAxis, Definition, GripperMode, Reward, Scene, Task, TaskFormulas, Variations, scalar, vector3,
 };
@@ -130,6 +131,10 @@ impl Task for BallPushing {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([1.75, 0.65, 1.15], [0.75, 0.0, 0.42], 1.2), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -10,6 +10,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use mishandle_world::{Body, Equality, Flex, Mocap, Model, Rows, Site, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
     scalar, vector3,
@@ -215,6 +216,10 @@ impl Task for ClothPlacing {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([1.45, 0.65, 1.1], [0.55, 0.0, 0.45], 1.2), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

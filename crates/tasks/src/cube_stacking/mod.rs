@@ -9,6 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate_back, sub};
 use mishandle_world::{Equality, Joint, Model, Rows, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
     Variations, scalar, vector3,
@@ -163,6 +164,10 @@ impl Task for CubeStacking {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([1.3, 0.65, 0.85], [0.5, 0.05, 0.22], 1.2), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

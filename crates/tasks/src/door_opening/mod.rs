@@ -14,6 +14,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, rotate, sub};
 use mishandle_world::{Body, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task, TaskFormulas, Variations, scalar,
     vector3,
@@ -173,6 +174,10 @@ impl Task for DoorOpening {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([-0.75, 1.35, 1.75], [0.5, 0.02, 0.72], 1.1), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

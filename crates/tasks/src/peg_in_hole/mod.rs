@@ -10,6 +10,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, norm_xy, rotate, scale, sub};
 use mishandle_world::{Body, Equality, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
+use crate::cameras::CameraPlace;
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
     Variations, scalar, vector3,
@@ -164,6 +165,10 @@ impl Task for PegInHole {
 
     fn notes(&self) -> &'static str {
         include_str!("page.md")
+    }
+
+    fn cameras(&self) -> [CameraPlace; 2] {
+        [CameraPlace::over([1.0, 0.55, 0.95], [0.46, 0.0, 0.45], 1.1), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -1,0 +1,39 @@
+//! Where the cameras of a task are.
+
+/// The place of a camera. Points and directions are in the frame of its body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraPlace {
+    /// Name.
+    pub name: &'static str,
+    /// Name of the body that it moves with; `None` is the world.
+    pub body: Option<&'static str>,
+    /// Position, m.
+    pub from: [f64; 3],
+    /// The point in the center of the image, m.
+    pub to: [f64; 3],
+    /// A direction that is nearly up in images.
+    pub up: [f64; 3],
+    /// Focal length, image heights.
+    pub focal_length: f64,
+}
+
+impl CameraPlace {
+    /// The camera of a task that states no other one: in front of the robot on its left. It sees
+    /// all that the arm reaches.
+    pub const OVER: CameraPlace = CameraPlace::over([1.65, 0.75, 1.25], [0.38, 0.0, 0.47], 1.15);
+
+    /// The camera at the wrist: above the hand, with both fingertips at the lower edge.
+    pub const WRIST: CameraPlace = CameraPlace {
+        name: "wrist",
+        body: Some("hand"),
+        from: [0.075, 0.0, 0.035],
+        to: [0.025, 0.0, 0.16],
+        up: [1.0, 0.0, 0.0],
+        focal_length: 0.65,
+    };
+
+    /// Returns a camera over the table.
+    pub const fn over(from: [f64; 3], to: [f64; 3], focal_length: f64) -> CameraPlace {
+        CameraPlace { name: "over", body: None, from, to, up: [0.0, 0.0, 1.0], focal_length }
+    }
+}
