@@ -1,5 +1,8 @@
 //! Where the cameras of a task are.
 
+/// The names of the cameras of all tasks.
+pub const CAMERA_NAMES: [&str; 2] = ["over", "wrist"];
+
 /// The place of a camera. Points and directions are in the frame of its body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPlace {
@@ -24,7 +27,7 @@ impl CameraPlace {
 
     /// The camera at the wrist: above the hand, with both fingertips at the lower edge.
     pub const WRIST: CameraPlace = CameraPlace {
-        name: "wrist",
+        name: CAMERA_NAMES[1],
         body: Some("hand"),
         from: [0.075, 0.0, 0.035],
         to: [0.025, 0.0, 0.16],
@@ -34,6 +37,6 @@ impl CameraPlace {
 
     /// Returns a camera over the table.
     pub const fn over(from: [f64; 3], to: [f64; 3], focal_length: f64) -> CameraPlace {
-        CameraPlace { name: "over", body: None, from, to, up: [0.0, 0.0, 1.0], focal_length }
+        CameraPlace { name: CAMERA_NAMES[0], body: None, from, to, up: [0.0, 0.0, 1.0], focal_length }
     }
 }

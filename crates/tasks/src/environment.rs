@@ -173,7 +173,9 @@ impl TaskEnvironment {
         &self,
         disturbances: &[Disturbance],
     ) -> Result<(Vec<Axis>, Vec<Space>), TaskError> {
-        let axes = self.parameters.iter().map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
+        // No controller of these tasks sees, so the axes of sight are not among those of all axes.
+        let own = self.parameters.iter().filter(|(_, parameter)| !matches!(parameter, Parameter::Sight(_)));
+        let axes = own.map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
         let spaces =
             axes::spaces(&self.parameters, disturbances).map_err(|source| self.data_error(source))?;
         Ok((axes.cloned().collect(), spaces))
@@ -297,7 +299,8 @@ impl TaskEnvironment {
     /// after the reset.
     pub(crate) fn tail_size(&self) -> usize {
         let affects_steps = |parameter: &Parameter| {
-            !matches!(parameter, Parameter::Start(_) | Parameter::StartDraw(_) | Parameter::ThrowSpeed)
+            use Parameter as P;
+            !matches!(parameter, P::Start(_) | P::StartDraw(_) | P::ThrowSpeed | P::Sight(_))
         };
         if self.space_parameters.iter().any(affects_steps) { self.nominal().tail().len() } else { 0 }
     }
@@ -403,6 +406,7 @@ impl ParameterValues {
             Parameter::Jump(index) => self.jump[index] = number,
             Parameter::Slip(index) => self.slip[index] = number,
             Parameter::ThrowSpeed => self.throw_speed = number,
+            Parameter::Sight(_) => {}
             Parameter::StartDraw(joint) => self.start_draws[joint] = value,
         }
     }

@@ -35,11 +35,12 @@ mod point_reaching;
 mod reward;
 mod robot;
 mod row_world;
+pub mod sight;
 mod target;
 mod training_batch;
 
 pub use batch::TaskBatch;
-pub use cameras::CameraPlace;
+pub use cameras::{CAMERA_NAMES, CameraPlace};
 pub use definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
     TaskFormulas, Variations, scalar, vector3,

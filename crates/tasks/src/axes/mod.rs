@@ -16,6 +16,7 @@ pub(crate) use faults::sites;
 
 use crate::definition::{Definition, Preset};
 use crate::robot::{ARM_JOINTS, JOINT_NAMES};
+use crate::sight::{SIGHT_SPACES, sight_axes};
 
 const XYZ: [&str; 3] = ["x", "y", "z"];
 
@@ -36,6 +37,8 @@ pub(crate) enum Parameter {
     ThrowSpeed,
     /// Random offset of the initial position of an arm joint, in units of the maximum.
     StartDraw(usize),
+    /// A number of what cameras see, in the space of sight with this index.
+    Sight(usize),
 }
 
 /// Returns the axes of the environment and their parameters, axes of the initial box first.
@@ -59,6 +62,7 @@ pub(crate) fn parameters(
             (axis, Parameter::StartDraw(joint))
         }));
     }
+    parameters.extend(sight_axes(definition).into_iter().map(|own| (own.axis, Parameter::Sight(own.space))));
     Ok(parameters)
 }
 
@@ -89,6 +93,10 @@ pub(crate) fn spaces(
     let of_loop = |matches: fn(&Disturbance) -> bool| -> Vec<Axis> {
         disturbances.iter().filter(|disturbance| matches(disturbance)).map(|d| d.axis.clone()).collect()
     };
+    let of_sight = |(index, name): (usize, &&'static str)| {
+        let own = parameters.iter().filter(|(_, parameter)| *parameter == Parameter::Sight(index));
+        (*name, own.map(|(axis, _)| axis.clone()).collect())
+    };
     let start_draws = of_scene(|parameter| matches!(parameter, Parameter::StartDraw(_)));
     let action_draws = of_loop(|d| d.axis.kind == AxisKind::Noise);
     [
@@ -115,7 +123,8 @@ pub(crate) fn spaces(
         ("noise", [start_draws, action_draws].concat()),
     ]
     .into_iter()
-    .filter(|(_, axes)| !axes.is_empty())
+    .chain(SIGHT_SPACES.iter().enumerate().map(of_sight))
+    .filter(|(_, axes): &(_, Vec<Axis>)| !axes.is_empty())
     .map(|(name, axes)| Space::new(name, axes))
     .collect()
 }
