@@ -84,7 +84,7 @@ fn light() -> Vec<(Axis, Set)> {
             number(
                 "lamp_strength",
                 "",
-                [0.15, 1.0],
+                [0.2, 0.85],
                 0.6,
                 "brightness of a white surface that faces the lamp",
             ),
@@ -92,7 +92,7 @@ fn light() -> Vec<(Axis, Set)> {
         ),
         (factor("lamp_red", [0.6, 1.6], "factor of the red light of the lamp"), Set::LampColor(0)),
         (factor("lamp_blue", [0.6, 1.6], "factor of the blue light of the lamp"), Set::LampColor(2)),
-        (factor("ambient_scale", [0.25, 1.6], "factor of the light from everywhere"), Set::Ambient),
+        (factor("ambient_scale", [0.3, 1.4], "factor of the light from everywhere"), Set::Ambient),
         (
             number(
                 "lamp_radius",
@@ -108,7 +108,7 @@ fn light() -> Vec<(Axis, Set)> {
             number(
                 "lamp2_strength",
                 "",
-                [0.0, 0.5],
+                [0.0, 0.3],
                 0.0,
                 "brightness of a white surface that faces the second lamp",
             ),
@@ -257,7 +257,7 @@ fn image() -> Vec<(Axis, Set)> {
             Set::ShotNoise,
         ),
         (number("image_blur", "px", [0.0, 1.5], 0.0, "standard deviation of a Gaussian blur"), Set::Blur),
-        (factor("image_exposure", [0.4, 2.5], "factor of the brightness"), Set::Exposure),
+        (factor("image_exposure", [0.5, 1.7], "factor of the brightness"), Set::Exposure),
         (factor("image_red", [0.75, 1.35], "factor of red"), Set::Cast(0)),
         (factor("image_blue", [0.75, 1.35], "factor of blue"), Set::Cast(2)),
         (
