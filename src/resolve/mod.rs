@@ -186,10 +186,11 @@ impl ResolvedPlan {
                 expected,
             });
         }
-        let mut space = with_settings(space, &plan.axes, &target.axes)?;
+        let named_axes = target.named_axes();
+        let mut space = with_settings(space, &plan.axes, &named_axes)?;
         if let Some(table) = &plan.metamorphic {
-            check_metamorphic(table, space.clone(), &target.axes, plan.seed)?;
-            space = metamorphic::space_of_both(table, &space, &target.axes)?;
+            check_metamorphic(table, space.clone(), &named_axes, plan.seed)?;
+            space = metamorphic::space_of_both(table, &space, &named_axes)?;
         }
         if let Some(evaluate) = &plan.evaluate {
             check::check_evaluate_in(evaluate, &target, &space)?;

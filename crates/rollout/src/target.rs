@@ -165,6 +165,17 @@ impl Target {
         named_space(name, &self.axes, &self.spaces)
     }
 
+    /// Returns the axes that a plan can name: all axes, then those that only a named space has.
+    pub fn named_axes(&self) -> Vec<Axis> {
+        let mut named = self.axes.clone();
+        for axis in self.spaces.iter().flat_map(Space::axes) {
+            if named.iter().all(|known| known.name != axis.name) {
+                named.push(axis.clone());
+            }
+        }
+        named
+    }
+
     /// Makes the system that simulates scenarios of `space` and evaluates `specification`.
     ///
     /// # Errors
