@@ -136,6 +136,9 @@ impl Shadows {
         for (bounds, row) in own.iter().zip(rows) {
             let index = row * frame.packets + column;
             for candidate in &self.candidates {
+                if self.lit[index] == Lanes::ZERO {
+                    break;
+                }
                 let caster = &self.casters[*candidate as usize];
                 if !caster.bounds.may_shade(bounds) {
                     continue;

@@ -21,9 +21,9 @@ pub struct CameraPlace {
 }
 
 impl CameraPlace {
-    /// The camera of a task that states no other one: in front of the robot on its left. It sees
+    /// The camera of a task that states no other one: in front of the robot on its right. It sees
     /// all that the arm reaches.
-    pub const OVER: CameraPlace = CameraPlace::over([1.65, 0.75, 1.25], [0.38, 0.0, 0.47], 1.15);
+    pub const OVER: CameraPlace = CameraPlace::over([1.65, -0.75, 1.25], [0.38, 0.0, 0.47], 1.15);
 
     /// The camera at the wrist: above the hand, with both fingertips at the lower edge.
     pub const WRIST: CameraPlace = CameraPlace {

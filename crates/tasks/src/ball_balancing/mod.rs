@@ -143,7 +143,7 @@ impl Task for BallBalancing {
     fn cameras(&self) -> [CameraPlace; 2] {
         // The hand is below the tray, so the camera at the wrist is on a mast.
         let wrist = CameraPlace { from: [0.4, 0.0, -0.2], to: [0.2, 0.0, 0.1], ..CameraPlace::WRIST };
-        [CameraPlace::over([1.15, 0.6, 1.55], [0.36, 0.0, 0.9], 1.2), wrist]
+        [CameraPlace::over([1.15, -0.6, 1.55], [0.36, 0.0, 0.9], 1.2), wrist]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

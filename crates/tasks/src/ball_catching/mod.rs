@@ -155,7 +155,7 @@ impl Task for BallCatching {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.1, 1.35, 1.35], [0.62, 0.0, 0.95], 1.1), CameraPlace::WRIST]
+        [CameraPlace::over([1.1, -1.4, 1.35], [0.52, 0.0, 0.93], 1.05), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -134,7 +134,7 @@ impl Task for BallPushing {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.75, 0.65, 1.15], [0.75, 0.0, 0.42], 1.2), CameraPlace::WRIST]
+        [CameraPlace::over([1.75, -0.65, 1.15], [0.75, 0.0, 0.42], 1.2), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

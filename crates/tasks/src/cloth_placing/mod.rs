@@ -219,7 +219,7 @@ impl Task for ClothPlacing {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.45, 0.65, 1.1], [0.55, 0.0, 0.45], 1.2), CameraPlace::WRIST]
+        [CameraPlace::over([1.45, -0.65, 1.1], [0.55, 0.0, 0.45], 1.2), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -167,7 +167,7 @@ impl Task for CubeStacking {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.3, 0.65, 0.85], [0.5, 0.05, 0.22], 1.2), CameraPlace::WRIST]
+        [CameraPlace::over([1.35, -0.7, 0.95], [0.47, 0.05, 0.24], 1.15), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

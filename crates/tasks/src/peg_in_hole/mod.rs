@@ -168,7 +168,7 @@ impl Task for PegInHole {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.0, 0.55, 0.95], [0.46, 0.0, 0.45], 1.1), CameraPlace::WRIST]
+        [CameraPlace::over([1.05, -0.6, 1.0], [0.42, 0.0, 0.47], 1.1), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {
