@@ -128,6 +128,15 @@ fn lines_of_several_requirements_carry_their_names() {
     let out = bench.check(&format!("{follow} {more} log.csv"), 1);
     assert_eq!(names(&out), ["low true 1", "soft true 2", "starts false 2", "hard false 4"]);
     bench.refuses(&format!("{follow} log.csv log.csv"), &["--follow reads one log"]);
+    // A requirement without its signal, or without a value, takes no verdict from the others.
+    for (other, reason) in [("other=always(g <= 1)", "`g`"), ("other=always(sqrt(f - 1) <= 9)", "sqrt")] {
+        let output = bench.run(&format!("{follow} --requirement '{other}' log.csv"));
+        assert_eq!(output.status.code(), Some(2), "{other}");
+        assert_eq!(names(&text(&output.stdout)), ["soft true 2", "starts false 2", "hard false 4"]);
+        let message = text(&output.stderr);
+        assert!(message.contains("requirement other") && message.contains(reason), "{message}");
+        assert!(message.contains("without a verdict: 1 requirement"), "{message}");
+    }
     bench.refuses("monitor --follow --formulas set.toml log.csv", &["--period"]);
     bench.refuses("monitor --follow --json --formula f>=0 log.csv", &["--json"]);
     bench.refuses("monitor --idle 1 --formula f>=0 log.csv", &["--follow"]);

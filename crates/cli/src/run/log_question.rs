@@ -54,6 +54,13 @@ pub struct Without {
     requirements: usize,
 }
 
+impl Without {
+    /// Requirements on the only log.
+    pub fn requirements(requirements: usize) -> Without {
+        Without { logs: 0, requirements }
+    }
+}
+
 /// Reads each log and gives its verdicts to `each`, in the order of the flags. Returns what has
 /// none, after a message for each; a log or a requirement that is alone is an error.
 pub fn ask(

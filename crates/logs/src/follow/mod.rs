@@ -90,6 +90,8 @@ pub struct Follow {
     _waker: SyncSender<()>,
     topics: Vec<Topic>,
     is_checked: bool,
+    /// The formulas whose signals the log lacks, by their positions.
+    unreadable: Vec<(usize, LogError)>,
     /// Whether the topics have one origin.
     has_origin: bool,
     steps: Steps,
@@ -183,6 +185,7 @@ impl Follow {
             _waker: waker,
             topics: Vec::new(),
             is_checked: false,
+            unreadable: Vec::new(),
             has_origin: false,
             steps: Steps::default(),
             grid,
@@ -194,7 +197,24 @@ impl Follow {
         })
     }
 
-    /// Returns the signals of a sample, in the order of their values.
+    /// Waits until the names of the columns are known, and returns whether they are. Returns also
+    /// the formulas whose signals the log lacks, by their positions, each once.
+    ///
+    /// # Errors
+    /// If a file is not what its format requires, or has the signals of no formula.
+    pub fn open_files(&mut self, wait: Duration) -> Result<(bool, Vec<(usize, LogError)>)> {
+        while !self.is_checked {
+            if !self.receive()?
+                && let Err(RecvTimeoutError::Timeout) = self.wake.recv_timeout(wait)
+            {
+                return Ok((false, Vec::new()));
+            }
+        }
+        Ok((true, std::mem::take(&mut self.unreadable)))
+    }
+
+    /// Returns the signals of a sample, in the order of their values. Those that the log lacks are
+    /// among them until its files are open.
     pub fn signals(&self) -> &[String] {
         &self.signals
     }
@@ -328,8 +348,20 @@ impl Follow {
             }
         }
         let names: Vec<String> = opened.iter().flat_map(|opened| opened.names.clone()).collect();
-        for formula in &self.formulas {
-            Recording::new(formula, names.as_slice().into())?;
+        for (index, formula) in self.formulas.iter().enumerate() {
+            if let Err(error) = Recording::new(formula, names.as_slice().into()) {
+                self.unreadable.push((index, error.into()));
+            }
+        }
+        if self.unreadable.len() == self.formulas.len()
+            && let Some((_, error)) = self.unreadable.drain(..).next()
+        {
+            return Err(error);
+        }
+        self.signals.retain(|signal| opened.iter().any(|opened| opened.signals.contains(signal)));
+        self.sample.truncate(self.signals.len());
+        if let Some(grid) = &mut self.grid {
+            grid.tracks.truncate(self.signals.len());
         }
         let mut topics = Vec::new();
         for (index, file) in self.files.iter_mut().enumerate() {

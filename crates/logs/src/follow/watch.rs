@@ -100,6 +100,12 @@ struct Part {
     violation: Option<Violated>,
 }
 
+impl Answer {
+    /// The answer before the first sample.
+    pub const UNKNOWN: Answer =
+        Answer { bounds: Bounds::UNKNOWN, verdict: None, violation: None, cuts_windows: false };
+}
+
 impl Watch {
     /// Compiles formulas for samples of these signals, `period` seconds apart. `is_strict`: only
     /// windows inside the log count, instead of cutting them at its end.
@@ -209,10 +215,8 @@ impl Group {
                 found.push(Part { text: texts[position].clone(), root: all.len(), reach, violation: None });
                 all.push(part);
             }
-            let answer =
-                Answer { bounds: Bounds::UNKNOWN, verdict: None, violation: None, cuts_windows: false };
             let is_slow = has_open_window_ahead(&nodes);
-            watched.push(State { formula, parts: found, answer, is_slow, next: 0 });
+            watched.push(State { formula, parts: found, answer: Answer::UNKNOWN, is_slow, next: 0 });
         }
         let online = match is_strict {
             true => Online::Whole(OnlineMonitor::new(&all, names, clock, None)?),

@@ -5,72 +5,132 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use mishandle::results::{FirstViolation, MonitorChange, Number, Severity};
 use mishandle::stl::Formula;
-use mishandle_logs::{Answer, Follow, Next, Requirement, Source, Watch, Watched};
+use mishandle_logs::{Answer, Follow, LogError, Next, Requirement, Source, Watch, Watched};
 use mishandle_text::plural;
 
 use super::Arguments;
 use crate::exit_status::ExitStatus;
 use crate::interrupt;
+use crate::run::log_question::{self, Without};
+use crate::run::logs;
 use crate::show::output;
 
 /// Time between two looks at the signals that interrupt the command.
 const WAIT: Duration = Duration::from_millis(50);
 
+/// A requirement that is followed.
+struct Followed<'a> {
+    requirement: &'a Requirement,
+    watch: Watch,
+    /// The last answer that was printed.
+    known: Answer,
+}
+
 /// Follows a log until the exit code is certain.
 pub fn run(log: &[Source], requirements: &[Requirement], command: &Arguments) -> Result<ExitStatus> {
     let paths: Vec<String> = log.iter().map(|source| source.path.display().to_string()).collect();
+    let name = paths.join(", ");
     interrupt::listen(|| output::message("stopped by a signal; the log may go on"), || {})?;
-    follow(log, requirements, command).with_context(|| format!("trace {}", paths.join(", ")))
+    follow(log, &name, requirements, command).with_context(|| format!("trace {name}"))
 }
 
-fn follow(log: &[Source], requirements: &[Requirement], command: &Arguments) -> Result<ExitStatus> {
+fn follow(
+    log: &[Source],
+    name: &str,
+    requirements: &[Requirement],
+    command: &Arguments,
+) -> Result<ExitStatus> {
     let options = &command.question.log.options();
     let formulas: Vec<Formula> = requirements.iter().map(|found| found.formula.clone()).collect();
-    let following = command.following.following();
-    let mut follow = Follow::open(log, &formulas, options, following)?;
-    let watched = requirements.iter().zip(&formulas);
-    let watched: Vec<Watched> = watched
-        .map(|(requirement, formula)| Watched { formula: formula.clone(), unit: requirement.unit })
-        .collect();
-    let mut watch = Watch::new(&watched, follow.signals(), options.period, command.question.strict_horizon)?;
-    let mut known: Vec<Answer> = (0..watched.len()).map(|i| watch.answer(i).clone()).collect();
+    let mut follow = Follow::open(log, &formulas, options, command.following.following())?;
+    let unreadable = loop {
+        if let (true, unreadable) = follow.open_files(WAIT)? {
+            break unreadable;
+        }
+        if interrupt::requested() {
+            for requirement in requirements {
+                output::json_line(&change("interrupted", requirement, &Answer::UNKNOWN, 0, &follow))?;
+            }
+            return Ok(ExitStatus::Interrupted);
+        }
+    };
+    let mut errors: Vec<(usize, LogError)> = unreadable;
+    let mut followed = Vec::new();
+    for (index, requirement) in requirements.iter().enumerate() {
+        if errors.iter().any(|(unreadable, _)| *unreadable == index) {
+            continue;
+        }
+        // Each has its own monitor, so that an error of one takes no verdict from the others.
+        let watched = [Watched { formula: requirement.formula.clone(), unit: requirement.unit }];
+        match Watch::new(&watched, follow.signals(), options.period, command.question.strict_horizon) {
+            Ok(watch) => followed.push(Followed { requirement, watch, known: Answer::UNKNOWN }),
+            // A choice that the command line lacks is not missing in one requirement alone.
+            Err(error) if error.flag().is_some() => return Err(error.into()),
+            Err(error) => errors.push((index, error)),
+        }
+    }
+    if followed.is_empty()
+        && let Some((_, error)) = errors.pop()
+    {
+        return Err(error.into());
+    }
+    let (mut without, mut samples) = (errors.len(), 0);
+    for (index, error) in errors {
+        output::report_error(&logs::without_verdict(name, &requirements[index], error));
+    }
     loop {
         let next = follow.next(WAIT)?;
         let event = match next {
-            Next::Sample => {
-                watch.push(follow.sample(), follow.time())?;
-                "verdict"
-            }
-            Next::End => {
-                watch.finish()?;
-                "end"
-            }
+            Next::Sample => "verdict",
+            Next::End => "end",
             Next::Waiting => "",
         };
-        if next != Next::Waiting {
-            for (i, known) in known.iter_mut().enumerate().filter(|(_, known)| known.verdict.is_none()) {
-                let answer = watch.answer(i);
-                let event = match answer.verdict {
-                    Some(_) => event,
-                    None if command.following.bounds && answer.bounds != known.bounds => "bounds",
-                    None => continue,
-                };
-                known.clone_from(answer);
-                output::json_line(&change(event, &requirements[i], answer, &watch, &follow))?;
+        samples += usize::from(next == Next::Sample);
+        let mut index = 0;
+        while next != Next::Waiting && index < followed.len() {
+            let count = followed.len();
+            let Followed { requirement, watch, known } = &mut followed[index];
+            if known.verdict.is_some() {
+                index += 1;
+                continue;
             }
+            let pushed = match next {
+                Next::Sample => watch.push(follow.sample(), follow.time()),
+                _ => watch.finish(),
+            };
+            if let Err(error) = pushed {
+                if count == 1 {
+                    return Err(error.into());
+                }
+                output::report_error(&logs::without_verdict(name, requirement, error));
+                without += 1;
+                followed.remove(index);
+                continue;
+            }
+            index += 1;
+            let answer = watch.answer(0);
+            let event = match answer.verdict {
+                Some(_) => event,
+                None if command.following.bounds && answer.bounds != known.bounds => "bounds",
+                None => continue,
+            };
+            known.clone_from(answer);
+            output::json_line(&change(event, requirement, answer, samples, &follow))?;
         }
-        let is_violated =
-            |i: usize| requirements[i].severity != Severity::Warning && known[i].verdict == Some(false);
-        let fails = (0..known.len()).any(is_violated);
-        let is_decided = known.iter().all(|answer| answer.verdict.is_some());
+        let is_violated = |found: &Followed<'_>| {
+            found.requirement.severity != Severity::Warning && found.known.verdict == Some(false)
+        };
+        let fails = followed.iter().any(is_violated);
+        let is_decided = followed.iter().all(|found| found.known.verdict.is_some());
         if is_decided || next == Next::End || (fails && !command.following.keep_going) {
-            notes(&known, &watch, &follow);
+            notes(&followed, samples, &follow);
+            log_question::check_all(Without::requirements(without), 1)?;
             return Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done });
         }
         if interrupt::requested() {
-            for (i, _) in known.iter().enumerate().filter(|(_, known)| known.verdict.is_none()) {
-                let answer = watch.answer(i);
-                output::json_line(&change("interrupted", &requirements[i], answer, &watch, &follow))?;
+            for found in followed.iter().filter(|found| found.known.verdict.is_none()) {
+                let answer = found.watch.answer(0);
+                output::json_line(&change("interrupted", found.requirement, answer, samples, &follow))?;
             }
             return Ok(ExitStatus::Interrupted);
         }
@@ -82,13 +142,13 @@ fn change(
     event: &str,
     requirement: &Requirement,
     answer: &Answer,
-    watch: &Watch,
+    samples: usize,
     follow: &Follow,
 ) -> MonitorChange {
     MonitorChange {
         event: event.to_string(),
         name: requirement.name.clone(),
-        samples: watch.len() as u64,
+        samples: samples as u64,
         time: follow.time().map(Number),
         origin_ns: follow.origin_ns().and_then(|origin| i64::try_from(origin).ok()),
         low: answer.bounds.low.into(),
@@ -104,15 +164,15 @@ fn change(
     }
 }
 
-fn notes(known: &[Answer], watch: &Watch, follow: &Follow) {
+fn notes(followed: &[Followed<'_>], samples: usize, follow: &Follow) {
     if follow.missing() > 0 {
         output::message(&format!("note: {} missing in a log", plural(follow.missing() as u64, "value")));
     }
-    if known.iter().any(|answer| answer.cuts_windows) {
+    if followed.iter().any(|found| found.known.cuts_windows) {
         output::message(&format!(
             "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; samples after the \
              end could change the value (--strict-horizon uses whole windows only)",
-            plural(watch.len() as u64, "sample")
+            plural(samples as u64, "sample")
         ));
     }
 }
