@@ -80,12 +80,12 @@ TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArr
 
 def monitor(
     formulas: list[tuple[str | None, str]],
-    logs: list[Log],
+    logs: list[tuple[Log, list[int]]],
     reading: Mapping[str, Any],
     unit: str | None,
     strict_horizon: bool,
     values: bool,
-) -> tuple[str, str]: ...
+) -> tuple[str, str, list[str]]: ...
 def log_robustness(formula: Formula, log: Log, reading: Mapping[str, Any], decided_only: bool) -> float | None: ...
 def describe_formula(
     text: str,

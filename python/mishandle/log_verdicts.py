@@ -13,7 +13,7 @@ from typing_extensions import Unpack
 from mishandle import _native, results
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
-from mishandle.log_sources import Reading, native_logs, native_reading
+from mishandle.log_sources import NativeLog, Reading, native_logs, native_reading
 from mishandle.log_words import python_words
 
 Formulas = Union[str, Formula, Sequence[Union[str, Formula]], Mapping[str, Union[str, Formula]]]
@@ -24,10 +24,12 @@ class Monitoring(results.Monitor):
     """Verdicts of formulas on logs, as the document of ``mishandle monitor --json``; ``str`` gives its text: a table, worst first, or
     sentences about one formula on one log."""
 
+    without_verdict: tuple[str, ...] = ()
+    """Why formulas have no verdict on a log, such as a missing signal. An absent verdict is no satisfaction."""
     text: str = ""
 
     def __str__(self) -> str:
-        return self.text
+        return "\n".join([self.text, *(f"no verdict: {reason}" for reason in self.without_verdict)])
 
 
 def monitor(
@@ -69,22 +71,49 @@ def monitor(
     [(0.25, 1.0, -1.0)]
     """
     parsed = _parsed(formulas)
-    signals = list(dict.fromkeys(signal for _, formula in parsed for signal in formula.signals))
     given = native_reading(reading)
-    sources = [
-        source
-        for each in (log if isinstance(log, (list, tuple, Iterator)) else [log])
-        for source in native_logs(each, signals, lambda known: _hint(parsed, known), given)
-    ]
+    sources: list[tuple[NativeLog, list[int]]] = []
+    lacking: list[str] = []
+    for each in log if isinstance(log, (list, tuple, Iterator)) else [log]:
+        found, readable, errors = _readable(parsed, each, given)
+        lacking += errors
+        sources += [(source, readable) for source in found]
     if not sources:
         raise InvalidValueError("there is no log")
     if values and len(sources) > 1:
         raise InvalidValueError("values are those of one log; pass one")
-    named = [(name or f"log {number}", files, topics) for number, (name, files, topics) in enumerate(sources, 1)]
+    named = [
+        ((name or f"log {number}", files, topics), readable)
+        for number, ((name, files, topics), readable) in enumerate(sources, 1)
+    ]
     asked = [(name, str(formula)) for name, formula in parsed]
     with python_words():
-        document, text = _native.monitor(asked, named, given, unit, strict_horizon, values)
-    return dataclasses.replace(results.build(Monitoring, json.loads(document)), text=text)
+        document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
+    return dataclasses.replace(results.build(Monitoring, json.loads(document)), text=text, without_verdict=(*lacking, *without))
+
+
+def _columns(formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Mapping[str, Any]) -> list[NativeLog]:
+    signals = list(dict.fromkeys(signal for _, formula in formulas for signal in formula.signals))
+    return list(native_logs(log, signals, lambda known: _hint(formulas, known), reading))
+
+
+def _readable(
+    formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Mapping[str, Any]
+) -> tuple[list[NativeLog], list[int], list[str]]:
+    """Returns a log, the positions of the formulas whose signals it has, and why the others have no verdict."""
+    try:
+        return _columns(formulas, log, reading), list(range(len(formulas))), []
+    except InvalidValueError:
+        readable, errors = [], []
+        for index, formula in enumerate(formulas):
+            try:
+                _columns([formula], log, reading)
+                readable.append(index)
+            except InvalidValueError as lacking:
+                errors.append(f"{formula[0] or formula[1]}: {lacking}")
+        if not readable:
+            raise
+        return _columns([formulas[index] for index in readable], log, reading), readable, errors
 
 
 def _parsed(formulas: Formulas) -> list[tuple[str | None, Formula]]:

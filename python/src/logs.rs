@@ -158,6 +158,22 @@ impl Contents {
         Ok(Contents::Topics(Log { topics, likely_time: None }))
     }
 
+    /// Returns the error of each formula whose signals the log lacks. Python has checked columns in
+    /// memory.
+    fn errors<'a>(
+        &self,
+        formulas: impl Iterator<Item = &'a Formula>,
+        options: &Options,
+    ) -> Result<Vec<Option<LogError>>, LogError> {
+        Ok(match self {
+            Contents::Files(files) => {
+                let log = OpenLog::open(files, options)?;
+                formulas.map(|formula| log.check_signals(formula).err()).collect()
+            }
+            Contents::Topics(_) => formulas.map(|_| None).collect(),
+        })
+    }
+
     pub(crate) fn samples<'a>(
         self,
         formulas: impl IntoIterator<Item = &'a Formula> + Clone,
@@ -189,17 +205,18 @@ fn times_of(column: &str, kind: &str, values: &TimeArgument<'_>, options: &Optio
     found.map_err(plain)
 }
 
-/// Returns the document of the verdicts of formulas on logs, and its text.
+/// Returns the document of the verdicts of formulas on logs, its text, and why others have no
+/// verdict. Each log comes with the formulas whose signals it can have.
 #[pyfunction]
 pub fn monitor(
     py: Python<'_>,
     formulas: Vec<(Option<String>, String)>,
-    logs: Vec<LogArgument<'_>>,
+    logs: Vec<(LogArgument<'_>, Vec<usize>)>,
     reading: Reading,
     unit: Option<String>,
     strict_horizon: bool,
     values: bool,
-) -> PyResult<(String, String)> {
+) -> PyResult<(String, String, Vec<String>)> {
     let options = reading.options()?;
     let unit = word("unit", unit.as_deref(), &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))?;
     let requirement = |(name, text): (Option<String>, String)| {
@@ -214,19 +231,51 @@ pub fn monitor(
         })
     };
     let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
-    let mut names: Vec<String> = logs.iter().map(|(name, ..)| name.clone()).collect();
+    let mut names: Vec<String> = logs.iter().map(|((name, ..), _)| name.clone()).collect();
     mishandle_logs::tell_apart(&mut names);
     let count = logs.len();
-    let (mut verdicts, mut signal) = (Vec::new(), None);
-    for (name, (_, files, topics)) in names.into_iter().zip(logs) {
+    let (mut verdicts, mut signal, mut without) = (Vec::new(), None, Vec::new());
+    for (name, ((_, files, topics), stated)) in names.into_iter().zip(logs) {
         let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
         let contents = Contents::new(files, topics, &options)?;
-        let formulas = requirements.iter().map(|requirement| &requirement.formula);
-        let samples = py.detach(|| contents.samples(formulas, &options)).map_err(named)?;
-        let log = NamedSamples { name: name.clone(), samples };
-        for requirement in &requirements {
-            verdicts.push(py.detach(|| log.verdict(requirement, strict_horizon)).map_err(named)?);
+        let mut asked: Vec<&Requirement> =
+            stated.iter().filter_map(|index| requirements.get(*index)).collect();
+        let formulas = || asked.iter().map(|requirement| &requirement.formula);
+        // Each formula has a verdict of its own.
+        let errors = py.detach(|| contents.errors(formulas(), &options)).map_err(named)?;
+        let mut lacking: Vec<(&Requirement, LogError)> = Vec::new();
+        let mut found = errors.into_iter();
+        asked.retain(|requirement| match found.next().flatten() {
+            Some(error) => {
+                lacking.push((requirement, error));
+                false
+            }
+            None => true,
+        });
+        let formulas = || asked.iter().map(|requirement| &requirement.formula);
+        if asked.is_empty()
+            && let Some((_, error)) = lacking.pop()
+        {
+            return Err(named(error));
         }
+        let samples = py.detach(|| contents.samples(formulas(), &options)).map_err(named)?;
+        let log = NamedSamples { name: name.clone(), samples };
+        let first = verdicts.len();
+        for requirement in &asked {
+            match py.detach(|| log.verdict(requirement, strict_horizon)) {
+                Ok(verdict) => verdicts.push(verdict),
+                Err(error) => lacking.push((requirement, error)),
+            }
+        }
+        if verdicts.len() == first
+            && let Some((_, error)) = lacking.pop()
+        {
+            return Err(named(error));
+        }
+        without.extend(lacking.iter().map(|(requirement, error)| {
+            let formula = requirement.formula.to_string();
+            format!("trace {name}, {}: {error}", requirement.name.as_ref().unwrap_or(&formula))
+        }));
         if values {
             let first = &requirements[0];
             let evaluation = Evaluation { unit: first.unit, strict_horizon };
@@ -234,7 +283,7 @@ pub fn monitor(
         }
     }
     let found = mishandle_logs::document(verdicts, count, strict_horizon, signal);
-    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1)))
+    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1), without))
 }
 
 /// Returns the robustness of a formula at the first time of a log; `None` if `decided_only` and

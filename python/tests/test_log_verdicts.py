@@ -239,6 +239,20 @@ class Tables(Files):
 
 
 class SeveralLogs(Files):
+    def test_a_formula_without_its_signal_takes_no_verdict_from_the_others(self) -> None:
+        columns = {"time": [0.0, 1.0], "force": [1.0, 3.0]}
+        file = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "log.csv"
+        file.write_text("time,force\n0,1\n1,3\n")
+        formulas = {"soft": "always(force <= 2)", "other": "always(speed <= 1)", "odd": "always(sqrt(force - 2) <= 1)"}
+        for log in (columns, file):
+            found = mishandle.monitor(formulas, log)
+            self.assertEqual([(verdict.name, verdict.violated) for verdict in found.verdicts], [("soft", True)])
+            self.assertEqual(len(found.without_verdict), 2)
+            self.assertIn("speed", found.without_verdict[0])
+            self.assertIn("no verdict", str(found))
+            with self.assertRaisesRegex(ValueError, "speed"):
+                mishandle.monitor({"other": "always(speed <= 1)"}, log)
+
     def test_verdicts_are_worst_first_and_logs_of_one_name_are_told_apart(self):
         paths = [self.csv(f"{name}.csv", {"x": values}) for name, values in [("a", [1.0, 0.5]), ("b", [3.0, 1.0])]]
         found = mishandle.monitor({"low": "always(x <= 2)", "high": "always(x >= -4)"}, [*paths, paths[0], {"x": [7.0]}])
