@@ -26,7 +26,7 @@ def evidence(
     Parameters
     ----------
     runs : sequence of path
-        Run files.
+        Run files, and folders of :func:`mishandle.check`.
     out : path
         The folder, which must not exist.
     key : path, optional

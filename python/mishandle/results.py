@@ -957,6 +957,9 @@ class Requirement:
     the simulations, because then it says nothing about the space."""
     minimum_robustness: float | None
     """Minimum robustness; ``None`` without a verdict."""
+    maximum_robustness: float | None
+    """Maximum robustness; ``None`` without a verdict. If it is the minimum, no simulation
+    changed it."""
     trial: int | None
     """Trial of the simulation with the minimum robustness."""
     simulation: int | None
@@ -2276,7 +2279,10 @@ class CheckedRequirement:
     text: str | None
     """The requirement in words, from the file; ``None`` without them."""
     formula: str
-    """Formula, with the units of its bounds."""
+    """Formula as the file states it, with the units of its bounds; or the name of one of the
+    target."""
+    named_formula: str | None
+    """Text of the formula that ``formula`` names; ``None`` if ``formula`` is the text."""
     severity: str
     """Severity of a violation: ``critical``, ``error`` or ``warning``."""
     clauses: tuple[str, ...]
@@ -2331,25 +2337,39 @@ class CheckCell:
     """Name of the controller."""
     verdict: str
     """``violated``; ``not violated`` in the simulations that were run, which proves nothing
-    about others; ``no verdict``; or ``not applicable``: the target lacks signals of the formula."""
+    about others; ``no verdict``: the simulations do not decide, or one of them has no verdict;
+    or ``not applicable``: the target lacks signals of the formula."""
     evidence: str
     """The evidence in a sentence."""
     missing_signals: tuple[str, ...]
     """Signals of the formula that the target lacks."""
-    simulations: int
-    """Number of simulations with a verdict, of all runs in the space of the requirement."""
-    violated: int
-    """Number of these that violate it."""
-    without_verdict: int
-    """Number of simulations without a verdict."""
+    random: CheckCounts
+    """Random scenarios in the space of the requirement."""
+    searched: CheckCounts
+    """Simulations that searches chose in this space, also searches for another requirement."""
     failure_rate: Estimate | None
     """Share of the random scenarios that violate it, with two one-sided 95 % bounds
     (Clopper-Pearson). Simulations without a verdict count as satisfied for the lower bound, as
     violated for the upper one. ``None`` if it is not applicable."""
     minimum_robustness: float | None
     """Minimum robustness; ``None`` without a verdict."""
+    is_constant: bool
+    """Whether the robustness is the same in all simulations, at least two, although the space
+    has axes: nothing that was varied changes it, so ``not violated`` was not tested."""
     counterexample: CheckCounterexample | None
     """The violation with the minimum robustness; ``None`` without one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckCounts:
+    """Numbers of simulations of a requirement."""
+
+    simulations: int
+    """Number of simulations with a verdict."""
+    violated: int
+    """Number of these that violate it."""
+    without_verdict: int
+    """Number of simulations without a verdict."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -3399,6 +3419,16 @@ class EvidenceRun:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class EvidenceCheck:
+    """A check of requirements in a folder of evidence."""
+
+    folder: str
+    """Folder of its requirements, matrix and counterexamples in the folder."""
+    verdicts: str
+    """Its verdicts, counted in a sentence."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Evidence:
     """A folder of evidence that was written: runs with their pages and files, hashes of all, and
     a signature."""
@@ -3413,6 +3443,8 @@ class Evidence:
     """Their size, in bytes."""
     runs: tuple[EvidenceRun, ...]
     """The runs, in the order in which they were given."""
+    checks: tuple[EvidenceCheck, ...]
+    """The checks of requirements, whose runs are among them."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -3444,6 +3476,18 @@ class ReplayedSimulation:
     """Its number in the trial."""
     differences: tuple[str, ...]
     """Differences between record, plan and replay; empty if they agree to the bit."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerifiedCheck:
+    """A check of requirements, verified."""
+
+    folder: str
+    """Its folder in the folder of evidence."""
+    verdicts: int
+    """Number of verdicts that were derived from the runs again."""
+    replayed: int
+    """Number of counterexamples that were replayed."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -3479,6 +3523,9 @@ class EvidenceVerification:
     """Seed that chose the simulations."""
     runs: tuple[VerifiedRun, ...]
     """The runs; empty if a file differs, because then no run is opened."""
+    checks: tuple[VerifiedCheck, ...]
+    """The checks of requirements: their verdicts follow from the runs, or a problem says that
+    they do not."""
     is_verified: bool
     """Whether all is as it should be: no problem, nothing unverified, no replay that differs,
     and no interruption."""

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, file_digest};
+use mishandle::check::{CheckProgress, CheckSettings, CheckSubject};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::Severity;
 use mishandle::rollout::NamedFormula;
@@ -56,11 +56,10 @@ pub fn check(
     let fail_on = Severity::ALL.into_iter().find(|severity| severity.name() == fail_on);
     let fail_on = fail_on
         .ok_or_else(|| InvalidValueError::new_err(format!("fail_on must be one of {}", known.join(", "))))?;
-    let digest = file_digest(&text);
     let settings = CheckSettings {
         file: &file,
         path: &requirements,
-        digest: &digest,
+        text: &text,
         episodes,
         trials,
         budget,
@@ -90,7 +89,7 @@ pub fn check(
         mishandle::check::check(&[subject], &settings, &out, &mut watch)
     })?;
     let found = found.ok_or_else(|| InvalidStateError::new_err("the check was interrupted"))?;
-    mishandle_cli::write_check_reports(&found, &out)
+    mishandle_cli::write_check_reports(&found, &out, &mut || py.check_signals().is_err())
         .map_err(|error| MishandleError::new_err(format!("{error:#}")))?;
     Ok((json(&found)?, mishandle_cli::check_text(&found), found.exit_code()))
 }

@@ -3,22 +3,26 @@
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{FileLock, limits, read_text_bounded, write_atomically};
-use mishandle_results::{Check, Versioned};
-use mishandle_text::path_text;
+use mishandle_results::{Check, CheckCounterexample, Versioned};
+use mishandle_text::{path_text, shell_quote};
 use sha2::{Digest, Sha256};
 
-use super::{CheckSubject, create_folder};
+use super::CheckSubject;
 use crate::error::MishandleError;
+use crate::replay::replay_command;
 use crate::resolve::controller_name;
 
 /// File of the result.
 pub const RESULT: &str = "check.json";
 
+/// Copy of the file of requirements.
+pub const REQUIREMENTS: &str = "requirements.toml";
+
 /// Folder of the run files.
 const RUNS: &str = "runs";
 
 /// Folder of the counterexamples.
-pub(super) const COUNTEREXAMPLES: &str = "counterexamples";
+pub const COUNTEREXAMPLES: &str = "counterexamples";
 
 /// File that a check locks.
 const LOCK: &str = "check.lock";
@@ -27,7 +31,7 @@ const LOCK: &str = "check.lock";
 ///
 /// # Errors
 /// If another check runs in it, or it is not that of a check: then its files stay as they are.
-pub(super) fn open(folder: &Path) -> Result<FileLock, MishandleError> {
+pub(super) fn open(folder: &Path, requirements: &str) -> Result<FileLock, MishandleError> {
     if folder.exists() && !folder.is_dir() {
         let source = std::io::ErrorKind::NotADirectory.into();
         return Err(MishandleError::File { path: folder.to_path_buf(), source });
@@ -35,7 +39,12 @@ pub(super) fn open(folder: &Path) -> Result<FileLock, MishandleError> {
     create_folder(folder)?;
     let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
     // A check writes its result before the reports. A kill can leave hidden temporary files.
-    let is_own = |name: &str| [RUNS, COUNTEREXAMPLES, LOCK].contains(&name) || name.starts_with('.');
+    let is_copy = |name: &str| {
+        let read = || read_text_bounded(&folder.join(name), limits::PLAN);
+        name == REQUIREMENTS && read().is_ok_and(|text| text == requirements)
+    };
+    let is_own =
+        |name: &str| [RUNS, COUNTEREXAMPLES, LOCK].contains(&name) || name.starts_with('.') || is_copy(name);
     if finished(folder)?.is_none() {
         for entry in std::fs::read_dir(folder).map_err(with_path)? {
             let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
@@ -86,6 +95,20 @@ fn plain(name: &str) -> String {
     name.chars().map(|c| if c.is_alphanumeric() || "-_.+".contains(c) { c } else { '-' }).collect()
 }
 
+/// Returns the path of the counterexample of a requirement.
+pub(super) fn counterexample_file(folder: &Path, label: &str, name: &str) -> PathBuf {
+    folder.join(COUNTEREXAMPLES).join(format!("{name}@{label}.json"))
+}
+
+/// Creates a folder with those above it.
+pub(super) fn create_folder(path: &Path) -> Result<(), MishandleError> {
+    std::fs::create_dir_all(path).map_err(|source| MishandleError::Write {
+        what: "folder",
+        path: path.to_path_buf(),
+        source,
+    })
+}
+
 /// Writes a file of the folder.
 pub(super) fn write(path: &Path, content: &[u8]) -> Result<(), MishandleError> {
     write_atomically(path, content).map_err(|source| MishandleError::Write {
@@ -95,13 +118,21 @@ pub(super) fn write(path: &Path, content: &[u8]) -> Result<(), MishandleError> {
     })
 }
 
-/// Writes the result.
-pub(super) fn write_result(folder: &Path, found: &Check) -> Result<(), MishandleError> {
+/// Writes the result and a copy of the file of requirements.
+pub(super) fn write_result(folder: &Path, found: &Check, requirements: &str) -> Result<(), MishandleError> {
     create_folder(folder)?;
+    write(&folder.join(REQUIREMENTS), requirements.as_bytes())?;
     let path = folder.join(RESULT);
-    let json = serde_json::to_vec_pretty(&Versioned::new(found));
-    let json = json.map_err(|error| MishandleError::File { path: path.clone(), source: error.into() })?;
-    write(&path, &json)
+    let json = to_json(found).map_err(|source| MishandleError::File { path: path.clone(), source })?;
+    write(&path, json.as_bytes())
+}
+
+/// Returns the content of the file of a result.
+///
+/// # Errors
+/// If a value cannot be written as JSON.
+pub fn to_json(found: &Check) -> std::io::Result<String> {
+    Ok(serde_json::to_string_pretty(&Versioned::new(found))?)
 }
 
 /// Returns the result of the check in a folder; `None` if the folder has no result.
@@ -116,5 +147,33 @@ pub fn finished(folder: &Path) -> Result<Option<Check>, MishandleError> {
     let with_path = |source| MishandleError::File { path: path.clone(), source };
     let text = read_text_bounded(&path, limits::RESULT).map_err(with_path)?;
     let found: Check = serde_json::from_str(&text).map_err(|error| with_path(error.into()))?;
-    Ok(Some(Check { folder: path_text(folder), ..found }))
+    let now = path_text(folder);
+    let path = |then: &str| match Path::new(then).strip_prefix(&found.folder) {
+        Ok(rest) => path_text(&folder.join(rest)),
+        Err(_) => then.to_string(),
+    };
+    Ok(Some(moved(&found, &now, path)))
+}
+
+/// Returns the result of a check whose folder has another path now. `path` is the present one of a
+/// run file or a counterexample.
+pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String) -> Check {
+    let mut found = Check { folder: folder.to_string(), ..found.clone() };
+    for run in found.controllers.iter_mut().flat_map(|controller| &mut controller.runs) {
+        run.run = path(&run.run);
+    }
+    for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
+        violation.run = path(&violation.run);
+        let command = |file: &str| format!("mishandle replay {}", shell_quote(file));
+        let file = violation.file.as_ref().map(|file| (command(file), path(file)));
+        let replay = file.as_ref().and_then(|(then, now)| {
+            Some(format!("{}{}", command(now), violation.replay.strip_prefix(then)?))
+        });
+        violation.replay = replay.unwrap_or_else(|| {
+            let CheckCounterexample { trial, simulation, .. } = *violation;
+            replay_command(&found.target_kind, violation.run.as_ref(), trial, simulation)
+        });
+        violation.file = file.map(|(_, now)| now);
+    }
+    found
 }

@@ -238,6 +238,15 @@ impl Counterexample {
         resolve_recorded(plan, &self.components, moved)
     }
 
+    /// Looks up the target with the files of a folder of evidence, as
+    /// [`resolve_in`](portable::resolve_in) does.
+    ///
+    /// # Errors
+    /// The errors of [`resolve_in`](portable::resolve_in).
+    pub fn resolve_in(&self, folder: &Path) -> Result<ResolvedPlan, MishandleError> {
+        portable::resolve_plan_in(self.plan.clone(), &self.components, folder)
+    }
+
     /// Looks up the target with another controller. A target without a controller stays as it is.
     /// `folder` is the folder of the file.
     ///

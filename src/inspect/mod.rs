@@ -35,7 +35,7 @@ pub use failure_modes::{Failure, FailureCause, FailureMode, FailureModes, failur
 pub use masking::masking;
 pub use metric_counter::metric_counter;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
-pub(crate) use requirements::requirements;
+pub use requirements::requirements;
 pub use result::{counterexamples_result, run_facts};
 pub use run_difference::run_difference;
 pub use sample_size::{Expected, SizeQuestion, sample_size};

@@ -13,7 +13,7 @@ use crate::run::record::REQUIREMENT;
 ///
 /// # Errors
 /// If the run cannot be read.
-pub(crate) fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, MishandleError> {
+pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, MishandleError> {
     let header = run.header();
     let text = |name: &str| {
         let formula = header.formulas.iter().find(|formula| formula.name == name);
@@ -29,6 +29,7 @@ pub(crate) fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mi
             violated: 0,
             violation_rate: None,
             minimum_robustness: None,
+            maximum_robustness: None,
             trial: None,
             simulation: None,
         };
@@ -51,6 +52,9 @@ pub(crate) fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mi
                 requirement.minimum_robustness = Some(robustness.into());
                 requirement.trial = Some(simulation.trial);
                 requirement.simulation = Some(simulation.number);
+            }
+            if requirement.maximum_robustness.is_none_or(|most| robustness.total_cmp(&most.0).is_gt()) {
+                requirement.maximum_robustness = Some(robustness.into());
             }
         }
     }

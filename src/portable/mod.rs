@@ -99,7 +99,15 @@ pub(crate) fn check_target(plan: &Plan) -> Result<(), MishandleError> {
 /// If the target is a program, a file is missing or names one outside the folder, or a part of the
 /// target has another hash than the run's.
 pub fn resolve_in(header: &RunHeader, folder: &Path) -> Result<ResolvedPlan, MishandleError> {
-    let mut plan = portable_plan(header)?;
+    resolve_plan_in(portable_plan(header)?, &header.components, folder)
+}
+
+/// Looks up a portable plan of others as [`resolve_in`] does.
+pub(crate) fn resolve_plan_in(
+    mut plan: Plan,
+    components: &[ComponentRecord],
+    folder: &Path,
+) -> Result<ResolvedPlan, MishandleError> {
     let shipped = |name: &str| format!("{name}{CONTROLLER_FILE}");
     for name in [Some(&mut plan.controller), plan.guard.as_mut().map(|guard| &mut guard.fallback)] {
         if let Some(name) = name.filter(|name| !name.is_empty() && folder.join(shipped(name)).is_file()) {
@@ -111,7 +119,7 @@ pub fn resolve_in(header: &RunHeader, folder: &Path) -> Result<ResolvedPlan, Mis
     if starts_program(&plan)? {
         return Err(MishandleError::ForeignProgram);
     }
-    resolve_recorded(plan, &header.components, Moved::default())
+    resolve_recorded(plan, components, Moved::default())
 }
 
 /// End of the name of the file of a shipped controller.

@@ -78,9 +78,94 @@ fn the_folder_has_reports_that_agree_with_the_document() {
     assert_eq!(bench.json(&format!("{command} --json --threads 1"), 1), found);
     let fresh = bench.json(&format!("{command} --json --threads 2").replace("checked", "fresh"), 1);
     assert_eq!(fresh["controllers"][0]["runs"][0]["digest"], digest);
-    // The page again, from the folder.
-    bench.check("report checked --out again.html", 0);
+    // The page and the Markdown again, from the folder.
+    bench.check("report checked --out again.html --markdown again.md", 0);
     assert_eq!(std::fs::read_to_string(bench.path("again.html")).unwrap(), page);
+    assert_eq!(std::fs::read_to_string(bench.path("again.md")).unwrap(), read("report.md"));
+    assert_eq!(read("requirements.toml"), std::fs::read_to_string(bench.path("requirements.toml")).unwrap());
+    // A chart of what violates it, and the counts of searches apart from those of random scenarios.
+    assert!(page.contains("<svg") && page.contains("0 of 50 random, 0 of 100 searched"), "{page}");
+}
+
+#[test]
+fn what_was_not_tested_is_marked_in_every_report() {
+    let bench = Bench::new();
+    write(&bench, &FINE.replace("always(X", "always(0 * X"));
+    let text = bench.check(&format!("{CHECK} --out checked"), 0);
+    let read = |name: &str| std::fs::read_to_string(bench.path(&format!("checked/{name}"))).unwrap();
+    let mark = "not violated (constant signal, nothing tested)";
+    for shown in [text, read("report.md"), read("report.html"), read("junit.xml")] {
+        assert!(
+            shown.contains(mark) && shown.contains("nothing was tested: the robustness is 10"),
+            "{shown}"
+        );
+    }
+}
+
+#[test]
+fn a_check_is_evidence_that_others_verify() {
+    let bench = Bench::new();
+    let named = "[[requirement]]\nname = \"R-0\"\nformula = \"success\"\nmax-failure-rate = 0.5\n";
+    write(&bench, &format!("{named}{FINE}{WRONG}{OTHER}"));
+    bench.check(&format!("{CHECK} --out checked --allow-inapplicable"), 0);
+    bench.check("evidence checked --out ev", 0);
+    std::fs::remove_dir_all(bench.path("checked")).unwrap();
+    let found = bench.json("evidence verify ev --replay 0.05 --json", 0);
+    assert_eq!(found["checks"][0]["verdicts"], 4);
+    // Of R-0, whose rate is below its limit, and of R-2.
+    assert_eq!(found["checks"][0]["replayed"], 2);
+    let place = |name: &str| bench.path(&format!("ev/checks/checked/{name}"));
+    for name in ["requirements.toml", "check.json", "report.html", "report.md", "junit.xml"] {
+        assert!(place(name).is_file(), "{name}");
+    }
+    // Names and formulas of all requirements are on the pages of the runs.
+    let page = std::fs::read_to_string(bench.path("ev/pages/random-starts-system.html")).unwrap();
+    for text in ["R-0", "R-1", "R-2", "&gt;= -10"] {
+        assert!(page.contains(text), "{text}: {page}");
+    }
+    // Paths are those in the folder.
+    let result = std::fs::read_to_string(place("check.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+    let replay = result["cells"][2]["counterexample"]["replay"].as_str().unwrap();
+    assert_eq!(replay, "mishandle replay checks/checked/counterexamples/R-2@system.json");
+    // A forger changes the verdict in all reports, and the hashes.
+    let forged = std::fs::read_to_string(place("check.json")).unwrap().replacen(
+        "\"verdict\": \"violated\"",
+        "\"verdict\": \"not violated\"",
+        1,
+    );
+    std::fs::write(place("check.json"), forged).unwrap();
+    let sums = |name: &str| {
+        let mut command = std::process::Command::new("sha256sum");
+        let output = command.arg(name).current_dir(bench.path("ev")).output().unwrap();
+        String::from_utf8(output.stdout).unwrap().split(' ').next().unwrap().to_string()
+    };
+    let replace = |file: &str, from: &str, to: &str| {
+        let text = std::fs::read_to_string(bench.path(file)).unwrap();
+        assert!(text.contains(from), "{file}");
+        std::fs::write(bench.path(file), text.replace(from, to)).unwrap();
+    };
+    let before = {
+        let list = std::fs::read_to_string(bench.path("ev/SHA256SUMS")).unwrap();
+        let line = list.lines().find(|line| line.ends_with("checks/checked/check.json")).unwrap().to_string();
+        (line.split(' ').next().unwrap().to_string(), sums("manifest.json"))
+    };
+    let now = sums("checks/checked/check.json");
+    let size = |text: &str| text.len();
+    let grown = size("\"not violated\"") - size("\"violated\"");
+    let length = std::fs::metadata(place("check.json")).unwrap().len();
+    replace("ev/manifest.json", &before.0, &now);
+    replace(
+        "ev/manifest.json",
+        &format!("\"size\": {}", length - grown as u64),
+        &format!("\"size\": {length}"),
+    );
+    replace("ev/SHA256SUMS", &before.0, &now);
+    replace("ev/SHA256SUMS", &before.1, &sums("manifest.json"));
+    let found = bench.json("evidence verify ev --replay 0 --json", 1);
+    let problems = found["problems"].to_string();
+    assert!(problems.contains("the runs give another result") && problems.contains("R-2"), "{problems}");
+    bench.refuses("evidence ev --out other", &["without a finished check"]);
 }
 
 #[test]

@@ -38,6 +38,12 @@ pub enum EvidenceError {
         /// The run file.
         path: PathBuf,
     },
+    /// A folder is not that of a finished check.
+    #[error("{} is a folder without a finished check; name run files, or the folder of `mishandle check`", path.display())]
+    NotACheck {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The caller stopped it.
     #[error("interrupted")]
     Interrupted,

@@ -24,6 +24,9 @@ pub const RUNS: &str = "runs";
 /// Folder of the pages.
 pub const PAGES: &str = "pages";
 
+/// Folder of the folders of checks.
+pub const CHECKS: &str = "checks";
+
 /// Folder of the folders with the files of targets.
 pub const FILES: &str = "files";
 

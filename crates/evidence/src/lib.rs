@@ -12,11 +12,13 @@
 //! manifest.json       program, environment, plans, identities and sizes
 //! runs/NAME.sqlite    the run files, byte for byte
 //! pages/NAME.html     their reports
+//! checks/NAME/        requirements that were checked: their file, the matrix, counterexamples
 //! files/N/            what simulations need: target files, models, controllers
 //! ```
 //!
 //! `SHA256SUMS` lists every other file, so its signature covers all of them.
 
+mod checks;
 mod closed;
 mod error;
 mod existing;
@@ -33,7 +35,7 @@ mod write;
 
 pub use error::EvidenceError;
 pub use layout::{SIGNATURE, SUMS};
-pub use manifest::{Manifest, ManifestFile, ManifestRun};
+pub use manifest::{Manifest, ManifestCheck, ManifestFile, ManifestRun};
 pub use signature::{Key, NAMESPACE};
 pub use signers::Signers;
 pub use verify::{Verification, random_seed, verify};

@@ -2,7 +2,7 @@
 
 use mishandle::Plan;
 use mishandle::build::build;
-use mishandle::inspect::run_facts;
+use mishandle::inspect::{requirements, run_facts};
 use mishandle::portable::portable_plan;
 use mishandle::store::{BuildRecord, ComponentRecord, RunFile};
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,9 @@ pub struct Manifest {
     pub environment: Environment,
     /// The runs.
     pub runs: Vec<ManifestRun>,
+    /// The checks of requirements, whose runs are among them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub checks: Vec<ManifestCheck>,
     /// All files but the manifest, the list of hashes and the signature.
     pub files: Vec<ManifestFile>,
 }
@@ -79,6 +82,9 @@ pub struct ManifestRun {
     pub components: Vec<[String; 4]>,
     /// The requirement.
     pub formula: String,
+    /// Names and formulas of the requirements with a verdict of their own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Vec<[String; 2]>,
     /// Number of simulations.
     pub simulations: u64,
     /// Number of these that violate the requirement.
@@ -97,6 +103,22 @@ pub struct ManifestRun {
     pub not_replayable: Option<String>,
 }
 
+/// A check of requirements.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ManifestCheck {
+    /// Folder of its requirements and reports.
+    pub folder: String,
+    /// Name of the target.
+    pub target: String,
+    /// Its verdicts, counted.
+    pub verdicts: String,
+    /// Its run files.
+    pub runs: Vec<String>,
+    /// Its counterexamples.
+    pub counterexamples: Vec<String>,
+}
+
 /// A file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -111,14 +133,15 @@ pub struct ManifestFile {
 
 impl Manifest {
     /// Describes this program and this machine.
-    pub(crate) fn new(runs: Vec<ManifestRun>, files: Vec<ManifestFile>) -> Manifest {
+    pub(crate) fn new(runs: Vec<ManifestRun>, checks: Vec<ManifestCheck>) -> Manifest {
         Manifest {
             evidence_format: FORMAT,
             program: Program::from(&build()),
             mujoco: mishandle::world::mujoco_version(),
             environment: Environment { os: os(), cpu_features: cpu_features() },
             runs,
-            files,
+            checks,
+            files: Vec::new(),
         }
     }
 
@@ -148,6 +171,7 @@ impl ManifestRun {
             ("target", again.target == self.target),
             ("components", again.components == self.components),
             ("formula", again.formula == self.formula),
+            ("requirements", again.requirements == self.requirements),
             ("simulations", again.simulations == self.simulations),
             ("failures", again.failures == self.failures),
             ("is_complete", again.is_complete == self.is_complete),
@@ -167,6 +191,7 @@ impl ManifestRun {
         not_replayable: Option<String>,
     ) -> Result<ManifestRun, EvidenceError> {
         let (header, facts) = (run.header(), run_facts(run)?);
+        let requirements = requirements(run)?.unwrap_or_default();
         let component = |part: &ComponentRecord| {
             [part.role.clone(), file_name(&part.name), part.hash.clone(), part.file_hash.clone()]
         };
@@ -178,6 +203,7 @@ impl ManifestRun {
             target: [header.target.kind.clone(), header.target.name.clone(), header.target.hash.clone()],
             components: header.components.iter().map(component).collect(),
             formula: header.formula.clone(),
+            requirements: requirements.into_iter().map(|found| [found.name, found.formula]).collect(),
             simulations: facts.simulations,
             failures: facts.failures,
             is_complete: facts.is_complete,

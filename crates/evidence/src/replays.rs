@@ -12,6 +12,7 @@ use mishandle::results::{EvidenceVerification, ReplayedSimulation, VerifiedRun};
 use mishandle::run::{missing, unfinished};
 use mishandle::store::{RunFile, RunHeader, SimulationEnd};
 
+use crate::checks;
 use crate::closed::needs_log;
 use crate::error::EvidenceError;
 use crate::layout::MANIFEST;
@@ -66,6 +67,15 @@ pub(crate) fn check(
             }
             Err(problem) => found.problems.push(problem),
         }
+    }
+    for check in &manifest.checks {
+        let run = |name: &str| opened.iter().find(|next| next.run.file == name);
+        let request_share = (manifest.is_of_this_build(), request.share > 0.0);
+        let file = |name: &str| run(name).map(|next| &next.file);
+        let files = |name: &str| run(name).and_then(|next| next.run.files.as_deref());
+        let (verified, problems) = checks::verify(request.folder, check, request_share, file, files);
+        found.checks.push(verified);
+        found.problems.extend(problems);
     }
     let total = opened.iter().map(|next| next.chosen.to_replay().count() as u64).sum();
     let mut done = 0;

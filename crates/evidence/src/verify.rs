@@ -10,8 +10,9 @@ use mishandle::files::{read_text_bounded, refuse_link};
 use mishandle::results::{EvidenceVerification, Seed, VerifiedRun};
 use mishandle_text::path_text;
 
+use crate::checks;
 use crate::error::EvidenceError;
-use crate::layout::{self, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
+use crate::layout::{self, CHECKS, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
 use crate::manifest::{self, FORMAT, Manifest};
 use crate::readme;
 use crate::replays;
@@ -64,6 +65,7 @@ pub fn verify(
         share: request.share,
         seed: Seed(request.seed),
         runs: Vec::new(),
+        checks: Vec::new(),
         is_verified: false,
         is_complete: true,
     };
@@ -204,17 +206,24 @@ fn uses(manifest: &Manifest) -> Vec<String> {
     if manifest.runs.is_empty() {
         problems.push(format!("{MANIFEST}: it has no run"));
     }
-    let mut named = BTreeSet::from([README]);
+    let mut named = BTreeSet::from([README.to_string()]);
     for run in &manifest.runs {
         for (name, folder) in [(run.file.as_str(), RUNS), (run.page.as_str(), PAGES)] {
             let is_there = manifest.files.iter().any(|file| file.path == name);
             if !is_there || name.split('/').next() != Some(folder) {
                 problems.push(format!("{MANIFEST}: {name:?} is none of the files in {folder}"));
             }
-            if !named.insert(name) {
+            if !named.insert(name.to_string()) {
                 problems.push(format!("{MANIFEST}: it names {name} twice"));
             }
         }
+    }
+    for file in manifest.checks.iter().flat_map(checks::files) {
+        let is_there = manifest.files.iter().any(|known| known.path == file);
+        if !is_there || !file.starts_with(&format!("{CHECKS}/")) {
+            problems.push(format!("{MANIFEST}: {file:?} is none of the files in {CHECKS}"));
+        }
+        named.insert(file);
     }
     let folders: Vec<&str> = manifest.runs.iter().filter_map(|run| run.files.as_deref()).collect();
     if let Some(folder) = folders.iter().find(|folder| !is_name(folder) || !folder.starts_with(FILES)) {

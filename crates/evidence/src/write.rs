@@ -1,23 +1,26 @@
 //! Makes a folder of evidence.
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use mishandle::check::finished;
 use mishandle::files::AtomicFolder;
 use mishandle::portable::{copy_files, resolve_in};
 use mishandle::resolve::{Moved, is_python};
-use mishandle::results::{Evidence, EvidenceRun};
+use mishandle::results::{Evidence, EvidenceCheck, EvidenceRun};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::path_text;
 
+use crate::checks;
 use crate::closed;
 use crate::error::EvidenceError;
 use crate::existing;
 use crate::layout::{self, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
-use crate::manifest::{Manifest, ManifestFile, ManifestRun};
+use crate::manifest::{Manifest, ManifestCheck, ManifestFile, ManifestRun};
 use crate::page;
 use crate::readme;
 use crate::signature::Key;
@@ -26,7 +29,7 @@ use crate::sums::{self, Hashed, Watch};
 /// The parts of a folder of evidence.
 #[derive(Debug)]
 pub struct Collection<'a> {
-    /// The run files.
+    /// The run files, and folders of checks.
     pub runs: &'a [PathBuf],
     /// The folder to make.
     pub out: &'a Path,
@@ -57,12 +60,20 @@ pub fn write(
         fs::create_dir(&path).map_err(EvidenceError::file(&path))?;
     }
     let mut names = BTreeSet::new();
-    let runs: Vec<ManifestRun> = collection
-        .runs
-        .iter()
-        .map(|run| add(run, home, &mut names, collection, watch))
-        .collect::<Result<_, _>>()?;
-    let manifest = Manifest::new(runs, Vec::new());
+    let (mut runs, mut found_checks, mut check_names) = (Vec::new(), Vec::new(), BTreeSet::new());
+    for path in collection.runs {
+        if !path.is_dir() {
+            runs.push(add(path, home, &mut names, collection, watch)?);
+            continue;
+        }
+        let found = finished(path)?.ok_or_else(|| EvidenceError::NotACheck { path: path.clone() })?;
+        let first = runs.len();
+        for run in found.controllers.iter().flat_map(|controller| &controller.runs) {
+            runs.push(add(run.run.as_ref(), home, &mut names, collection, watch)?);
+        }
+        found_checks.push(checks::write(path, &found, home, &runs[first..], &mut check_names)?);
+    }
+    let manifest = Manifest::new(runs, found_checks);
     write_file(&home.join(README), readme::text(&manifest).as_bytes())?;
     let files = hashed(home, watch)?;
     let bytes: u64 = files.iter().map(|file| file.size).sum();
@@ -90,6 +101,7 @@ pub fn write(
         false => folder.persist(),
     }
     .map_err(EvidenceError::file(out))?;
+    let check = |check: ManifestCheck| EvidenceCheck { folder: check.folder, verdicts: check.verdicts };
     let run = |run: ManifestRun| EvidenceRun {
         file: run.file,
         page: run.page,
@@ -105,6 +117,7 @@ pub fn write(
         files: manifest.files.len() as u64 + 1,
         bytes: bytes.saturating_add(size),
         runs: manifest.runs.into_iter().map(run).collect(),
+        checks: manifest.checks.into_iter().map(check).collect(),
     })
 }
 
@@ -135,7 +148,7 @@ fn add(
     if watch().is_break() {
         return Err(EvidenceError::Interrupted);
     }
-    let name = unique(path, names);
+    let name = unique(path.file_stem().unwrap_or_default(), names);
     let [file, page_name] = [format!("{RUNS}/{name}.sqlite"), format!("{PAGES}/{name}.html")];
     let copy = home.join(&file);
     closed::copy(path, &copy)?;
@@ -226,9 +239,9 @@ fn hashed(folder: &Path, watch: Watch<'_>) -> Result<Vec<ManifestFile>, Evidence
     found.files.into_iter().map(hash).collect()
 }
 
-/// Returns a name for the files of a run that no earlier run has.
-fn unique(path: &Path, names: &mut BTreeSet<String>) -> String {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+/// Returns a name like `stem` that is not one of `names`, and adds it to them.
+pub(crate) fn unique(stem: &OsStr, names: &mut BTreeSet<String>) -> String {
+    let stem = stem.to_string_lossy();
     let plain: String =
         stem.chars().map(|c| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect();
     let plain: String = plain.chars().take(100).collect();
@@ -242,6 +255,6 @@ fn unique(path: &Path, names: &mut BTreeSet<String>) -> String {
     name
 }
 
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvidenceError> {
+pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), EvidenceError> {
     fs::write(path, bytes).map_err(EvidenceError::file(path))
 }

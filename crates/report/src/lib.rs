@@ -7,7 +7,7 @@
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
 //! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs,
-//! [`check_page`] that about the requirements of a file.
+//! [`check_reports`] the files about the requirements of a file.
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
@@ -50,7 +50,10 @@ mod trace;
 mod words;
 
 pub use campaign::{RunSummary, campaign_page, run_page};
-pub use check::check_page;
+pub use check::{
+    CHECK_REPORTS, CheckFigures, check_markdown, check_page, check_reports, marked_verdict, off_nominal,
+    summary as check_summary,
+};
 pub use comparison::comparison_page;
 pub use hardened_modes::HardenedModes;
 pub use hardening::{HardeningSummary, hardening_page};

@@ -5,10 +5,10 @@ use std::path::Path;
 use mishandle::evaluation::{Corners, Lifetime, Metrics};
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, metric_counter,
-    mode_survey,
+    mode_survey, requirements,
 };
 use mishandle::portable::portable_plan;
-use mishandle::results::{Answer, AxisRates};
+use mishandle::results::{Answer, AxisRates, Requirement};
 use mishandle::rollout::{Axis, Seed};
 use mishandle::run::{RecordedParts, recorded_answer, recorded_axis, recorded_parts};
 use mishandle::stl::is_violated;
@@ -52,6 +52,8 @@ pub struct RunReport {
     pub(crate) rates: Option<Metrics>,
     /// Of an evaluation: success over the values of the axes.
     pub(crate) axis_rates: Option<AxisRates>,
+    /// The requirements with a verdict of their own.
+    pub(crate) requirements: Vec<Requirement>,
     /// Of an evaluation: its rule and its control arm.
     pub(crate) parts: RecordedParts,
     pub(crate) modes: FailureModes,
@@ -236,6 +238,7 @@ impl RunReport {
             plan,
             rates,
             axis_rates: axis_rates(run)?,
+            requirements: requirements(run)?.unwrap_or_default(),
             parts,
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,

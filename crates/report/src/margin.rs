@@ -242,7 +242,9 @@ fn witness_section(report: &RunReport, witness: &Witness) -> String {
     let mut figures = trace::figures(header, explained).into_iter();
     out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
     let pictures = report.measured.as_ref().and_then(|measured| measured.witness.as_ref());
-    out.push_str(&pictures.map_or(String::new(), |pictures| modes::frames(report, pictures, explained)));
+    out.push_str(
+        &pictures.map_or(String::new(), |pictures| modes::frames(&report.header, pictures, explained)),
+    );
     out.push_str(&commands::details(report, 1, witness.simulation));
     out
 }

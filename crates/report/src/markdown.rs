@@ -1,11 +1,11 @@
 //! Runs as Markdown, for a pull request or a README: verdict, rates, failure modes and success over
 //! the values of the axes.
 
-use mishandle::results::AxisRates;
+use mishandle::results::{AxisRates, Requirement};
 use mishandle_text::p_value_phrase;
 
 use crate::axis_rates::{axis_label, interval, pairs_sentence, range_text, rate, sentence};
-use crate::html::{percent, short, visible};
+use crate::html::{number, percent, short, visible};
 use crate::load::RunReport;
 use crate::{tables, words};
 
@@ -22,11 +22,22 @@ pub fn markdown(reports: &[RunReport]) -> String {
 fn run(report: &RunReport) -> String {
     let header = &report.header;
     let mut out = format!(
-        "## {}\n\nRequirement: {}\n\n{}\n\n",
+        "## {}\n\n{}: {}\n\n{}\n\n",
         plain(&words::headline(report)),
+        escaped(&words::formula_label(report)),
         code(&header.formula),
         words::meaning(report).iter().map(|sentence| plain(sentence)).collect::<Vec<_>>().join(" ")
     );
+    let row = |found: &Requirement| {
+        let least = found.minimum_robustness.map_or("–".to_string(), |least| number(least.0));
+        let violated = format!("{} of {}", found.violated, found.simulations);
+        vec![escaped(&found.name), code(&found.formula), violated, least]
+    };
+    let requirements: Vec<Vec<String>> = report.requirements.iter().map(row).collect();
+    if !requirements.is_empty() {
+        let head = ["requirement", "formula", "violated", "lowest robustness"];
+        out.push_str(&table(&head, 2, &requirements));
+    }
     let rates = tables::rate_rows(report);
     if !rates.is_empty() {
         out.push_str(&table(&["rate", "value", tables::interval_head(report), "simulations"], 1, &rates));
@@ -130,7 +141,7 @@ fn axes(rates: &AxisRates, interval_head: &str) -> String {
 }
 
 /// Returns a table whose first `left` columns are aligned to the left. Cells are Markdown.
-fn table(head: &[&str], left: usize, rows: &[Vec<String>]) -> String {
+pub fn table(head: &[&str], left: usize, rows: &[Vec<String>]) -> String {
     let line = |cells: Vec<&str>| format!("| {} |\n", cells.join(" | "));
     let rule: String = (0..head.len()).map(|column| if column < left { "|---" } else { "|--:" }).collect();
     let rows: String = rows.iter().map(|row| line(row.iter().map(String::as_str).collect())).collect();
@@ -138,7 +149,7 @@ fn table(head: &[&str], left: usize, rows: &[Vec<String>]) -> String {
 }
 
 /// Escapes a text from a run file, so that it is neither a tag nor a link nor a cell.
-fn escaped(text: &str) -> String {
+pub fn escaped(text: &str) -> String {
     plain(&crate::html::text(text))
 }
 
@@ -166,7 +177,7 @@ fn plain(html: &str) -> String {
 }
 
 /// Returns a text as code. A backtick would end it, and a bar the cell.
-fn code(text: &str) -> String {
+pub fn code(text: &str) -> String {
     format!("`{}`", visible(text).replace('`', "'").replace('|', "\\|").replace(['\n', '\r'], " "))
 }
 

@@ -4,6 +4,7 @@
 use mishandle::evaluation::Estimate;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
 use mishandle::run::has_random_rows;
+use mishandle::store::RunHeader;
 
 use crate::html::{base64, percent, short, table, text, with_code, with_unit};
 use crate::load::RunReport;
@@ -112,7 +113,7 @@ fn card(
     let mut figures = trace::figures(header, explained).into_iter();
     out.push_str(&format!("</ul>\n</div>\n<div>{}</div>\n</div>\n", figures.next().unwrap_or_default()));
     let pictures = measured.and_then(|measured| measured.strips.get(index));
-    out.push_str(&pictures.map_or(String::new(), |pictures| frames(report, pictures, explained)));
+    out.push_str(&pictures.map_or(String::new(), |pictures| frames(header, pictures, explained)));
     let others: String = figures.collect();
     if !others.is_empty() {
         out.push_str(&format!("<div class=\"grid\">{others}</div>\n"));
@@ -236,10 +237,10 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
 }
 
 /// Returns the pictures of a simulation as HTML.
-pub fn frames(report: &RunReport, pictures: &Pictures, explained: &ExplainedSimulation) -> String {
+pub fn frames(header: &RunHeader, pictures: &Pictures, explained: &ExplainedSimulation) -> String {
     let decisive = explained.explanation.diagnosis.path.last().map(|found| found.sample);
     let frame = |frame: &Frame| {
-        let time = format!("{:.2} s", frame.sample as f64 * report.header.control_dt);
+        let time = format!("{:.2} s", frame.sample as f64 * header.control_dt);
         let note = if Some(frame.sample) == decisive { ", decisive instant" } else { "" };
         format!(
             "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene at \
@@ -249,8 +250,8 @@ pub fn frames(report: &RunReport, pictures: &Pictures, explained: &ExplainedSimu
         )
     };
     let frames: String = pictures.frames.iter().map(frame).collect();
-    let film = pictures.film.as_ref().map_or(String::new(), |found| film(found, report.header.control_dt));
-    let source = match mishandle::resolve::is_python(&report.header.target.kind) {
+    let film = pictures.film.as_ref().map_or(String::new(), |found| film(found, header.control_dt));
+    let source = match mishandle::resolve::is_python(&header.target.kind) {
         true => {
             "<p class=\"notes\">The system drew these pictures while the simulation was repeated, with the recorded trace.</p>\n"
         }

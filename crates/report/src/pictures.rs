@@ -1,7 +1,9 @@
 //! Pictures of failures: of targets with a scene, and of systems that draw themselves.
 
+use mishandle::counterexample::CounterexampleReplay;
 use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
 use mishandle::picture::{FrameCaptions, FrameRenderer};
+use mishandle::rollout::Request;
 use mishandle::store::{RunFile, RunHeader};
 use mishandle::world::{CAMERAS, Picture, PictureModel, Quality, Size, WorldError, animated_png, png};
 use mishandle::{MishandleError, ResolvedPlan};
@@ -10,7 +12,7 @@ use mishandle::{MishandleError, ResolvedPlan};
 pub const PICTURE: (u32, u32) = (320, 240);
 
 /// Largest number of simulations with pictures, so that the page stays small.
-const MAX_STRIPS: usize = 4;
+pub const MAX_STRIPS: usize = 4;
 
 /// Longest time of a film before and after the event, s, its speed, and the time for which it holds
 /// a mark and its end, ms.
@@ -22,7 +24,7 @@ const HOLD: f64 = 1000.0;
 const MAX_FRAMES: usize = 40;
 
 /// Pictures of a simulation.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Pictures {
     pub frames: Vec<Frame>,
     pub film: Option<Film>,
@@ -178,18 +180,21 @@ fn strip(
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
-    let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
-    let Some(last) = shown.states.len().checked_sub(1) else {
-        return Ok(Pictures { frames: Vec::new(), film: None });
-    };
-    let event = shown.event.as_ref();
-    let samples = strip_samples(event, last);
-    let view: Vec<&[f64]> = samples.iter().map(|sample| trajectory.states[*sample].as_slice()).collect();
-    let frames = shown.frames(model, size, (&samples, &view), &mut *must_end)?;
-    // A film has many frames; fine ones would take most of the time of the report.
-    let mut renderer = shown.renderer(model, size, Quality::Fast)?;
-    let film = film(&mut renderer, shown.states, event, run.header().control_dt, must_end)?;
-    Ok(Pictures { frames, film: Some(film) })
+    Shown::new(run.header(), &trajectory.states, &explained.explanation).pictures(model, size, must_end)
+}
+
+/// Renders a counterexample that was simulated again, as [`strips`] does for simulations of a run.
+pub fn of_replay(
+    resolved: &ResolvedPlan,
+    request: &Request,
+    replay: &CounterexampleReplay,
+    must_end: MustEnd<'_>,
+) -> Result<Pictures, PictureError> {
+    let Some(size) = Size::new(PICTURE.0, PICTURE.1) else { return Ok(Pictures::default()) };
+    let (_, trajectory) = mishandle::picture::simulate_states(resolved, request)?;
+    let model = mishandle::resolve::recorded_picture(&replay.header)?;
+    let explanation = &replay.explained.explanation;
+    Shown::new(&replay.header, &trajectory.states, explanation).pictures(&model, size, must_end)
 }
 
 /// An instant of a simulation.
@@ -227,6 +232,24 @@ struct Shown<'a> {
 impl<'a> Shown<'a> {
     fn new(header: &'a RunHeader, states: &'a [Vec<f64>], explanation: &'a Explanation) -> Shown<'a> {
         Shown { header, states, explanation, event: explanation.event() }
+    }
+
+    /// Renders some instants and a film around the event.
+    fn pictures(
+        &self,
+        model: &PictureModel,
+        size: Size,
+        must_end: MustEnd<'_>,
+    ) -> Result<Pictures, PictureError> {
+        let Some(last) = self.states.len().checked_sub(1) else { return Ok(Pictures::default()) };
+        let event = self.event.as_ref();
+        let samples = strip_samples(event, last);
+        let view: Vec<&[f64]> = samples.iter().map(|sample| self.states[*sample].as_slice()).collect();
+        let frames = self.frames(model, size, (&samples, &view), &mut *must_end)?;
+        // A film has many frames; fine ones would take most of the time of the report.
+        let mut renderer = self.renderer(model, size, Quality::Fast)?;
+        let film = film(&mut renderer, self.states, event, self.header.control_dt, must_end)?;
+        Ok(Pictures { frames, film: Some(film) })
     }
 
     fn renderer(

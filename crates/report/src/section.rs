@@ -13,8 +13,10 @@ use crate::{axis_rates, curves, map, margin, metamorphic, modes, risk, sensitivi
 pub fn section(report: &RunReport, id: usize) -> String {
     let mut out = format!("<section class=\"run\" id=\"r{id}\">\n<h2>{}</h2>\n", words::headline(report));
     out.push_str(&format!(
-        "<p class=\"requirement\"><b>Requirement:</b> {}</p>\n",
-        requirement(&report.header)
+        "<p class=\"requirement\"><b>{}:</b> {}</p>\n{}",
+        text(&words::formula_label(report)),
+        requirement(&report.header),
+        tables::requirements(report)
     ));
     let meaning: String = words::meaning(report).iter().map(|sentence| format!("{sentence} ")).collect();
     out.push_str(&format!("<p>{meaning}</p>\n{}{}", tiles(report), tables::rates(report)));

@@ -1,6 +1,7 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
 use mishandle::evaluation::Estimate;
+use mishandle::results::Requirement;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, table, text};
@@ -29,6 +30,24 @@ pub fn link(report: &RunReport, run: usize, trial: u32, simulation: u32) -> Stri
     match report.points.iter().find(is_it).is_some_and(|point| point.is_linked) {
         true => format!("<a href=\"#{}\">{simulation}</a>", row_id(run, trial, simulation)),
         false => simulation.to_string(),
+    }
+}
+
+/// Returns the table of the requirements with a verdict of their own; empty without one.
+pub fn requirements(report: &RunReport) -> String {
+    let row = |found: &Requirement| {
+        vec![
+            text(&found.name),
+            format!("<code>{}</code>", text(&found.formula)),
+            format!("{} of {}", found.violated, found.simulations),
+            found.minimum_robustness.map_or("–".to_string(), |least| number(least.0)),
+        ]
+    };
+    let rows: Vec<Vec<String>> = report.requirements.iter().map(row).collect();
+    let head = ["requirement", "formula", "violated", "lowest robustness"];
+    match rows.is_empty() {
+        true => String::new(),
+        false => table("Requirements, each with a verdict of its own", &head, &rows),
     }
 }
 

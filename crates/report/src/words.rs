@@ -1,7 +1,7 @@
 //! The verdict in sentences.
 
 use mishandle::evaluation::{SurvivalCurve, anytime_rate, wilson};
-use mishandle::results::Answer;
+use mishandle::results::{Answer, Requirement};
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, short, text};
@@ -71,6 +71,26 @@ pub fn median(report: &RunReport) -> Option<u32> {
     SurvivalCurve::new(&report.lifetimes()).median()
 }
 
+/// Returns whether the run has named requirements, and its own formula is none of them.
+fn is_of_target(report: &RunReport) -> bool {
+    !report.requirements.is_empty() && named(report).is_none()
+}
+
+/// Returns the name of the formula of the run, if it is a named requirement.
+fn named(report: &RunReport) -> Option<&str> {
+    let is_it = |named: &&Requirement| named.formula == report.header.formula;
+    report.requirements.iter().find(is_it).map(|named| named.name.as_str())
+}
+
+/// Says what the formula of the run is.
+pub fn formula_label(report: &RunReport) -> String {
+    match named(report) {
+        Some(name) => format!("Requirement {name}"),
+        None if is_of_target(report) => "Formula of the target".to_string(),
+        None => "Requirement".to_string(),
+    }
+}
+
 /// Returns the verdict: one or two sentences of HTML.
 pub fn headline(report: &RunReport) -> String {
     match &report.answer {
@@ -81,6 +101,7 @@ pub fn headline(report: &RunReport) -> String {
         _ => {}
     }
     let subject = subject(report);
+    let what = if is_of_target(report) { "the formula of the target" } else { "its requirement" };
     if report.is_evaluation() {
         let (failing, decided) = evaluated(report);
         let rate = wilson(failing, decided);
@@ -93,7 +114,7 @@ pub fn headline(report: &RunReport) -> String {
                 if decided == 1 { "has" } else { "have" }
             ),
             (0, _) => format!(
-                "{subject} meets its requirement in {}.",
+                "{subject} meets {what} in {}.",
                 if decided == 1 {
                     "the only random scenario".to_string()
                 } else {
@@ -101,7 +122,7 @@ pub fn headline(report: &RunReport) -> String {
                 }
             ),
             (_, Some(value)) => format!(
-                "{subject} violates its requirement in {failing} of {decided} random scenarios ({}).",
+                "{subject} violates {what} in {failing} of {decided} random scenarios ({}).",
                 percent(value)
             ),
         };
@@ -126,7 +147,7 @@ pub fn headline(report: &RunReport) -> String {
                 None => "More than half of the trials end without a failure.".to_string(),
             };
             format!(
-                "{subject} violates its requirement in {found} of {}. {first}",
+                "{subject} violates {what} in {found} of {}. {first}",
                 mishandle_text::plural(trials as u64, "trial")
             )
         }

@@ -74,8 +74,11 @@ pub struct CheckedRequirement {
     pub name: String,
     /// The requirement in words, from the file; `null` without them.
     pub text: Option<String>,
-    /// Formula, with the units of its bounds.
+    /// Formula as the file states it, with the units of its bounds; or the name of one of the
+    /// target.
     pub formula: String,
+    /// Text of the formula that `formula` names; `null` if `formula` is the text.
+    pub named_formula: Option<String>,
     /// Severity of a violation: `critical`, `error` or `warning`.
     #[schemars(with = "String")]
     pub severity: Severity,
@@ -127,26 +130,39 @@ pub struct CheckCell {
     /// Name of the controller.
     pub controller: String,
     /// `violated`; `not violated` in the simulations that were run, which proves nothing about
-    /// others; `no verdict`; or `not applicable`: the target lacks signals of the formula.
+    /// others; `no verdict`: the simulations do not decide, or one of them has no verdict; or `not
+    /// applicable`: the target lacks signals of the formula.
     pub verdict: String,
     /// The evidence in a sentence.
     pub evidence: String,
     /// Signals of the formula that the target lacks.
     pub missing_signals: Vec<String>,
-    /// Number of simulations with a verdict, of all runs in the space of the requirement.
-    pub simulations: u64,
-    /// Number of these that violate it.
-    pub violated: u64,
-    /// Number of simulations without a verdict.
-    pub without_verdict: u64,
+    /// Random scenarios in the space of the requirement.
+    pub random: CheckCounts,
+    /// Simulations that searches chose in this space, also searches for another requirement.
+    pub searched: CheckCounts,
     /// Share of the random scenarios that violate it, with two one-sided 95 % bounds
     /// (Clopper-Pearson). Simulations without a verdict count as satisfied for the lower bound, as
     /// violated for the upper one. `null` if it is not applicable.
     pub failure_rate: Option<Estimate>,
     /// Minimum robustness; `null` without a verdict.
     pub minimum_robustness: Option<Number>,
+    /// Whether the robustness is the same in all simulations, at least two, although the space has
+    /// axes: nothing that was varied changes it, so `not violated` was not tested.
+    pub is_constant: bool,
     /// The violation with the minimum robustness; `null` without one.
     pub counterexample: Option<CheckCounterexample>,
+}
+
+/// Numbers of simulations of a requirement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct CheckCounts {
+    /// Number of simulations with a verdict.
+    pub simulations: u64,
+    /// Number of these that violate it.
+    pub violated: u64,
+    /// Number of simulations without a verdict.
+    pub without_verdict: u64,
 }
 
 /// A violation as evidence.
@@ -191,6 +207,20 @@ pub const NOT_VIOLATED: &str = "not violated";
 pub const NO_VERDICT: &str = "no verdict";
 /// The target lacks signals.
 pub const NOT_APPLICABLE: &str = "not applicable";
+
+impl CheckedRequirement {
+    /// Returns the text of the formula.
+    pub fn formula_text(&self) -> &str {
+        self.named_formula.as_deref().unwrap_or(&self.formula)
+    }
+}
+
+impl CheckCell {
+    /// Returns whether it is not violated only because nothing was tested.
+    pub fn is_untested(&self) -> bool {
+        self.verdict == NOT_VIOLATED && self.is_constant
+    }
+}
 
 impl Check {
     /// Returns the requirement of a cell.

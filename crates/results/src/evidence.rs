@@ -17,6 +17,17 @@ pub struct Evidence {
     pub bytes: u64,
     /// The runs, in the order in which they were given.
     pub runs: Vec<EvidenceRun>,
+    /// The checks of requirements, whose runs are among them.
+    pub checks: Vec<EvidenceCheck>,
+}
+
+/// A check of requirements in a folder of evidence.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct EvidenceCheck {
+    /// Folder of its requirements, matrix and counterexamples in the folder.
+    pub folder: String,
+    /// Its verdicts, counted in a sentence.
+    pub verdicts: String,
 }
 
 /// A run of a folder of evidence.
@@ -80,6 +91,9 @@ pub struct EvidenceVerification {
     pub seed: Seed,
     /// The runs; empty if a file differs, because then no run is opened.
     pub runs: Vec<VerifiedRun>,
+    /// The checks of requirements: their verdicts follow from the runs, or a problem says that they
+    /// do not.
+    pub checks: Vec<VerifiedCheck>,
     /// Whether all is as it should be: no problem, nothing unverified, no replay that differs, and
     /// no interruption.
     pub is_verified: bool,
@@ -103,6 +117,17 @@ pub struct VerifiedRun {
     /// Differences between the build that made the run and this program. Results can differ between
     /// builds.
     pub build_differences: Vec<String>,
+}
+
+/// A check of requirements, verified.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct VerifiedCheck {
+    /// Its folder in the folder of evidence.
+    pub folder: String,
+    /// Number of verdicts that were derived from the runs again.
+    pub verdicts: u64,
+    /// Number of counterexamples that were replayed.
+    pub replayed: u64,
 }
 
 /// A simulation that was replayed.

@@ -75,8 +75,8 @@ pub use catalog::{
     Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,
 };
 pub use check::{
-    Check, CheckCell, CheckCounterexample, CheckRun, CheckedController, CheckedRequirement, CheckedValue,
-    NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED,
+    Check, CheckCell, CheckCounterexample, CheckCounts, CheckRun, CheckedController, CheckedRequirement,
+    CheckedValue, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED,
 };
 pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
 pub use controller::{Controller, ControllerExport, ControllerImport, Validation};
@@ -85,7 +85,8 @@ pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
 pub use evidence::{
-    Evidence, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation, VerifiedRun,
+    Evidence, EvidenceCheck, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation,
+    VerifiedCheck, VerifiedRun,
 };
 pub use explanation::{
     Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation, LogExplanations,

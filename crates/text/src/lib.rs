@@ -8,6 +8,7 @@ mod invisible;
 mod number;
 mod path;
 mod shell_quote;
+mod xml;
 
 pub use ends::first_and_last_line;
 pub use instant::instant;
@@ -17,3 +18,4 @@ pub use number::{
 };
 pub use path::path_text;
 pub use shell_quote::shell_quote;
+pub use xml::xml_text;

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 use mishandle::Plan;
-use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check, file_digest};
+use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check};
 use mishandle::plan::FalsifyPlan;
 use mishandle::requirements::{TEMPLATES, template};
 use mishandle::results::{Check, NOT_APPLICABLE, Severity};
@@ -30,8 +30,9 @@ All requirements share the simulations of random scenarios. Then a search tries 
 requirement that they do not violate. A requirement with max-failure-rate has no search: random
 scenarios decide whether the rate is below or above it.
 
-The folder contains the run files, a counterexample for each violation, check.json, junit.xml,
-report.md and report.html. The same command continues an interrupted check.
+The folder contains the requirements, the run files, a counterexample for each violation,
+check.json, junit.xml, report.md and report.html. The same command continues an interrupted check,
+and `mishandle evidence FOLDER` packs all of it for others.
 
 Exit code 0 means that no requirement is violated, 1 that at least one of --fail-on is, 2 that one
 of them could not be checked. docs/guide/check.md describes the file.")]
@@ -112,12 +113,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let subjects: Vec<CheckSubject> = std::iter::once(subject(first.clone())).chain(further).collect();
     let names: BTreeSet<&str> = subjects.iter().map(|subject| subject.plan.controller.as_str()).collect();
     ensure!(names.len() == subjects.len(), "a controller is given twice");
-    let digest = file_digest(&text);
     let defaults = FalsifyPlan::default();
     let settings = CheckSettings {
         file: &file,
         path,
-        digest: &digest,
+        text: &text,
         episodes: command.episodes,
         trials: command.trials,
         budget: command.budget,
@@ -134,12 +134,15 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bar.set_note(progress.phase.clone());
         control_flow()
     });
-    bar.clear();
     let Some(found) = found? else {
+        bar.clear();
         output::message("Interrupted. The same command continues the check.");
         return Ok(ExitStatus::Interrupted);
     };
-    let page = check_reports::write(&found, out)?;
+    bar.set_note("pictures".to_string());
+    let page = check_reports::write(&found, out, &mut || control_flow().is_break());
+    bar.clear();
+    let page = page?;
     if command.run.json {
         output::json(&found)?;
     } else {

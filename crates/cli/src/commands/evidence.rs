@@ -18,6 +18,7 @@ use crate::{interrupt, run};
 #[command(after_help = "Examples:
   mishandle evidence runs/RUN.sqlite --out evidence
   mishandle evidence runs/A.sqlite runs/B.sqlite --out evidence --key ~/.ssh/id_ed25519
+  mishandle evidence checked --out evidence         the folder of `mishandle check`, whole
   mishandle evidence verify evidence --allowed-signers signers.txt --replay 0.05
 
 The folder has the run files, a page about each, the files of their targets and controllers, a
@@ -27,7 +28,7 @@ how to verify a folder with and without this program.")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Option<EvidenceCommand>,
-    /// Run files
+    /// Run files, and folders of `mishandle check`
     #[arg(value_name = "RUN", required = true)]
     pub runs: Vec<PathBuf>,
     /// Folder to create

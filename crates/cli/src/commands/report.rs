@@ -3,9 +3,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
+use mishandle::results::Check;
 use mishandle::train::Curve;
 use mishandle_report::{
-    LogSection, Samples, check_page, hardening_page, learning_curve_page, log_page, markdown, page,
+    CheckFigures, LogSection, Samples, check_markdown, check_page, hardening_page, learning_curve_page,
+    log_page, markdown, page,
 };
 use mishandle_text::{path_text, shell_quote};
 
@@ -42,8 +44,9 @@ pub struct Arguments {
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
     #[arg(long, value_name = "FILE", required_unless_present = "markdown")]
     pub out: Option<PathBuf>,
-    /// Markdown file to create about run files, for a pull request or a README: verdict, rates,
-    /// failure modes, and success over the range of each axis. Without --out, nothing is simulated
+    /// Markdown file to create about run files or a check, for a pull request or a README: verdict,
+    /// rates, failure modes, and success over the range of each axis. Without --out, nothing is
+    /// simulated
     #[arg(long, value_name = "FILE", conflicts_with_all = flags::OF_LOGS)]
     pub markdown: Option<PathBuf>,
     /// Overwrite the files of --out and --markdown
@@ -107,18 +110,21 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         skip_check: command.skip_check,
         force: command.force,
     };
+    if let [folder] = &command.runs[..]
+        && folder.is_dir()
+        && let Some(found) = mishandle::check::finished(folder)?
+    {
+        return write_check(&found, command, &options);
+    }
     let is_run = |path: &PathBuf| !path.is_dir() && !is_curve(path);
     if command.markdown.is_some()
         && let Some(other) = command.runs.iter().find(|path| !is_run(path))
     {
-        bail!("--markdown writes about run files; {} is none", other.display());
+        bail!("--markdown writes about run files and checks; {} is neither", other.display());
     }
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
-        if let Some(found) = mishandle::check::finished(folder)? {
-            return write(&check_page(&found), command);
-        }
         if let Some(is_finished) = is_hardening(folder) {
             return write_hardening(folder, is_finished, command, &options);
         }
@@ -189,6 +195,20 @@ fn write_hardening(
     };
     options.clear();
     write(&hardening_page(&found, &failures, &reports, None), command)
+}
+
+/// Writes the reports about the requirements of a file.
+fn write_check(found: &Check, command: &Arguments, options: &pages::Options<'_>) -> Result<ExitStatus> {
+    if let Some(file) = &command.markdown {
+        write_file(file, &check_markdown(found), command)?;
+    }
+    if command.out.is_none() {
+        return Ok(ExitStatus::Done);
+    }
+    let mut must_end = || run::control_flow().is_break();
+    let figures = options.simulations.map(|_| CheckFigures::draw(found, &mut must_end));
+    options.clear();
+    write(&check_page(found, &figures.unwrap_or_default()), command)
 }
 
 /// Writes the page about a learning curve.

@@ -19,8 +19,13 @@ pub fn text(found: &Evidence) -> String {
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(rows).collect();
     let signed =
         found.signer.as_ref().map_or("not signed".to_string(), |key| format!("signed by {}", signer(key)));
+    let checks: String = found
+        .checks
+        .iter()
+        .map(|check| format!("\n\n{}: {}", escape::name(&check.folder), escape::name(&check.verdicts)))
+        .collect();
     format!(
-        "{}\n\n{}: {}, {} kB, {signed}",
+        "{}{checks}\n\n{}: {}, {} kB, {signed}",
         output::table(&rows),
         escape::name(&found.folder),
         plural(found.files, "file"),
@@ -65,6 +70,14 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
             lines.push(format!("  {} more", run.replayed.len() - MAX_LINES));
         }
     }
+    lines.extend(found.checks.iter().map(|check| {
+        let (verdicts, replayed) =
+            (plural(check.verdicts, "verdict"), plural(check.replayed, "counterexample"));
+        format!(
+            "{}: {verdicts} derived again from the runs, {replayed} replayed",
+            escape::name(&check.folder)
+        )
+    }));
     lines.extend(
         found.problems.iter().take(MAX_LINES).map(|problem| format!("problem: {}", escape::name(problem))),
     );

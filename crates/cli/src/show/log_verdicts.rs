@@ -1,7 +1,7 @@
 //! Verdicts on recorded logs: as text, Markdown and JUnit.
 
 use mishandle::results::{LogVerdict, Number, Severity};
-use mishandle_text::number_text;
+use mishandle_text::{number_text, xml_text};
 
 use super::{escape, output};
 
@@ -150,7 +150,7 @@ pub fn markdown(found: &[LogVerdict]) -> String {
 }
 
 /// Escapes what is a cell or a tag in Markdown. The `<` of a formula stays.
-pub(super) fn without_tags(cell: &str) -> String {
+fn without_tags(cell: &str) -> String {
     let mut escaped = String::new();
     let mut rest = cell.chars().peekable();
     while let Some(character) = rest.next() {
@@ -179,42 +179,26 @@ pub fn junit(found: &[LogVerdict]) -> String {
         let failures = cases.iter().copied().filter(|case| case.fails()).count();
         text += &format!(
             "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failures}\">\n",
-            xml(log),
+            xml_text(log),
             cases.len()
         );
         for case in cases {
-            let name = xml(case.name.as_deref().unwrap_or(&case.formula));
-            text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml(log));
+            let name = xml_text(case.name.as_deref().unwrap_or(&case.formula));
+            text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml_text(log));
             let message = format!("{}\n{}", case.formula, self::text(case));
             if case.fails() {
                 let summary = format!("robustness {}", number_text(case.robustness.0));
-                text +=
-                    &format!("      <failure message=\"{}\">{}</failure>\n", xml(&summary), xml(&message));
+                text += &format!(
+                    "      <failure message=\"{}\">{}</failure>\n",
+                    xml_text(&summary),
+                    xml_text(&message)
+                );
             } else {
-                text += &format!("      <system-out>{}</system-out>\n", xml(&message));
+                text += &format!("      <system-out>{}</system-out>\n", xml_text(&message));
             }
             text += "    </testcase>\n";
         }
         text += "  </testsuite>\n";
     }
     text + "</testsuites>\n"
-}
-
-/// Escapes a text for XML, which allows no control characters.
-pub(super) fn xml(text: &str) -> String {
-    let mut escaped = String::new();
-    for character in text.chars() {
-        match character {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\n' => escaped.push('\n'),
-            _ if character.is_control() || matches!(character, '\u{fffe}' | '\u{ffff}') => {
-                escaped.push('\u{fffd}');
-            }
-            _ => escaped.push(character),
-        }
-    }
-    escaped
 }

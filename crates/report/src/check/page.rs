@@ -3,11 +3,12 @@
 use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckedRequirement, NOT_VIOLATED, VIOLATED};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 
+use super::{CheckFigures, counts, marked_verdict};
 use crate::html::{lines, number, percent, table, text};
 use crate::page::Document;
 
 /// Returns the page about a check: one HTML file without scripts, which loads nothing.
-pub fn check_page(found: &Check) -> String {
+pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
     let title = text(found.title.as_deref().unwrap_or(&found.target));
     let mut body = format!("<section>\n<h2>{title}</h2>\n");
     body.extend(found.notice.as_ref().map(|notice| format!("<p><strong>{}</strong></p>\n", text(notice))));
@@ -18,7 +19,8 @@ pub fn check_page(found: &Check) -> String {
         found.cells.len(),
         matrix(found)
     );
-    body.extend((1..).zip(&found.requirements).map(|(id, requirement)| section(found, requirement, id)));
+    let requirements = (1..).zip(&found.requirements);
+    body.extend(requirements.map(|(id, requirement)| section(found, requirement, id, figures)));
     body += &format!("<section>\n<h2>What was tested</h2>\n{}{}</section>\n", facts(found), runs(found));
     Document { title: &title, up: None, body: &body }.html()
 }
@@ -34,17 +36,15 @@ fn matrix(found: &Check) -> String {
             requirement.severity.name().to_string(),
             clauses(requirement),
         ];
-        cells.extend(cells_of(found, requirement).map(|cell| {
-            let violations = match cell.simulations {
-                0 => String::new(),
-                all => format!(" ({} of {all})", cell.violated),
-            };
-            format!("{}{violations}", judgment(found, cell))
-        }));
+        cells.extend(
+            cells_of(found, requirement)
+                .map(|cell| format!("{}<br><small>{}</small>", judgment(found, cell), counts(cell))),
+        );
         cells
     };
     let rows: Vec<Vec<String>> = (1..).zip(&found.requirements).map(row).collect();
-    table("Requirements and controllers: verdict, violations of simulations", &head, &rows)
+    let caption = "Requirements and controllers: verdict, violations of random scenarios and of scenarios that a search chose";
+    table(caption, &head, &rows)
 }
 
 fn cells_of<'a>(
@@ -68,23 +68,27 @@ fn clauses(requirement: &CheckedRequirement) -> String {
 fn judgment(found: &Check, cell: &CheckCell) -> String {
     let class = match cell.verdict.as_str() {
         VIOLATED if found.fails(cell) => "fail",
-        NOT_VIOLATED => "pass",
-        _ => return text(&cell.verdict),
+        NOT_VIOLATED if !cell.is_untested() => "pass",
+        _ => return text(&marked_verdict(found, cell)),
     };
     format!("<span class=\"{class}\">{}</span>", text(&cell.verdict))
 }
 
 /// Returns the section of a requirement.
-fn section(found: &Check, requirement: &CheckedRequirement, id: usize) -> String {
+fn section(found: &Check, requirement: &CheckedRequirement, id: usize, figures: &CheckFigures) -> String {
     let mut out = format!("<section class=\"run\" id=\"q{id}\">\n<h2>{}</h2>\n", text(&requirement.name));
     out.extend(requirement.text.as_ref().map(|words| format!("<p>{}</p>\n", text(words))));
-    out += &format!("<p class=\"requirement\"><b>Formula:</b> {}</p>\n", in_words(&requirement.formula));
+    out +=
+        &format!("<p class=\"requirement\"><b>Formula:</b> {}</p>\n", in_words(requirement.formula_text()));
     let mut facts = vec![
         ("severity", requirement.severity.name().to_string()),
         ("clause", clauses(requirement)),
         ("scenario space", format!("<code>{}</code>", text(&requirement.space))),
-        ("formula as text", format!("<code>{}</code>", text(&requirement.formula))),
+        ("formula as text", format!("<code>{}</code>", text(requirement.formula_text()))),
     ];
+    let name =
+        requirement.named_formula.as_ref().map(|_| format!("<code>{}</code>", text(&requirement.formula)));
+    facts.extend(name.map(|name| ("name of the formula", name)));
     facts.extend(requirement.source.as_ref().map(|source| ("source of the numbers", text(source))));
     facts.extend(requirement.max_failure_rate.map(|limit| ("largest failure rate", percent(limit))));
     out += &list(&facts);
@@ -95,14 +99,16 @@ fn section(found: &Check, requirement: &CheckedRequirement, id: usize) -> String
         };
         out += &format!("<h3>{controller}{}</h3>\n<p>{}.</p>\n", judgment(found, cell), text(&cell.evidence));
         out.extend(cell.counterexample.as_ref().map(|violation| counterexample(found, violation)));
+        out += &figures.html(cell);
     }
     out + "</section>\n"
 }
 
-/// Returns a formula in words, or its text if it is the name of a formula.
+/// Returns a formula in words, or its text if it cannot be explained.
 fn in_words(formula: &str) -> String {
-    let words = Formula::parse(formula).ok().filter(|found| found.signals() != [formula]);
-    let words = words.and_then(|found| found.explain(&Clock::unknown(), EvaluationTime::Start, |_| "").ok());
+    let words = Formula::parse(formula)
+        .ok()
+        .and_then(|found| found.explain(&Clock::unknown(), EvaluationTime::Start, |_| "").ok());
     match words {
         Some(words) => format!("<span class=\"words\">{}</span>", lines(&words)),
         None => format!("<code>{}</code>", text(formula)),

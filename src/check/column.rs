@@ -1,0 +1,86 @@
+//! The runs of a check for one controller, and what they say.
+
+use std::path::Path;
+
+use mishandle_results as results;
+use mishandle_results::CheckRun;
+use mishandle_store::RunFile;
+use mishandle_text::path_text;
+
+use super::checker::Checker;
+use super::folder::run_file;
+use super::row::{self, Row};
+use super::{CheckProgress, Watch};
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+use crate::run::{Engine, Progress, ask, continue_run};
+
+/// The runs and the cells of one controller.
+pub(super) struct Column {
+    pub runs: Vec<CheckRun>,
+    pub cells: Vec<results::CheckCell>,
+}
+
+impl Checker<'_> {
+    /// Runs what is missing. Returns `None` if it was interrupted.
+    pub(super) fn run(&self, watch: Watch<'_>) -> Result<Option<Column>, MishandleError> {
+        let mut rows: Vec<Row> = self.asked.iter().map(|asked| Row::new(&asked.written.name)).collect();
+        let mut runs = Vec::new();
+        for resolved in &self.random {
+            let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
+            let Some(run) = self.ask(resolved, &path, "random scenarios", watch)? else { return Ok(None) };
+            row::add(&mut rows, &run, true)?;
+            runs.push(check_run(&run, "random", None)?);
+        }
+        for (index, asked) in self.asked.iter().enumerate() {
+            let Some(resolved) = &asked.search else { continue };
+            // A violation is known already, also from the search for another one.
+            if rows[index].violated() > 0 {
+                continue;
+            }
+            let name = &asked.written.name;
+            let path = run_file(self.folder, &self.label, "search", name);
+            let Some(run) = self.ask(resolved, &path, &format!("search for {name}"), watch)? else {
+                return Ok(None);
+            };
+            row::add(&mut rows, &run, false)?;
+            runs.push(check_run(&run, "search", Some(name.clone()))?);
+        }
+        let cells: Result<Vec<_>, MishandleError> =
+            self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
+        Ok(Some(Column { runs, cells: cells? }))
+    }
+
+    /// Asks the question of a plan, or continues its run. Returns `None` if it was interrupted.
+    fn ask(
+        &self,
+        resolved: &ResolvedPlan,
+        path: &Path,
+        what: &str,
+        watch: Watch<'_>,
+    ) -> Result<Option<RunFile>, MishandleError> {
+        let run = continue_run(resolved, path)?;
+        let phase = format!("{}: {what}", self.label);
+        let mut watch = |progress: &Progress| {
+            let Progress { simulations: done, max_simulations: all, .. } = *progress;
+            watch(&CheckProgress { phase: phase.clone(), done, all })
+        };
+        let answer = ask(resolved, run, Engine::Direct, &mut watch)?;
+        match answer.is_complete() {
+            true => Ok(Some(RunFile::open_unchecked(path)?)),
+            false => Ok(None),
+        }
+    }
+}
+
+/// Describes a run.
+fn check_run(run: &RunFile, kind: &str, requirement: Option<String>) -> Result<CheckRun, MishandleError> {
+    Ok(CheckRun {
+        run: path_text(run.path()),
+        kind: kind.to_string(),
+        space: run.header().space.clone(),
+        requirement,
+        simulations: run.counts()?.simulations,
+        digest: format!("{:032x}", run.content_digest()?),
+    })
+}

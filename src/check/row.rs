@@ -1,0 +1,264 @@
+//! The verdict of a requirement, from the simulations of all runs.
+
+use std::path::PathBuf;
+
+use mishandle_evaluation::clopper_pearson;
+use mishandle_results as results;
+use mishandle_results::{
+    CheckCell, CheckCounts, Estimate, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Number, VIOLATED,
+};
+use mishandle_store::RunFile;
+use mishandle_text::{decimal, number_text, plural};
+
+use crate::error::MishandleError;
+use crate::inspect::requirements;
+
+/// Two one-sided 95 % bounds.
+const CONFIDENCE: f64 = 0.9;
+
+/// Numbers and the worst simulation of all runs for a requirement.
+#[derive(Debug, Default)]
+pub(super) struct Row {
+    /// Name of the requirement.
+    name: String,
+    random: CheckCounts,
+    searched: CheckCounts,
+    minimum: Option<Number>,
+    maximum: Option<Number>,
+    /// Whether the scenarios of a run can differ.
+    varies: bool,
+    /// Path, trial and number of the simulation with the minimum robustness.
+    pub worst: Option<(PathBuf, u32, u32)>,
+}
+
+impl Row {
+    pub fn new(name: &str) -> Row {
+        Row { name: name.to_string(), ..Row::default() }
+    }
+
+    /// Adds a run with `all` simulations.
+    fn add(&mut self, found: &results::Requirement, all: u64, run: &RunFile, is_random: bool) {
+        let counts = if is_random { &mut self.random } else { &mut self.searched };
+        counts.simulations += found.simulations;
+        counts.violated += found.violated;
+        counts.without_verdict += all - found.simulations;
+        self.varies |= run.header().axes.iter().any(|axis| axis.low < axis.high);
+        let place = found.minimum_robustness.zip(found.trial.zip(found.simulation));
+        if let Some((robustness, (trial, number))) = place
+            && self.minimum.is_none_or(|least| robustness.0.total_cmp(&least.0).is_lt())
+        {
+            self.minimum = Some(robustness);
+            self.worst = Some((run.path().to_path_buf(), trial, number));
+        }
+        let most = found.maximum_robustness.into_iter().chain(self.maximum);
+        self.maximum = most.max_by(|a, b| a.0.total_cmp(&b.0));
+    }
+
+    /// Returns the number of simulations that violate it.
+    pub fn violated(&self) -> u64 {
+        self.random.violated + self.searched.violated
+    }
+
+    fn simulations(&self) -> u64 {
+        self.random.simulations + self.searched.simulations
+    }
+
+    fn without_verdict(&self) -> u64 {
+        self.random.without_verdict + self.searched.without_verdict
+    }
+
+    /// Returns whether no scenario changes the robustness.
+    fn is_constant(&self) -> bool {
+        let same = |(least, most): (Number, Number)| least.0.total_cmp(&most.0).is_eq();
+        self.varies && self.simulations() > 1 && self.minimum.zip(self.maximum).is_some_and(same)
+    }
+
+    /// Returns the failure rate of the random scenarios. Those without a verdict widen the
+    /// interval.
+    fn failure_rate(&self) -> Estimate {
+        let CheckCounts { simulations, violated, without_verdict } = self.random;
+        let all = simulations + without_verdict;
+        let low = clopper_pearson(violated, all, CONFIDENCE).low;
+        let high = clopper_pearson(violated + without_verdict, all, CONFIDENCE).high;
+        let value = (simulations > 0).then(|| violated as f64 / simulations as f64);
+        Estimate { value, low, high, n: simulations }
+    }
+
+    /// Returns the cell of a requirement with its largest failure rate, without a counterexample.
+    pub fn cell(&self, controller: &str, missing_signals: &[String], limit: Option<f64>) -> CheckCell {
+        let is_applicable = missing_signals.is_empty();
+        let (verdict, evidence) = match is_applicable {
+            true => self.verdict(limit),
+            false => (NOT_APPLICABLE, format!("the target has no signal {}", missing_signals.join(", "))),
+        };
+        CheckCell {
+            requirement: self.name.clone(),
+            controller: controller.to_string(),
+            verdict: verdict.to_string(),
+            evidence,
+            missing_signals: missing_signals.to_vec(),
+            random: self.random,
+            searched: self.searched,
+            failure_rate: is_applicable.then(|| self.failure_rate()),
+            minimum_robustness: self.minimum,
+            is_constant: self.is_constant(),
+            counterexample: None,
+        }
+    }
+
+    /// Returns the verdict and its evidence in a sentence.
+    fn verdict(&self, limit: Option<f64>) -> (&'static str, String) {
+        let (verdict, mut sentence) = match limit {
+            _ if self.simulations() == 0 => {
+                let all = plural(self.without_verdict(), "simulation");
+                return (NO_VERDICT, format!("none of {all} has a verdict"));
+            }
+            Some(limit) => self.verdict_of_rate(limit),
+            None if self.violated() > 0 => (VIOLATED, self.violations()),
+            None => self.verdict_without_violation(),
+        };
+        if self.without_verdict() > 0 {
+            sentence += &format!("; {} without a verdict", plural(self.without_verdict(), "simulation"));
+        }
+        if let (NOT_VIOLATED, true, Some(robustness)) = (verdict, self.is_constant(), self.minimum) {
+            sentence += &format!(
+                "; nothing was tested: the robustness is {} in every simulation, so it cannot be violated here",
+                number_text(robustness.0)
+            );
+        }
+        (verdict, sentence)
+    }
+
+    fn verdict_of_rate(&self, limit: f64) -> (&'static str, String) {
+        let rate = self.failure_rate();
+        let (low, high) = (rate.low.unwrap_or(0.0), rate.high.unwrap_or(1.0));
+        let of = self.of_random();
+        let between =
+            format!("a failure rate from {} to {} (each bound with 95 %)", percent(low), percent(high));
+        let limit_text = percent(limit);
+        if low > limit {
+            (VIOLATED, format!("{of}: {between}, above the limit of {limit_text}"))
+        } else if high <= limit {
+            (NOT_VIOLATED, format!("{of}: {between}, within the limit of {limit_text}"))
+        } else {
+            (NO_VERDICT, format!("{of}: {between} does not decide about the limit of {limit_text}"))
+        }
+    }
+
+    fn violations(&self) -> String {
+        match self.random.violated {
+            0 => {
+                let found = plural(self.searched.violated, "violation");
+                format!("searches found {found} in {}", plural(self.searched.simulations, "simulation"))
+            }
+            _ => {
+                let low = self.failure_rate().low.unwrap_or(0.0);
+                format!("{}: a failure rate of at least {} (95 %)", self.of_random(), percent(low))
+            }
+        }
+    }
+
+    fn of_random(&self) -> String {
+        let CheckCounts { simulations, violated, .. } = self.random;
+        format!("{violated} of {} violate it", plural(simulations, "random scenario"))
+    }
+
+    /// A simulation without a verdict can hide a violation.
+    fn verdict_without_violation(&self) -> (&'static str, String) {
+        let searched = match self.searched.simulations {
+            0 => String::new(),
+            searched => format!(" and {searched} of searches"),
+        };
+        let none =
+            format!("no violation in {}{searched}", plural(self.random.simulations, "random simulation"));
+        if self.without_verdict() > 0 {
+            return (
+                NO_VERDICT,
+                format!("{none}, but not all have a verdict and there is no max-failure-rate"),
+            );
+        }
+        let high = percent(self.failure_rate().high.unwrap_or(1.0));
+        (NOT_VIOLATED, format!("{none}: a failure rate of at most {high} in random scenarios (95 %)"))
+    }
+}
+
+/// Adds what a run says about the requirements in its space.
+pub(super) fn add(rows: &mut [Row], run: &RunFile, is_random: bool) -> Result<(), MishandleError> {
+    let all = run.counts()?.simulations;
+    let found = requirements(run)?.unwrap_or_default();
+    for row in rows {
+        if let Some(found) = found.iter().find(|found| found.name == row.name) {
+            row.add(found, all, run, is_random);
+        }
+    }
+    Ok(())
+}
+
+/// Formats a share. Small ones keep two digits.
+fn percent(share: f64) -> String {
+    let value = 100.0 * share;
+    let decimals = if value == 0.0 || value >= 1.0 { 1 } else { (-value.log10()).ceil() as usize + 1 };
+    // More digits would be unreadable.
+    if decimals > 9 { number_text(share) } else { format!("{} %", decimal(value, decimals)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(random: [u64; 3], searched: [u64; 3]) -> Row {
+        let counts = |[simulations, violated, without_verdict]: [u64; 3]| CheckCounts {
+            simulations,
+            violated,
+            without_verdict,
+        };
+        Row { random: counts(random), searched: counts(searched), ..Row::default() }
+    }
+
+    #[test]
+    fn without_a_violation_the_rate_has_the_bound_of_the_rule_of_three() {
+        let found = row([299, 0, 0], [300, 0, 0]);
+        // 299 simulations without a failure are the fewest that show a rate below 1 %.
+        assert!(found.failure_rate().high.expect("simulated") < 0.01);
+        assert_eq!(found.verdict(None).0, NOT_VIOLATED);
+        assert_eq!(found.verdict(Some(0.01)).0, NOT_VIOLATED);
+        assert_eq!(row([298, 0, 0], [0; 3]).verdict(Some(0.01)).0, NO_VERDICT);
+    }
+
+    #[test]
+    fn a_limit_is_violated_only_if_the_rate_is_surely_above_it() {
+        // The upper bounds of 1 and 2 of 100 are 4.7 % and 6.2 %: the 95 % quantiles of the beta
+        // distributions (2, 99) and (3, 98).
+        assert_eq!(row([100, 1, 0], [0; 3]).verdict(Some(0.05)).0, NOT_VIOLATED);
+        assert_eq!(row([100, 2, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
+        assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, VIOLATED);
+        assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, VIOLATED);
+    }
+
+    #[test]
+    fn a_share_is_never_shown_as_zero() {
+        assert_eq!([0.25, 1e-9, 1e-320].map(percent), ["25.0 %", "0.00000010 %", "1e-320"]);
+    }
+
+    #[test]
+    fn a_simulation_without_a_verdict_never_helps() {
+        let (clean, unclear) = (row([1000, 0, 0], [0; 3]), row([900, 0, 100], [0; 3]));
+        assert_eq!(clean.verdict(Some(0.05)).0, NOT_VIOLATED);
+        assert_eq!(unclear.verdict(Some(0.05)).0, NO_VERDICT);
+        // Without a limit, one is enough, also of a search.
+        assert_eq!(clean.verdict(None).0, NOT_VIOLATED);
+        for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [5, 0, 1])] {
+            let (verdict, evidence) = found.verdict(None);
+            assert_eq!(verdict, NO_VERDICT);
+            assert!(evidence.ends_with("; 1 simulation without a verdict"), "{evidence}");
+        }
+        // With a limit, it counts as a violation.
+        assert_eq!(row([999, 0, 1], [0; 3]).verdict(Some(0.05)).0, NOT_VIOLATED);
+        // It takes no violation away.
+        assert_eq!(row([900, 1, 100], [0; 3]).verdict(None).0, VIOLATED);
+        assert_eq!(
+            row([0, 0, 10], [0, 0, 5]).verdict(None),
+            (NO_VERDICT, "none of 15 simulations has a verdict".into())
+        );
+    }
+}
