@@ -12,6 +12,8 @@ use super::folder::{counterexample_file, create_folder, write};
 use super::row::Row;
 use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
+use crate::plan::Plan;
+use crate::portable::copy_target;
 use crate::replay::replay_command;
 use crate::resolve::{ResolvedPlan, is_python};
 
@@ -74,9 +76,15 @@ impl Checker<'_> {
         create_folder(path.parent().unwrap_or(self.folder))?;
         write(&path, counterexample.to_json().as_bytes())?;
         if !is_python(&header.target.kind) {
+            // A target file is looked up beside the counterexample, with its files.
+            let copied = copy_target(&alone.plan, path.parent().unwrap_or(self.folder));
+            let is_there = copied.is_ok_and(|files| !files.is_empty());
             found.replay = format!("mishandle replay {}", shell_quote(&path_text(&path)));
-            if counterexample.plan.controller.starts_with("./") {
-                found.replay += &format!(" --controller {}", shell_quote(&self.plan.controller));
+            let Plan { controller, target, .. } = &counterexample.plan;
+            let now =
+                [("controller", controller, &self.plan.controller), ("target", target, &self.plan.target)];
+            for (flag, _, path) in now.iter().filter(|(_, name, _)| name.starts_with("./") && !is_there) {
+                found.replay += &format!(" --{flag} {}", shell_quote(path));
             }
         }
         found.file = Some(path_text(&path));

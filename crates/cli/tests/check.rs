@@ -169,6 +169,43 @@ fn a_check_is_evidence_that_others_verify() {
 }
 
 #[test]
+fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
+    let bench = Bench::new();
+    let model = "<mujoco><worldbody><body><joint name='hinge' axis='0 1 0'/>\
+                 <geom type='capsule' fromto='0 0 0 0 0 0.6' size='0.02'/></body></worldbody>\
+                 <actuator><motor joint='hinge'/></actuator></mujoco>";
+    std::fs::create_dir(bench.path("own")).unwrap();
+    bench.write("own/pole.xml", model);
+    bench.write(
+        "own/pole.toml",
+        "format = 1\nname = 'pole'\nmodel.file = 'pole.xml'\ncontrol = { period = 0.02, steps = 20 }\n\
+         start = { hinge = 'tilt' }\nobservation = { angle = \"qpos('hinge')\" }\n\
+         policy = { expression = '0 * angle', action = 'action' }\n\
+         signals = { lean = { value = \"abs(qpos('hinge'))\", unit = 'rad' } }\n\
+         axes = { tilt = { range = [-0.3, 0.3], unit = 'rad' } }\nformulas = { upright = 'always(lean <= 1)' }\n",
+    );
+    bench.write("requirements.toml", "[[requirement]]\nname = \"R-1\"\nformula = \"always(lean <= 0.01)\"\n");
+    let command =
+        "check own/pole.toml --requirements requirements.toml --episodes 4 --budget 4 --out checked --json";
+    let found = bench.json(command, 1);
+    let replay = |found: &serde_json::Value| {
+        let command = found["cells"][0]["counterexample"]["replay"].as_str().unwrap();
+        command.strip_prefix("mishandle ").unwrap().to_string()
+    };
+    bench.check(&replay(&found), 0);
+    let page = std::fs::read_to_string(bench.path("checked/report.html")).unwrap();
+    assert!(page.contains("<svg") && !page.contains("There is no picture"), "{page}");
+    // In a folder of evidence, with its files alone.
+    bench.check("evidence checked --out ev", 0);
+    for folder in ["checked", "own"] {
+        std::fs::remove_dir_all(bench.path(folder)).unwrap();
+    }
+    let text = std::fs::read_to_string(bench.path("ev/checks/checked/check.json")).unwrap();
+    let command = replay(&serde_json::from_str(&text).unwrap()).replace("checks/", "ev/checks/");
+    bench.check(&command.replace("files/", "ev/files/"), 0);
+}
+
+#[test]
 fn logs_and_targets_read_the_same_file() {
     let bench = Bench::new();
     let text = FINE.replace("always(X >= -10)", "always[0:0.5](distance >= 2)")

@@ -4,12 +4,14 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
+use mishandle::Plan;
 use mishandle::check::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, differences, moved, to_json};
 use mishandle::counterexample::Counterexample;
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::{Check, VerifiedCheck};
 use mishandle::store::RunFile;
 use mishandle_report::{CHECK_REPORTS, CheckFigures, check_reports, check_summary};
+use mishandle_text::shell_quote;
 
 use crate::error::EvidenceError;
 use crate::layout::CHECKS;
@@ -39,7 +41,15 @@ pub(crate) fn write(
         None => files.iter().find(|(file, _)| file == path).map(|(_, place)| place.clone()),
     };
     let found = moved(found, &place, |path| now(path).unwrap_or_default());
-    let found = Check { requirements_file: format!("{place}/{REQUIREMENTS}"), ..found };
+    let mut found = Check { requirements_file: format!("{place}/{REQUIREMENTS}"), ..found };
+    for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
+        let Some(file) = &violation.file else { continue };
+        let then = files.iter().find(|(_, place)| place == file).map(|(then, _)| Path::new(then));
+        let run = runs.iter().find(|run| run.file == violation.run);
+        if let (Some(then), Some(own)) = (then, run.and_then(|run| run.files.as_ref())) {
+            violation.replay = replay(file, &Counterexample::read(then)?.plan, own);
+        }
+    }
     let create = |path: &Path| fs::create_dir_all(path).map_err(EvidenceError::file(path));
     create(&home.join(&place))?;
     if !files.is_empty() {
@@ -63,6 +73,16 @@ pub(crate) fn write(
         runs: runs.iter().map(|run| run.file.clone()).collect(),
         counterexamples: files.into_iter().map(|(_, place)| place).collect(),
     })
+}
+
+/// Returns the command that replays a counterexample with the files of its run in the folder `own`.
+fn replay(file: &str, plan: &Plan, own: &str) -> String {
+    let flags = [("controller", &plan.controller), ("target", &plan.target)];
+    let moved = flags.into_iter().filter_map(|(flag, name)| {
+        let place = format!("{own}/{}", name.strip_prefix("./")?);
+        Some(format!(" --{flag} {}", shell_quote(&place)))
+    });
+    format!("mishandle replay {}{}", shell_quote(file), moved.collect::<String>())
 }
 
 /// Returns the files of a check, without its runs.
