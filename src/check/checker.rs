@@ -43,8 +43,7 @@ impl<'a> Checker<'a> {
         settings: &'a CheckSettings<'a>,
         folder: &'a Path,
     ) -> Result<Checker<'a>, MishandleError> {
-        let others = subject.plan.clone().only(RunKind::Evaluate);
-        let plan = Plan { evaluate: None, harden: None, screening: None, ..others };
+        let plan = Plan { screening: None, ..subject.plan.clone().without_questions() };
         let target = match &subject.target {
             Some(target) => target.clone(),
             None => target(&plan)?,

@@ -369,12 +369,10 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         seed: recorded.seed,
         // The trace has the signals of the run.
         careful: header.formulas.iter().any(|formula| formula.name == "careful"),
-        evaluate: None,
         falsify: Some(falsify),
-        risk: None,
-        harden: None,
-        margin: None,
-        ..recorded_plan
+        // The scenarios have the axes of its space.
+        metamorphic: recorded_plan.metamorphic.clone(),
+        ..recorded_plan.without_questions()
     };
     let value = |(axis, value): (&AxisRecord, &Option<f64>)| AxisValue {
         axis: axis.name.clone(),

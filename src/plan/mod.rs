@@ -416,15 +416,31 @@ impl Plan {
         tables.into_iter().find(|(_, is_given)| *is_given).map_or(RunKind::Evaluate, |(kind, _)| kind)
     }
 
-    /// Removes the tables of other questions, also of a comparison.
-    pub fn only(mut self, kind: RunKind) -> Plan {
-        self.compare = None;
-        self.evaluate = self.evaluate.filter(|_| kind == RunKind::Evaluate);
-        self.falsify = self.falsify.filter(|_| kind == RunKind::Falsify);
-        self.margin = self.margin.filter(|_| kind == RunKind::Margin);
-        self.metamorphic = self.metamorphic.filter(|_| kind == RunKind::Metamorphic);
-        self.risk = self.risk.filter(|_| kind == RunKind::Risk);
-        self
+    /// Removes the tables of all questions, also of a comparison and of a hardening.
+    pub fn without_questions(self) -> Plan {
+        Plan {
+            evaluate: None,
+            compare: None,
+            falsify: None,
+            margin: None,
+            metamorphic: None,
+            risk: None,
+            harden: None,
+            ..self
+        }
+    }
+
+    /// Removes the tables of other questions.
+    pub fn only(self, kind: RunKind) -> Plan {
+        let Plan { evaluate, falsify, margin, metamorphic, risk, .. } = self.clone();
+        let others = self.without_questions();
+        match kind {
+            RunKind::Evaluate => Plan { evaluate, ..others },
+            RunKind::Falsify => Plan { falsify, ..others },
+            RunKind::Margin => Plan { margin, ..others },
+            RunKind::Metamorphic => Plan { metamorphic, ..others },
+            RunKind::Risk => Plan { risk, ..others },
+        }
     }
 
     /// Parses a plan. Keys that are left out have their defaults.
@@ -450,6 +466,18 @@ mod tests {
     fn documented_plan() -> &'static str {
         let page = include_str!("../../docs/reference/plans.md");
         page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap()
+    }
+
+    #[test]
+    fn a_plan_of_one_question_has_no_table_of_another() {
+        // It has all of them.
+        let plan = Plan::from_toml(documented_plan()).unwrap();
+        for (kind, name) in RunKind::ALL {
+            let tables = toml::Table::try_from(plan.clone().only(kind)).unwrap();
+            let kept = RunKind::ALL.map(|(_, name)| name).into_iter().chain(["compare", "harden"]);
+            let kept: Vec<&str> = kept.filter(|name| tables.contains_key(*name)).collect();
+            assert_eq!(kept, [name]);
+        }
     }
 
     #[test]
@@ -493,18 +521,7 @@ mod tests {
         let named = Plan { target: plan.target.clone(), controller: plan.controller.clone(), ..defaults };
         assert_eq!(plan, named);
         assert_eq!(
-            Plan {
-                evaluate: None,
-                compare: None,
-                falsify: None,
-                margin: None,
-                metamorphic: None,
-                risk: None,
-                harden: None,
-                screening: None,
-                guard: None,
-                ..plan.clone()
-            },
+            Plan { screening: None, guard: None, ..plan.clone().without_questions() },
             Plan { space: "starts".to_string(), ..Plan::new("ball-balancing", "ppo") }
         );
         // `to_toml` writes every key, so the example must contain the same keys.

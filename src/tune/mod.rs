@@ -217,12 +217,8 @@ impl<'p> Tuner<'p> {
                 rate: None,
                 ..evaluate
             }),
-            falsify: None,
-            margin: None,
-            risk: None,
-            harden: None,
             screening: None,
-            ..self.plan.clone()
+            ..self.plan.clone().without_questions()
         };
         plan.requirements.insert(GUARD.to_string(), LEAST.to_string());
         if let Some(formula) = &self.settings.formula {

@@ -128,7 +128,5 @@ fn plan(command: &Arguments) -> Result<Plan> {
     if !command.allow.is_empty() {
         table.allow.clone_from(&command.allow);
     }
-    plan.harden = Some(table);
-    (plan.evaluate, plan.falsify, plan.margin, plan.risk) = (None, None, None, None);
-    Ok(plan)
+    Ok(Plan { harden: Some(table), ..plan.without_questions() })
 }
