@@ -3552,16 +3552,25 @@ class BisectedCandidate:
     """Number of simulations."""
     reason: str | None
     """Why the candidate fails or is undecided; ``None`` if it passes."""
+    run: str | None
+    """Of a test by a rate: path of the run file; ``None`` otherwise, or if the candidate cannot
+    be loaded."""
+    violated: tuple[str, ...]
+    """Paths of the counterexamples that the candidate violates."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Bisection:
     """The first of an ordered list of controllers that fails a test."""
 
+    folder: str
+    """Folder of the finished tests."""
+    command: str
+    """Command that asks again, and continues after an interruption."""
     test: str
     """Test in words."""
-    candidates: int
-    """Number of candidates."""
+    candidates: tuple[str, ...]
+    """Names of all candidates, the oldest first."""
     found: bool
     """Whether the first failing candidate was found: the first candidate passes, the last fails,
     and all candidates between the last passing and the first failing one are undecided. Exit

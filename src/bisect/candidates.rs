@@ -20,16 +20,49 @@ pub struct Candidate {
     pub controller: PathBuf,
 }
 
-fn problem(problem: impl Into<String>) -> MishandleError {
+/// Where the candidates of a bisection come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The controllers of a folder, ordered by name. Numbers in names are ordered by value, so that
+    /// `step-9` is before `step-10`.
+    Folder(PathBuf),
+    /// The revisions of a file in Git that changed it.
+    Revisions {
+        /// The controller.
+        file: PathBuf,
+        /// The first revision; `None`: the first one that has the file.
+        good: Option<String>,
+        /// The last revision; `None`: `HEAD`.
+        bad: Option<String>,
+    },
+}
+
+impl Source {
+    /// Returns the candidates, the oldest first. Files of revisions are written to `revisions`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, `git` fails, or there are fewer than two candidates.
+    pub(super) fn candidates(&self, revisions: &Path) -> Result<Vec<Candidate>, MishandleError> {
+        match self {
+            Source::Folder(folder) => folder_candidates(folder),
+            Source::Revisions { file, good, bad } => {
+                git_candidates(file, (good.as_deref(), bad.as_deref()), revisions)
+            }
+        }
+    }
+}
+
+pub(super) fn problem(problem: impl Into<String>) -> MishandleError {
     MishandleError::Bisect { problem: problem.into() }
 }
 
-/// Returns the controllers of a folder, ordered by name. Numbers in names are ordered by value, so
-/// that `step-9` is before `step-10`.
-///
-/// # Errors
-/// If the folder cannot be read, or has fewer than two controllers.
-pub fn folder_candidates(folder: &Path) -> Result<Vec<Candidate>, MishandleError> {
+fn folder_candidates(folder: &Path) -> Result<Vec<Candidate>, MishandleError> {
+    if folder.is_file() {
+        let path = path_text(folder);
+        return Err(problem(format!(
+            "{path} is a file: name the folder of the controllers, or its revisions with --git {path}"
+        )));
+    }
     let unreadable = |error| problem(format!("the folder {} cannot be read: {error}", path_text(folder)));
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(unreadable)? {
@@ -71,17 +104,15 @@ fn natural(name: &str) -> Vec<(String, usize, String)> {
 
 /// Returns the revisions of a controller in Git from `good` to `bad` that changed it, the oldest
 /// first, and writes their files to `folder`. Neither the working tree nor the index is touched.
-/// Without `good`, it begins with the first revision that has the file; without `bad`, it ends at
-/// `HEAD`.
-///
-/// # Errors
-/// If `git` fails, or fewer than two revisions have the file.
-pub fn git_candidates(
+fn git_candidates(
     file: &Path,
     (good, bad): (Option<&str>, Option<&str>),
     folder: &Path,
 ) -> Result<Vec<Candidate>, MishandleError> {
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if file.is_dir() {
+        return Err(problem(format!("{} is a folder: name a controller in it", path_text(file))));
+    }
     let name = file.file_name().ok_or_else(|| problem(format!("{} names no file", path_text(file))))?;
     let name = name.to_string_lossy();
     if git(parent, &["rev-parse", "--git-dir"]).is_err() {
@@ -90,9 +121,13 @@ pub fn git_candidates(
     let has_file =
         |revision: &str| git(parent, &["rev-parse", "--verify", "--quiet", &format!("{revision}:./{name}")]);
     let commit = |revision: &str| {
-        let revision = format!("{revision}^{{commit}}");
-        git(parent, &["rev-parse", "--verify", "--quiet", "--end-of-options", &revision])
-            .map_err(|_| problem(format!("Git knows no revision {}", revision.trim_end_matches("^{commit}"))))
+        let hint = match revision.contains("..") {
+            true => "; a range is --good REV --bad REV",
+            false => "",
+        };
+        let commit = format!("{revision}^{{commit}}");
+        git(parent, &["rev-parse", "--verify", "--quiet", "--end-of-options", &commit])
+            .map_err(|_| problem(format!("Git knows no revision {revision}{hint}")))
     };
     // Another revision in the place of a named end would be an answer to another question.
     let end = |revision: &str| -> Result<String, MishandleError> {
@@ -102,8 +137,14 @@ pub fn git_candidates(
             Err(_) => Err(problem(format!("the revision {revision} has no file {}", path_text(file)))),
         }
     };
-    let bad = end(bad.unwrap_or("HEAD"))?;
+    let last = bad.unwrap_or("HEAD");
+    let (bad, first) = (end(last)?, good);
     let good = good.map(end).transpose()?;
+    if let (Some(first), Some(good)) = (first, &good)
+        && git(parent, &["merge-base", "--is-ancestor", good, &bad]).is_err()
+    {
+        return Err(problem(format!("the revision {first} is not an ancestor of {last}")));
+    }
     let range = match &good {
         Some(good) => format!("{good}..{bad}"),
         None => bad.clone(),

@@ -10,6 +10,17 @@ pub(super) enum Outcome {
     Undecided,
 }
 
+impl Outcome {
+    /// Returns the name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Outcome::Passes => "passes",
+            Outcome::Fails => "fails",
+            Outcome::Undecided => "undecided",
+        }
+    }
+}
+
 /// Where the first failing candidate is, with indices from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Place {

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use mishandle_requirements::WrittenRequirement;
 use mishandle_rollout::Target;
-use mishandle_store::RunKind;
 
 use super::{CheckSettings, CheckSubject};
 use crate::error::MishandleError;

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use mishandle_results::{HardenedMode, Hardening};
-use mishandle_rollout::{Episode, Request, Scenario, Seed};
-use mishandle_store::{RunFile, RunHeader};
+use mishandle_rollout::{Request, Scenario, Seed};
+use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
 use super::folder::Folder;
@@ -14,8 +14,8 @@ use super::search::search_files;
 use crate::archive::{ModeKey, mode_key};
 use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
-use crate::inspect::{ExplainedSimulation, Failure, explain_episode, failure_modes};
-use crate::picture::{StateTrajectory, simulate_states};
+use crate::inspect::{Failure, failure_modes};
+use crate::picture::ExampleSimulation;
 use crate::plan::HardenPlan;
 use crate::resolve::{ResolvedPlan, is_target_file, recorded_plan};
 
@@ -33,16 +33,6 @@ pub struct ModeExample {
     pub source: ExampleSource,
     /// Its simulations with the controllers before and after.
     pub simulated: [ExampleSimulation; 2],
-}
-
-/// The simulation of a controller in the scenario of a failure.
-pub struct ExampleSimulation {
-    /// The episode.
-    pub episode: Episode,
-    /// The states of its scene.
-    pub trajectory: StateTrajectory,
-    /// Why the failure or success is one; `None` if the simulation has no verdict.
-    pub explained: Option<(RunHeader, ExplainedSimulation)>,
 }
 
 /// Record of a failure.
@@ -108,7 +98,7 @@ impl ModeExamples {
         for MinimizedFailure { round, file, .. } in self.smaller.iter().rev().filter(|one| one.key == key) {
             let known = Counterexample::read(file)?;
             let request = known.request(&self.controllers[failing].space)?;
-            let fails = self.simulate(failing, &request)?;
+            let fails = ExampleSimulation::new(&self.controllers[failing], &request)?;
             if !fails.fails_by(&key.0) {
                 continue;
             }
@@ -125,18 +115,11 @@ impl ModeExamples {
         }
         let Worst { run, failure } = self.worst[failing].get(&key).ok_or(MishandleError::NoEpisode)?;
         let request = Request::new(Scenario::new(failure.scenario.clone()), Seed(failure.seed));
-        let fails = self.simulate(failing, &request)?;
+        let fails = ExampleSimulation::new(&self.controllers[failing], &request)?;
         let (trial, number) = (failure.trial, failure.number);
         fails.check(failure.robustness, || format!("simulation {number} of trial {trial}"))?;
         let source = ExampleSource::Worst { run: run.clone(), trial, number };
         Ok(ModeExample { source, simulated: self.both(failing, fails, &request)? })
-    }
-
-    fn simulate(&self, controller: usize, request: &Request) -> Result<ExampleSimulation, MishandleError> {
-        let resolved = &self.controllers[controller];
-        let (episode, trajectory) = simulate_states(resolved, request)?;
-        let explained = episode.robustness().map(|_| explain_episode(resolved, &episode)).transpose()?;
-        Ok(ExampleSimulation { episode, trajectory, explained })
     }
 
     /// Adds the simulation of the other controller.
@@ -146,7 +129,7 @@ impl ModeExamples {
         fails: ExampleSimulation,
         request: &Request,
     ) -> Result<[ExampleSimulation; 2], MishandleError> {
-        let other = self.simulate(1 - failing, request)?;
+        let other = ExampleSimulation::new(&self.controllers[1 - failing], request)?;
         Ok(if failing == 0 { [fails, other] } else { [other, fails] })
     }
 }

@@ -33,7 +33,7 @@ use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
 use crate::resolve::{ResolvedPlan, STARTS, TrainingTarget, default_reward, training_target};
 use crate::run::{Device, Opening};
 use decision::decide;
-pub use examples::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
+pub use examples::{ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
 use measure::measure;
 use round::{RoundEnd, run_round};

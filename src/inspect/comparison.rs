@@ -20,7 +20,7 @@ use crate::run::{PairRule, record, unfinished};
 use mishandle_text::{p_value_phrase, plural, shell_quote};
 
 /// Trial of the random simulations of an evaluation.
-pub(crate) const RANDOM_TRIAL: u32 = 1;
+pub(super) const RANDOM_TRIAL: u32 = 1;
 
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///

@@ -23,7 +23,6 @@ mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
 pub use axis_rates::axis_rates;
-pub(crate) use comparison::RANDOM_TRIAL;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{

@@ -1,11 +1,13 @@
 //! Pictures and films of simulations, and the states and full traces from which they are drawn.
 
+mod example;
 mod film;
 mod frames;
 mod full_trace;
 mod recorded_scene;
 mod trajectory;
 
+pub use example::ExampleSimulation;
 pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;

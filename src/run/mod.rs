@@ -54,7 +54,6 @@ pub(crate) use preflight::preflight;
 pub(crate) use question::asked;
 pub use question::{Answer, Engine, MarginOutcome, Progress, Watch, ask, ask_with_arm, recorded_answer};
 pub use random_rows::has_random_rows;
-pub(crate) use rate_rule::RateRule;
 pub(crate) use reason::given;
 pub(crate) use record::{axis_records, continue_run};
 pub use record::{create_run, recorded_axis, recorded_episode};

@@ -26,20 +26,15 @@ impl RateRule {
             (Until::Width(width), _) => StopRule::Width(width),
             (Until::Decided, rate) => StopRule::Rate(rate?),
         };
-        Some(RateRule::with(rule, evaluate.batch.into(), evaluate.episodes))
-    }
-
-    /// Returns a rule that looks at the end of each batch, and after `max` simulations.
-    pub(crate) fn with(rule: StopRule, batch: u64, max: u64) -> RateRule {
-        RateRule {
+        Some(RateRule {
             rule,
-            batch,
-            max,
+            batch: evaluate.batch.into(),
+            max: evaluate.episodes,
             rate: RateSequence::default(),
             simulations: 0,
             has_verdict: false,
             decision: None,
-        }
+        })
     }
 
     /// Adds the next simulation. At the end of a batch, the rule looks.
@@ -59,11 +54,6 @@ impl RateRule {
     /// Returns what the rule decided; `None` if more simulations are necessary.
     pub(crate) fn decision(&self) -> Option<Decision> {
         self.decision
-    }
-
-    /// Returns whether a simulation has a verdict.
-    pub(crate) fn has_verdict(&self) -> bool {
-        self.has_verdict
     }
 
     /// Returns whether the rule ended the evaluation.

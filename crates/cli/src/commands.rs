@@ -44,6 +44,7 @@ use mishandle::run::Device;
 
 use crate::exit_status::ExitStatus;
 
+pub use bisect::ask as ask_bisection;
 pub use regress::junit;
 
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.

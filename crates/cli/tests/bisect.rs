@@ -42,11 +42,21 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
     assert!(found["tested"].as_array().unwrap().len() <= 6, "{found}");
     // A bad controller is decided long before the maximum.
     let last = found["tested"].as_array().unwrap().last().unwrap();
+    assert!(bench.path(last["run"].as_str().unwrap()).exists(), "{last}");
     assert!(last["simulations"].as_u64().unwrap() < 200, "{last}");
     assert!(last["success_rate"]["high"].as_f64().unwrap() < 0.9, "{last}");
     // A second time, nothing is simulated: a finished test has the same result.
     let text = bench.check(&format!("bisect steps {RATE}"), 0);
     assert!(text.contains("step-8.safetensors is the first that fails"), "{text}");
+    assert_eq!(bench.json(&format!("bisect steps {RATE} --json"), 0), found);
+    bench.check("report runs/bisect --no-simulations --out rate.html", 0);
+    let page = std::fs::read_to_string(bench.path("rate.html")).unwrap();
+    // All candidates, the comparison of the two neighbors, and their runs.
+    for part in
+        ["step-1.safetensors: passes", ": not tested", "Paired differences", "id=\"r2\"", "--rate 0.9"]
+    {
+        assert!(page.contains(part), "{part}: {page}");
+    }
     let all = bench.json(&format!("bisect steps {RATE} --all --json"), 0);
     assert_eq!((&all["is_monotone"], &all["first_bad"]), (&true.into(), &found["first_bad"]));
     assert_eq!(all["tested"].as_array().unwrap().len(), 10);
@@ -58,6 +68,97 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
     bench.check("counterexamples export run.sqlite --out failure.json", 0);
     let found = bench.json("bisect steps --counterexamples failure.json --json", 0);
     assert_eq!(found["first_bad"], "step-8.safetensors", "{found}");
+    assert_eq!(found["tested"].as_array().unwrap().last().unwrap()["violated"][0], "failure.json", "{found}");
+    bench.check("report runs/bisect --out counterexample.html", 0);
+    let page = std::fs::read_to_string(bench.path("counterexample.html")).unwrap();
+    for part in ["<b>First failing</b>: fails", "mishandle regress", "--counterexamples failure.json"] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+}
+
+/// A pole that falls, or that its motor pushes: it fails as soon as the signal is not tiny.
+fn pole(scale: &str) -> String {
+    format!(
+        r#"
+        format = 1
+        name = "pole"
+        model.file = "pole.xml"
+        control = {{ period = 0.02, steps = 20 }}
+        start = {{ hinge = "tilt" }}
+        axes.tilt = {{ range = [0.05, 0.1], unit = "rad" }}
+        observation.state = "[*qpos('hinge'), *qvel('hinge')]"
+        policy = {{ action = "action", limit = 1 }}
+        signals.speed = "{scale} * abs(qvel('hinge')[0])"
+        rewards.still = "1 - speed"
+        formulas.still = "always(speed <= 0.02)"
+    "#
+    )
+}
+
+const MODEL: &str = r#"<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" damping="0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02"/></body></worldbody>
+    <actuator><motor joint="hinge"/></actuator></mujoco>"#;
+
+#[test]
+fn a_test_is_repeated_when_a_file_of_its_target_has_changed() {
+    let bench = Bench::new();
+    bench.write("pole.xml", MODEL);
+    bench.write("pole.toml", &pole("1"));
+    bench.write("s.toml", "rollout_steps = 8\nminibatch_size = 8\nepisodes.environments = 4\n");
+    std::fs::create_dir(bench.path("steps")).unwrap();
+    bench.check("train pole.toml --settings s.toml --steps 64 --out steps/1.safetensors", 0);
+    std::fs::copy(bench.path("steps/1.safetensors"), bench.path("steps/2.safetensors")).unwrap();
+    let falsify = "falsify pole.toml --controller steps/1.safetensors --trials 1 --budget 5 --out run.sqlite";
+    bench.check(falsify, 1);
+    bench.check("counterexamples export run.sqlite --out suite/failure.json", 0);
+    let result = |question: &str| {
+        let found = bench.json(&format!("bisect steps {question} --json"), 1);
+        found["tested"][0]["result"].as_str().unwrap().to_string()
+    };
+    // The folder of a counterexample has the files of its target.
+    for (question, folder) in
+        [("--counterexamples suite", "suite/"), ("--target pole.toml --rate 0.5 --episodes 50", "")]
+    {
+        assert_eq!([result(question), result(question)], ["fails", "fails"]);
+        bench.write(&format!("{folder}pole.toml"), &pole("0.0001"));
+        assert_eq!(result(question), "passes", "{question}");
+        bench.write(&format!("{folder}pole.toml"), &pole("1"));
+        bench.write(&format!("{folder}pole.xml"), &MODEL.replace("damping=\"0\"", "damping=\"1e6\""));
+        assert_eq!(result(question), "passes", "{question}");
+        bench.write(&format!("{folder}pole.xml"), MODEL);
+        assert_eq!(result(question), "fails", "{question}");
+    }
+}
+
+#[test]
+fn an_undecided_candidate_has_its_reason_each_time() {
+    let bench = bench();
+    checkpoints(&bench, 2);
+    bench.write("steps/step-2.safetensors", "not a controller");
+    for step in 4..=9 {
+        std::fs::remove_file(bench.path(&format!("steps/step-{step}.safetensors"))).unwrap();
+    }
+    bench.check(
+        "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out r.sqlite",
+        1,
+    );
+    bench.check("counterexamples export r.sqlite --out failure.json", 0);
+    for (question, code) in [
+        (RATE, 0),
+        ("--counterexamples failure.json", 0),
+        // Five simulations do not decide.
+        ("--target point-reaching --rate 0.9 --episodes 5", 1),
+    ] {
+        let ask = format!("bisect steps {question} --all --json");
+        let found = bench.json(&ask, code);
+        assert_eq!(bench.json(&ask, code), found);
+        let undecided = |candidate: &&serde_json::Value| candidate["result"] == "undecided";
+        let tested = found["tested"].as_array().unwrap();
+        for candidate in tested.iter().filter(undecided) {
+            assert!(candidate["reason"].as_str().is_some_and(|reason| !reason.is_empty()), "{candidate}");
+        }
+        assert!(tested.iter().any(|candidate| undecided(&candidate)), "{found}");
+    }
 }
 
 #[test]
@@ -65,10 +166,15 @@ fn ends_that_do_not_bracket_and_wrong_arguments_are_reported() {
     let bench = bench();
     checkpoints(&bench, 10);
     let text = bench.check(&format!("bisect steps {RATE}"), 1);
-    assert!(text.contains("nothing to bisect: the first candidate, step-1.safetensors, passes"), "{text}");
+    let said = "nothing to bisect: the last candidate, step-10.safetensors, passes instead of failing";
+    assert!(text.contains(said), "{text}");
     bench.refuses("bisect missing --target point-reaching --rate 0.9", &["missing cannot be read"]);
     bench.refuses("bisect . --rate 0.9", &["--target"]);
-    bench.refuses("bisect steps", &["--rate"]);
+    bench.refuses("bisect steps", &["--counterexamples PATH or --rate RATE"]);
+    bench.refuses("bisect --rate 0.9 --target point-reaching", &["a folder of controllers", "--git"]);
+    bench.refuses("bisect good.safetensors --target point-reaching --rate 0.9", &["--git good.safetensors"]);
+    bench.refuses("bisect steps --counterexamples a --episodes 5", &["--episodes"]);
+    bench.refuses(&format!("bisect steps --good v1 {RATE}"), &["--good"]);
     bench.refuses("bisect steps --target nothing --rate 0.9", &["nothing"]);
     bench.refuses("bisect steps --target point-reaching --rate 1.5", &["1.5"]);
     std::fs::create_dir(bench.path("empty")).unwrap();
@@ -104,7 +210,8 @@ fn the_first_bad_revision_is_found_without_touching_the_working_tree() {
     bench.write("repository/policy.safetensors", "changed, not committed");
     let before = git(&["status", "--porcelain"]);
     let found = bench.json(&format!("bisect --git repository/policy.safetensors {RATE} --json"), 0);
-    assert_eq!((found["candidates"].as_u64(), &found["first_bad"]), (Some(2), &revisions[2][..12].into()));
+    assert_eq!(found["candidates"].as_array().unwrap().len(), 2, "{found}");
+    assert_eq!(found["first_bad"], revisions[2][..12]);
     assert_eq!(git(&["status", "--porcelain"]), before);
     assert_eq!(
         std::fs::read_to_string(bench.path("repository/policy.safetensors")).unwrap(),
@@ -114,6 +221,16 @@ fn the_first_bad_revision_is_found_without_touching_the_working_tree() {
         &format!("bisect --git repository/policy.safetensors --bad nothing {RATE}"),
         &["no revision nothing"],
     );
+    let range = format!("{}..HEAD", revisions[0]);
+    bench.refuses(
+        &format!("bisect --git repository/policy.safetensors --good {range} {RATE}"),
+        &["a range is --good REV --bad REV"],
+    );
+    bench.refuses(
+        &format!("bisect --git repository/policy.safetensors --good HEAD --bad {} {RATE}", revisions[0]),
+        &["the revision HEAD is not an ancestor of"],
+    );
+    bench.refuses(&format!("bisect --git repository {RATE}"), &["is a folder"]);
     bench.refuses(
         &format!("bisect --git repository/policy.safetensors --bad=--output=x {RATE}"),
         &["no revision --output=x"],

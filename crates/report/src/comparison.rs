@@ -34,7 +34,9 @@ const PAIR_AXES: usize = 3;
 /// Returns the page about a comparison of these runs: one HTML file without scripts, which loads
 /// nothing.
 pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> String {
-    html(found, runs.map(RunFile::header))
+    let title = format!("comparison of {}", text(&short(&found.target, 60)));
+    let body = comparison_section(found, runs.map(RunFile::header));
+    Document { title: &title, up: None, body: &body }.html()
 }
 
 /// Outcome of a pair.
@@ -66,7 +68,8 @@ impl Outcome {
     }
 }
 
-fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
+/// Returns the section about a comparison.
+pub(crate) fn comparison_section(found: &Comparison, headers: [&RunHeader; 2]) -> String {
     let header = headers[0];
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
     let ranking = ranking(found, &axes, has_random_rows(headers[0]));
@@ -99,8 +102,7 @@ fn html(found: &Comparison, headers: [&RunHeader; 2]) -> String {
     let new = view.failures("New failures: A succeeds, B fails", "new", &found.new_failures, 1);
     let fixed = view.failures("Fixed failures: A fails, B succeeds", "fixed", &found.fixed_failures, 0);
     out.push_str(&format!("<h3>New failures</h3>\n{new}<h3>Fixed failures</h3>\n{fixed}"));
-    out.push_str(&format!("<h3>What was compared</h3>\n{}</section>\n", facts(found, header)));
-    Document { title: &format!("comparison of {target}"), up: None, body: &out }.html()
+    out + &format!("<h3>What was compared</h3>\n{}</section>\n", facts(found, header))
 }
 
 /// Names a run by its controller, or by its file.

@@ -5,16 +5,14 @@ use std::cmp::Reverse;
 use std::path::Path;
 
 use mishandle::MishandleError;
-use mishandle::harden::{ExampleSimulation, ExampleSource, ModeExample, ModeExamples};
-use mishandle::inspect::ExplainedSimulation;
+use mishandle::harden::{ExampleSource, ModeExample, ModeExamples};
 use mishandle::results::{HardenedMode, Hardening, ModeChange};
 use mishandle::rollout::{Axis, Scenario};
-use mishandle::stl::is_violated;
-use mishandle::store::RunHeader;
-use mishandle_text::{instant, path_text, plural, shell_quote};
+use mishandle_text::{path_text, plural, shell_quote};
 
-use crate::html::{base64, lines, short, table, text, with_code, with_unit};
-use crate::pictures::{Frame, Instant, PictureError, instants};
+use crate::controller_pair::{ControllerName, ControllerPair};
+use crate::html::{lines, short, table, text};
+use crate::pictures::PictureError;
 use crate::space::value_text;
 
 /// Largest number of modes with a failure, so that the page stays small.
@@ -23,8 +21,11 @@ const MAX_SHOWN: usize = 6;
 /// Largest number of axes of a scenario in a table.
 const MAX_AXES: usize = 12;
 
-/// Names of the two controllers.
-const CONTROLLERS: [&str; 2] = ["Before", "After"];
+/// The two controllers.
+const CONTROLLERS: [ControllerName; 2] = [
+    ControllerName { label: "Before", phrase: "the controller before" },
+    ControllerName { label: "After", phrase: "the controller after" },
+];
 
 /// Failures of some failure modes of a hardening, simulated with both controllers.
 #[derive(Debug, Default)]
@@ -43,17 +44,7 @@ struct Card {
     axes: Vec<Axis>,
     /// Path of the controller that fails.
     controller: String,
-    outcomes: Vec<Outcome>,
-}
-
-/// The simulation of a controller in the scenario of a failure.
-#[derive(Debug)]
-struct Outcome {
-    /// Why the failure or success is one; `None` if the simulation has no verdict.
-    explained: Option<(RunHeader, ExplainedSimulation)>,
-    /// How it ended.
-    end: String,
-    picture: Option<Frame>,
+    pair: ControllerPair,
 }
 
 impl HardenedModes {
@@ -147,76 +138,9 @@ fn card(
     (axes, controller): (&[Axis], &str),
 ) -> (Card, Option<PictureError>) {
     let scenario = simulated[0].episode.request.scenario.clone();
-    let (mut outcomes, mut states) = (Vec::new(), Vec::new());
-    for ExampleSimulation { episode, trajectory, explained } in simulated {
-        let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
-        let end = mishandle::run::end_text(episode.end, &signals);
-        outcomes.push(Outcome { explained, end, picture: None });
-        states.push(trajectory.states);
-    }
-    let last = |index: usize| states[index].len().saturating_sub(1);
-    // A violation that grows is drawn where it starts: its largest value is often far away from it.
-    let event = |index: usize| {
-        let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
-        event.map(|event| event.start.unwrap_or(event.sample))
-    };
-    let decisive = event(mode.failing()).unwrap_or(last(mode.failing()));
-    // A failure has an instant of its own, a success is shown at that of the failure.
-    let sample = |index: usize| {
-        let own = event(index).filter(|_| outcomes[index].fails());
-        own.unwrap_or(decisive).min(last(index))
-    };
-    let drawn: Vec<usize> = (0..2).filter(|index| outcomes[*index].explained.is_some()).collect();
-    let shown: Vec<Instant<'_>> = drawn
-        .iter()
-        .filter_map(|index| {
-            let (header, found) = outcomes[*index].explained.as_ref()?;
-            let (states, explanation) = (states[*index].as_slice(), &found.explanation);
-            Some(Instant { header, states, explanation, sample: sample(*index) })
-        })
-        .collect();
-    let missing = match instants(&shown) {
-        Ok(frames) => {
-            drop(shown);
-            for (index, frame) in drawn.into_iter().zip(frames) {
-                outcomes[index].picture = Some(frame);
-            }
-            None
-        }
-        Err(error) => Some(error),
-    };
+    let (pair, missing) = ControllerPair::draw(simulated, CONTROLLERS, mode.failing());
     let (mode, axes, controller) = (mode.clone(), axes.to_vec(), controller.to_string());
-    (Card { mode, source, scenario, axes, controller, outcomes }, missing)
-}
-
-impl Outcome {
-    fn fails(&self) -> bool {
-        self.explained.as_ref().is_some_and(|(_, found)| found.recorded.robustness.is_some_and(is_violated))
-    }
-
-    /// Returns the result in words.
-    fn words(&self) -> String {
-        let Some((_, explained)) = &self.explained else { return format!("no verdict: {}", text(&self.end)) };
-        let unit = text(&short(&explained.explanation.unit, 20));
-        let robustness = explained.recorded.robustness.map_or(String::new(), |found| with_unit(found, &unit));
-        let verdict = if self.fails() { "fails" } else { "succeeds" };
-        format!("{verdict}, robustness {robustness}")
-    }
-
-    fn figure(&self, name: &str) -> String {
-        let (Some(Frame { sample, png }), Some((header, _))) = (&self.picture, &self.explained) else {
-            return String::new();
-        };
-        let time = instant(*sample, header.control_dt);
-        let verdict = if self.fails() { "fails" } else { "succeeds" };
-        format!(
-            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene with \
-             the controller {}, which {verdict}, at {time}\"><figcaption><b>{name}: {verdict}</b>, {time}</figcaption></figure>",
-            if self.fails() { " decisive" } else { "" },
-            base64(png),
-            name.to_lowercase(),
-        )
-    }
+    (Card { mode, source, scenario, axes, controller, pair }, missing)
 }
 
 impl Card {
@@ -231,37 +155,23 @@ impl Card {
             ModeChange::Stayed => "Stayed",
             ModeChange::Vanished => "Vanished",
         };
-        let mut out = format!(
+        let out = format!(
             "<article class=\"mode\">\n<h4>{change}: {predicate} is violated <span class=\"count\">{} before, {} after</span></h4>\n\
-             <p>{}</p>\n<div class=\"facts-and-trace\">\n<div>{}<ul class=\"why\">",
+             <p>{}</p>\n{}",
             plural(mode.before, "failure"),
             mode.after,
             self.source_text(),
-            self.scenario_table()
+            self.pair.html(&self.scenario_table())
         );
-        for (outcome, name) in self.outcomes.iter().zip(CONTROLLERS) {
-            out.push_str(&format!("<li><b>{name}</b>: {}.</li>", outcome.words()));
-        }
-        let failing = self.outcomes.get(mode.failing());
-        let name = CONTROLLERS[mode.failing()].to_lowercase();
-        out.push_str(&format!("</ul>\n<h5>Why the controller {name} fails</h5>\n<ul class=\"why\">"));
-        if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
-            for sentence in explained.explanation.sentences(|sample| instant(sample, header.control_dt)) {
-                out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
-            }
-        }
-        let pictures = self.outcomes.iter().zip(CONTROLLERS).map(|(outcome, name)| outcome.figure(name));
-        let pictures: String = pictures.collect();
-        out.push_str(&format!("</ul></div>\n<div class=\"strip pair\">{pictures}</div>\n</div>\n"));
         out + &self.commands(found) + "</article>\n"
     }
 
     fn source_text(&self) -> String {
         match &self.source {
             ExampleSource::Worst { .. } => {
-                let name = CONTROLLERS[self.mode.failing()].to_lowercase();
+                let controller = CONTROLLERS[self.mode.failing()].phrase;
                 format!(
-                    "Shown is the worst failure that the final searches found in this mode with the controller {name}."
+                    "Shown is the worst failure that the final searches found in this mode with {controller}."
                 )
             }
             ExampleSource::Minimized { round, .. } => format!(

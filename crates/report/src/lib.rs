@@ -7,21 +7,25 @@
 //! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
 //! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
 //! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs,
-//! [`check_reports`] the files about the requirements of a file.
+//! [`check_reports`] the files about the requirements of a file, [`bisection_page`] that of a
+//! bisection, with its [`BisectionEvidence`].
 //!
 //! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
 //!   style sheet maps their colors to the theme.
-//! - `html`, `section`, `modes`, `hardened_modes`, `log`, `check`, `page`: text. Every name, unit
-//!   and formula of a run file or log is escaped.
+//! - `html`, `section`, `modes`, `hardened_modes`, `controller_pair`, `violated_counterexamples`,
+//!   `log`, `check`, `bisection`, `page`: text. Every name, unit and formula of a run file or log
+//!   is escaped.
 
 #![allow(clippy::result_large_err, reason = "functions return the error of the library")]
 
 mod axis_rates;
+mod bisection;
 mod campaign;
 mod check;
 mod commands;
 mod comparison;
+mod controller_pair;
 mod curves;
 mod hardened_modes;
 mod hardening;
@@ -47,8 +51,10 @@ mod survey;
 mod survival;
 mod tables;
 mod trace;
+mod violated_counterexamples;
 mod words;
 
+pub use bisection::{BisectionEvidence, bisection_page};
 pub use campaign::{RunSummary, campaign_page, run_page};
 pub use check::{
     CHECK_REPORTS, CheckFigures, check_markdown, check_page, check_reports, marked_verdict, off_nominal,
@@ -66,6 +72,7 @@ pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
 pub use pictures::{PICTURE, Painter};
 pub use survival::{SurvivalLine, survival_figure};
+pub use violated_counterexamples::ViolatedCounterexamples;
 
 /// Colors of the charts. `page.css` has the color of each in both themes.
 pub(crate) mod color {

@@ -4,12 +4,16 @@ use serde::{Deserialize, Serialize};
 use crate::Estimate;
 
 /// The first of an ordered list of controllers that fails a test.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Bisection {
+    /// Folder of the finished tests.
+    pub folder: String,
+    /// Command that asks again, and continues after an interruption.
+    pub command: String,
     /// Test in words.
     pub test: String,
-    /// Number of candidates.
-    pub candidates: u64,
+    /// Names of all candidates, the oldest first.
+    pub candidates: Vec<String>,
     /// Whether the first failing candidate was found: the first candidate passes, the last fails,
     /// and all candidates between the last passing and the first failing one are undecided. Exit
     /// code 0.
@@ -50,4 +54,18 @@ pub struct BisectedCandidate {
     pub simulations: u64,
     /// Why the candidate fails or is undecided; `null` if it passes.
     pub reason: Option<String>,
+    /// Of a test by a rate: path of the run file; `null` otherwise, or if the candidate cannot be
+    /// loaded.
+    pub run: Option<String>,
+    /// Paths of the counterexamples that the candidate violates.
+    pub violated: Vec<String>,
+}
+
+impl Bisection {
+    /// Returns the last passing and the first failing candidate; `None` without an answer.
+    pub fn neighbors(&self) -> Option<[&BisectedCandidate; 2]> {
+        let named =
+            |name: &Option<String>| self.tested.iter().find(|tested| Some(&tested.name) == name.as_ref());
+        Some([named(&self.last_good)?, named(&self.first_bad)?])
+    }
 }

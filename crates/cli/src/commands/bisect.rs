@@ -1,16 +1,23 @@
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
-use clap::Args;
+use anyhow::{Result, anyhow, bail, ensure};
+use clap::{Args, FromArgMatches};
 use mishandle::Plan;
-use mishandle::bisect::{BisectionPlan, BisectionTest, bisect, folder_candidates, git_candidates};
-use mishandle_text::shell_quote;
+use mishandle::bisect::{BisectionPlan, BisectionTest, Source, Watch, bisect};
+use mishandle::results::Bisection;
+use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run;
 use crate::show::progress::Bar;
 use crate::show::{bisection, output};
+
+/// Default of --out.
+const OUT: &str = "runs/bisect";
+
+/// Arguments of a test by a rate.
+const OF_RATE: [&str; 6] = ["rate", "target", "space", "action_noise", "episodes", "plan"];
 
 /// Success rates.
 const RATE: &str = "a number between 0 and 1, such as 0.95";
@@ -29,32 +36,31 @@ fn is_rate(rate: f64) -> bool {
 
 The controllers of a folder are ordered by name, with numbers by value. A test by a rate gives all
 candidates the same scenarios and seeds, and ends as soon as an interval that holds at any time is
-on one side of the rate. Finished tests are kept in the folder of --cache: the same command
-continues.
+on one side of the rate. What was simulated is kept in the folder of --out: the same command
+continues, and `mishandle report` writes a page about the folder.
 
 Exit code 0 means that the first failing candidate was found, 1 that the first candidate does not
 pass or the last one does not fail, 2 an error.")]
 pub struct Arguments {
     /// Folder of controllers (*.safetensors, *.onnx), the oldest first
-    #[arg(value_name = "DIR", required_unless_present = "git")]
+    #[arg(value_name = "DIR")]
     pub folder: Option<PathBuf>,
     /// Controller file in a Git repository: its revisions are the candidates. The working tree is
     /// not touched
     #[arg(long, value_name = "FILE", conflicts_with = "folder")]
     pub git: Option<PathBuf>,
     /// Revision that passes [default: the first one that has the file]
-    #[arg(long, value_name = "REV", requires = "git")]
+    #[arg(long, value_name = "REV", requires = "git", conflicts_with = "folder")]
     pub good: Option<String>,
     /// Revision that fails [default: HEAD]
-    #[arg(long, value_name = "REV", requires = "git")]
+    #[arg(long, value_name = "REV", requires = "git", conflicts_with = "folder")]
     pub bad: Option<String>,
     /// Counterexample or folder of them, as for `mishandle regress`: a candidate fails if it
     /// violates one
-    #[arg(long, value_name = "PATH", conflicts_with_all = ["rate", "target", "plan"])]
+    #[arg(long, value_name = "PATH", conflicts_with_all = OF_RATE)]
     pub counterexamples: Option<PathBuf>,
     /// Lowest success rate of a candidate that passes
     #[arg(long, value_name = "RATE", allow_negative_numbers = true, value_parser = numbers::number(RATE, is_rate))]
-    #[arg(required_unless_present = "counterexamples")]
     pub rate: Option<f64>,
     /// With --rate: the target, a task, or the path of a target file (.toml)
     #[arg(long, value_name = "TARGET", requires = "rate")]
@@ -76,28 +82,89 @@ pub struct Arguments {
     /// Test every candidate, and say whether one passes after one that fails
     #[arg(long)]
     pub all: bool,
-    /// Folder of finished tests, and of revisions
-    #[arg(long, value_name = "DIR", default_value = "runs/bisect")]
-    pub cache: PathBuf,
+    /// Folder of the result, of finished tests and of revisions
+    #[arg(long, value_name = "DIR", default_value = OUT)]
+    pub out: PathBuf,
     #[command(flatten)]
     pub run: flags::Run,
 }
 
-/// Default of --episodes.
-const EPISODES: u64 = 1000;
+impl Arguments {
+    /// Returns the question.
+    fn plan(&self) -> Result<BisectionPlan> {
+        let source = match (&self.folder, &self.git) {
+            (Some(folder), _) => Source::Folder(folder.clone()),
+            (None, Some(file)) => {
+                Source::Revisions { file: file.clone(), good: self.good.clone(), bad: self.bad.clone() }
+            }
+            (None, None) => bail!("name a folder of controllers, or a file with --git"),
+        };
+        let (test, all, folder) = (self.test()?, self.all, self.out.clone());
+        Ok(BisectionPlan { source, test, all, folder, command: self.command() })
+    }
+
+    fn test(&self) -> Result<BisectionTest> {
+        if let Some(path) = &self.counterexamples {
+            ensure!(
+                self.run.seed.is_none(),
+                "--seed does not apply: counterexamples have seeds of their own"
+            );
+            return Ok(BisectionTest::Counterexamples(path.clone()));
+        }
+        let Some(bar) = self.rate else { bail!("give a test: --counterexamples PATH or --rate RATE") };
+        ensure!(
+            self.target.is_some() || self.plan.is_some(),
+            "--rate needs a target: give --target TARGET or --plan FILE"
+        );
+        let subject = flags::Subject {
+            target: self.target.clone(),
+            command: None,
+            controller: None,
+            guard: None,
+            space: self.space.clone(),
+            axes: flags::Axes { axis: Vec::new(), set: Vec::new() },
+            requirement: Vec::new(),
+            batch: None,
+            preset: None,
+            action_noise: self.action_noise,
+            observation_noise: None,
+            stochastic: false,
+            plan: self.plan.clone(),
+        };
+        Ok(BisectionTest::rate(flags::plan(&subject, &self.run)?, bar, self.episodes)?)
+    }
+
+    /// Returns the command that asks the question, without the flags that do not change the result.
+    fn command(&self) -> String {
+        let path = |path: &Option<PathBuf>| path.as_deref().map(path_text);
+        let number = |number: Option<u64>| number.map(|number| number.to_string());
+        let given = [
+            ("--git", path(&self.git)),
+            ("--good", self.good.clone()),
+            ("--bad", self.bad.clone()),
+            ("--counterexamples", path(&self.counterexamples)),
+            ("--rate", self.rate.map(|rate| rate.to_string())),
+            ("--target", self.target.clone()),
+            ("--space", self.space.clone()),
+            ("--action-noise", self.action_noise.map(|noise| noise.to_string())),
+            ("--episodes", number(self.episodes)),
+            ("--plan", path(&self.plan)),
+            ("--seed", number(self.run.seed)),
+            ("--out", path(&Some(self.out.clone())).filter(|out| out != OUT)),
+        ];
+        let mut words: Vec<String> = vec!["mishandle bisect".to_string()];
+        words.extend(path(&self.folder).map(|folder| shell_quote(&folder)));
+        words.extend(
+            given.into_iter().filter_map(|(flag, value)| Some(format!("{flag} {}", shell_quote(&value?)))),
+        );
+        words.extend(self.all.then(|| "--all".to_string()));
+        words.join(" ")
+    }
+}
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let test = test(command)?;
-    let candidates = match (&command.folder, &command.git) {
-        (Some(folder), _) => folder_candidates(folder)?,
-        (None, Some(file)) => {
-            let range = (command.good.as_deref(), command.bad.as_deref());
-            git_candidates(file, range, &command.cache.join("revisions"))?
-        }
-        (None, None) => bail!("name a folder of controllers, or a file with --git"),
-    };
-    let plan = BisectionPlan { candidates, test, all: command.all, cache: command.cache.clone() };
+    let plan = command.plan()?;
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let found = bisect(&plan, &mut |progress| {
@@ -113,54 +180,30 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         true => output::json(&found)?,
         false => output::line(&bisection::text(&found))?,
     }
+    let folder = shell_quote(&path_text(&command.out));
     if !found.is_complete {
-        let cache = shell_quote(&command.cache.to_string_lossy());
         output::message(&format!(
-            "interrupted: finished tests are kept in {cache}; the same command continues"
+            "interrupted: what was simulated is kept in {folder}; the same command continues"
         ));
         return Ok(ExitStatus::Interrupted);
     }
+    output::message(&format!("Write a page with: mishandle report {folder} --out bisection.html"));
     Ok(if found.found { ExitStatus::Done } else { ExitStatus::Violated })
 }
 
-fn test(command: &Arguments) -> Result<BisectionTest> {
-    if let Some(path) = &command.counterexamples {
-        ensure!(command.run.seed.is_none(), "--seed does not apply: counterexamples have seeds of their own");
-        return Ok(BisectionTest::Counterexamples(path.clone()));
-    }
-    let Some(bar) = command.rate else { bail!("give a test: --counterexamples PATH or --rate RATE") };
-    ensure!(
-        command.target.is_some() || command.plan.is_some(),
-        "--rate needs a target: give --target TARGET or --plan FILE"
-    );
-    let subject = flags::Subject {
-        target: command.target.clone(),
-        command: None,
-        controller: None,
-        guard: None,
-        space: command.space.clone(),
-        axes: flags::Axes { axis: Vec::new(), set: Vec::new() },
-        requirement: Vec::new(),
-        batch: None,
-        preset: None,
-        action_noise: command.action_noise,
-        observation_noise: None,
-        stochastic: false,
-        plan: command.plan.clone(),
-    };
-    let plan = flags::plan(&subject, &command.run)?;
-    let mut plan = plan.only(mishandle::store::RunKind::Evaluate);
-    let is_planned = plan.evaluate.is_some();
-    let mut evaluate = plan.evaluate.take().unwrap_or_default();
-    evaluate.episodes = match (command.episodes, is_planned) {
-        (Some(episodes), _) => episodes,
-        (None, true) => evaluate.episodes,
-        (None, false) => EPISODES,
-    };
-    plan.evaluate = Some(evaluate);
-    ensure!(
-        plan.screening.is_none(),
-        "a bisection has no screening: remove the table [screening] of the plan"
-    );
-    Ok(BisectionTest::Rate { plan: Box::new(plan), bar })
+/// Asks the question of command-line words, without the names of the program and of the command.
+///
+/// # Errors
+/// If a word is wrong, or as for [`bisect`].
+pub fn ask(words: &[String], watch: Watch<'_>) -> Result<Bisection> {
+    let program = Arguments::augment_args(clap::Command::new("bisect").no_binary_name(true));
+    let parsed = program.try_get_matches_from(words);
+    let parsed = parsed.and_then(|matches| Arguments::from_arg_matches(&matches));
+    let command = parsed.map_err(|error| {
+        // What follows are hints for a terminal.
+        let text = error.to_string();
+        let problem = text.split("\n\n").next().unwrap_or_default().trim_start_matches("error: ");
+        anyhow!("{}", problem.split_whitespace().collect::<Vec<_>>().join(" "))
+    })?;
+    Ok(bisect(&command.plan()?, watch)?)
 }

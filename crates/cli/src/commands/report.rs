@@ -3,11 +3,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
-use mishandle::results::Check;
+use mishandle::results::{Bisection, Check};
 use mishandle::train::Curve;
 use mishandle_report::{
-    CheckFigures, LogSection, Samples, check_markdown, check_page, hardening_page, learning_curve_page,
-    log_page, markdown, page,
+    CheckFigures, LogSection, Samples, bisection_page, check_markdown, check_page, hardening_page,
+    learning_curve_page, log_page, markdown, page,
 };
 use mishandle_text::{path_text, shell_quote};
 
@@ -28,6 +28,7 @@ use crate::show::progress::Bar;
   mishandle report better.harden --out report.html      a hardening, before and after
   mishandle report runs/RUN.sqlite --markdown run.md    the most important as Markdown
   mishandle report checked --out report.html            the requirements of `mishandle check`
+  mishandle report runs/bisect --out bisection.html     the last `mishandle bisect` in a folder
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
   mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
@@ -37,8 +38,8 @@ corners, and repeats with other seeds. Otherwise the page has what the run file 
 docs/guide/logs.md describes logs.")]
 #[command(mut_arg("runs", |runs| runs.conflicts_with_all(flags::OF_LOGS)))]
 pub struct Arguments {
-    /// Run files, the folder of a campaign, of a check or of a hardening, or the .csv file of
-    /// `mishandle train --csv`
+    /// Run files, the folder of a campaign, of a check, of a bisection or of a hardening, or the
+    /// .csv file of `mishandle train --csv`
     #[arg(value_name = "RUN", required_unless_present_any = ["paths", "topic"])]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
@@ -125,6 +126,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let [folder] = &command.runs[..]
         && folder.is_dir()
     {
+        if let Some(found) = mishandle::bisect::finished(folder)? {
+            return write_bisection(&found, command, &options);
+        }
         if let Some(is_finished) = is_hardening(folder) {
             return write_hardening(folder, is_finished, command, &options);
         }
@@ -190,8 +194,7 @@ fn write_hardening(
     ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
     let Some((found, failures, reports)) = pages::hardening(folder, options)? else {
         options.clear();
-        output::message(&format!("interrupted: {} is not written", page_file(command)?.display()));
-        return Ok(ExitStatus::Interrupted);
+        return interrupted(command);
     };
     options.clear();
     write(&hardening_page(&found, &failures, &reports, None), command)
@@ -209,6 +212,27 @@ fn write_check(found: &Check, command: &Arguments, options: &pages::Options<'_>)
     let figures = options.simulations.map(|_| CheckFigures::draw(found, &mut must_end));
     options.clear();
     write(&check_page(found, &figures.unwrap_or_default()), command)
+}
+
+/// Writes the page about the last bisection in a folder.
+fn write_bisection(
+    found: &Bisection,
+    command: &Arguments,
+    options: &pages::Options<'_>,
+) -> Result<ExitStatus> {
+    ensure!(found.is_complete, "the bisection was interrupted; continue it with: {}", found.command);
+    let evidence = pages::bisection(found, options)?;
+    options.clear();
+    match evidence {
+        Some(evidence) => write(&bisection_page(found, &evidence), command),
+        None => interrupted(command),
+    }
+}
+
+/// Says that the page is missing.
+fn interrupted(command: &Arguments) -> Result<ExitStatus> {
+    output::message(&format!("interrupted: {} is not written", page_file(command)?.display()));
+    Ok(ExitStatus::Interrupted)
 }
 
 /// Writes the page about a learning curve.

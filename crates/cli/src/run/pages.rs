@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
 use mishandle::harden::{final_runs, finished, is_hardening};
-use mishandle::results::Hardening;
+use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::store::RunFile;
 use mishandle_report::{
-    HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples, campaign_page,
-    hardening_page, run_page,
+    BisectionEvidence, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
+    ViolatedCounterexamples, campaign_page, hardening_page, run_page,
 };
 use mishandle_text::{path_text, plural, shell_quote};
 
@@ -134,6 +134,20 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<Hardenin
         }
     }
     Ok(Some((found, failures, reports)))
+}
+
+/// Returns what the page about a bisection shows of the last passing and the first failing
+/// candidate; `None` after an interruption.
+pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<BisectionEvidence>> {
+    let violated = |neighbors: [&BisectedCandidate; 2]| match options.simulations {
+        None => Some(ViolatedCounterexamples::skipped(neighbors[1], NO_SIMULATIONS)),
+        Some(_) => ViolatedCounterexamples::simulate(neighbors, || control_flow().is_break()),
+    };
+    BisectionEvidence::collect(found, violated, |path| {
+        let file = file::read(path, options.skip_check)?;
+        let report = report(&file, path, options).with_context(|| path.display().to_string())?;
+        Ok(report.map(|report| (file, report)))
+    })
 }
 
 /// Returns the report of a run; `None` after an interruption.

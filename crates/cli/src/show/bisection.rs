@@ -32,7 +32,7 @@ pub fn text(found: &Bisection) -> String {
         format!(
             "{} of {} tested, {}",
             found.tested.len(),
-            plural(found.candidates, "candidate"),
+            plural(found.candidates.len() as u64, "candidate"),
             plural(found.simulations, "simulation")
         ),
     ];

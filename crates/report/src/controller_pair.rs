@@ -1,0 +1,139 @@
+//! A scenario that was simulated with two controllers, of which at least one fails: what both do,
+//! why, and a picture of the same instant.
+
+use mishandle::inspect::ExplainedSimulation;
+use mishandle::picture::ExampleSimulation;
+use mishandle::stl::is_violated;
+use mishandle::store::RunHeader;
+use mishandle_text::instant;
+
+use crate::html::{base64, short, text, with_code, with_unit};
+use crate::pictures::{Frame, Instant, PictureError, instants};
+
+/// Words for one of the two controllers.
+#[derive(Clone, Copy, Debug)]
+pub struct ControllerName {
+    /// Name above its picture.
+    pub label: &'static str,
+    /// Words in a sentence.
+    pub phrase: &'static str,
+}
+
+/// The simulations of two controllers in the same scenario.
+#[derive(Debug)]
+pub struct ControllerPair {
+    names: [ControllerName; 2],
+    /// The controller that fails.
+    failing: usize,
+    outcomes: Vec<Outcome>,
+}
+
+/// The simulation of a controller in the scenario of a failure.
+#[derive(Debug)]
+struct Outcome {
+    /// Why the failure or success is one; `None` if the simulation has no verdict.
+    explained: Option<(RunHeader, ExplainedSimulation)>,
+    /// How it ended.
+    end: String,
+    picture: Option<Frame>,
+}
+
+impl ControllerPair {
+    /// Draws the same instant of both simulations. Also returns why there is no picture.
+    pub fn draw(
+        simulated: [ExampleSimulation; 2],
+        names: [ControllerName; 2],
+        failing: usize,
+    ) -> (ControllerPair, Option<PictureError>) {
+        let (mut outcomes, mut states) = (Vec::new(), Vec::new());
+        for ExampleSimulation { episode, trajectory, explained } in simulated {
+            let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
+            let end = mishandle::run::end_text(episode.end, &signals);
+            outcomes.push(Outcome { explained, end, picture: None });
+            states.push(trajectory.states);
+        }
+        let last = |index: usize| states[index].len().saturating_sub(1);
+        // A violation that grows is drawn where it starts: its largest value is often far away from
+        // it.
+        let event = |index: usize| {
+            let event = outcomes[index].explained.as_ref().and_then(|(_, found)| found.explanation.event());
+            event.map(|event| event.start.unwrap_or(event.sample))
+        };
+        let decisive = event(failing).unwrap_or(last(failing));
+        // A failure has an instant of its own, a success is shown at that of the failure.
+        let sample = |index: usize| {
+            let own = event(index).filter(|_| outcomes[index].fails());
+            own.unwrap_or(decisive).min(last(index))
+        };
+        let drawn: Vec<usize> = (0..2).filter(|index| outcomes[*index].explained.is_some()).collect();
+        let shown: Vec<Instant<'_>> = drawn
+            .iter()
+            .filter_map(|index| {
+                let (header, found) = outcomes[*index].explained.as_ref()?;
+                let (states, explanation) = (states[*index].as_slice(), &found.explanation);
+                Some(Instant { header, states, explanation, sample: sample(*index) })
+            })
+            .collect();
+        let missing = match instants(&shown) {
+            Ok(frames) => {
+                drop(shown);
+                for (index, frame) in drawn.into_iter().zip(frames) {
+                    outcomes[index].picture = Some(frame);
+                }
+                None
+            }
+            Err(error) => Some(error),
+        };
+        (ControllerPair { names, failing, outcomes }, missing)
+    }
+
+    /// Returns the pair as HTML, after the table of its scenario.
+    pub fn html(&self, scenario: &str) -> String {
+        let both = || self.outcomes.iter().zip(self.names);
+        let mut out = format!("<div class=\"facts-and-trace\">\n<div>{scenario}<ul class=\"why\">");
+        for (outcome, name) in both() {
+            out.push_str(&format!("<li><b>{}</b>: {}.</li>", name.label, outcome.words()));
+        }
+        let controller = self.names[self.failing].phrase;
+        out.push_str(&format!("</ul>\n<h5>Why {controller} fails</h5>\n<ul class=\"why\">"));
+        let failing = self.outcomes.get(self.failing);
+        if let Some((header, explained)) = failing.and_then(|outcome| outcome.explained.as_ref()) {
+            for sentence in explained.explanation.sentences(|sample| instant(sample, header.control_dt)) {
+                out.push_str(&format!("<li>{}</li>", with_code(&sentence)));
+            }
+        }
+        let pictures: String = both().map(|(outcome, name)| outcome.figure(name)).collect();
+        out + &format!("</ul></div>\n<div class=\"strip pair\">{pictures}</div>\n</div>\n")
+    }
+}
+
+impl Outcome {
+    fn fails(&self) -> bool {
+        self.explained.as_ref().is_some_and(|(_, found)| found.recorded.robustness.is_some_and(is_violated))
+    }
+
+    /// Returns the result in words.
+    fn words(&self) -> String {
+        let Some((_, explained)) = &self.explained else { return format!("no verdict: {}", text(&self.end)) };
+        let unit = text(&short(&explained.explanation.unit, 20));
+        let robustness = explained.recorded.robustness.map_or(String::new(), |found| with_unit(found, &unit));
+        let verdict = if self.fails() { "fails" } else { "succeeds" };
+        format!("{verdict}, robustness {robustness}")
+    }
+
+    fn figure(&self, name: ControllerName) -> String {
+        let (Some(Frame { sample, png }), Some((header, _))) = (&self.picture, &self.explained) else {
+            return String::new();
+        };
+        let time = instant(*sample, header.control_dt);
+        let verdict = if self.fails() { "fails" } else { "succeeds" };
+        format!(
+            "<figure class=\"frame{}\"><img src=\"data:image/png;base64,{}\" width=\"320\" height=\"240\" alt=\"The scene with \
+             {}, which {verdict}, at {time}\"><figcaption><b>{}: {verdict}</b>, {time}</figcaption></figure>",
+            if self.fails() { " decisive" } else { "" },
+            base64(png),
+            name.phrase,
+            name.label,
+        )
+    }
+}
