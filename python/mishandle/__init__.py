@@ -3,6 +3,7 @@
 from mishandle import sb3
 from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, Except, PolicyArgument, ResetOption
+from mishandle.bisections import Bisection, bisect
 from mishandle.checks import Check, check
 from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
@@ -51,6 +52,7 @@ from mishandle.versions import compare_versions, sample_size
 __all__ = [
     "Attribute",
     "Axis",
+    "Bisection",
     "Check",
     "ComparedPair",
     "Comparison",
@@ -106,6 +108,7 @@ __all__ = [
     "Trial",
     "Witness",
     "__version__",
+    "bisect",
     "check",
     "compare",
     "compare_versions",

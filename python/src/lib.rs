@@ -7,6 +7,7 @@
 #![allow(clippy::result_large_err, reason = "closures return the error of the library")]
 
 mod artifacts;
+mod bisection;
 mod camera;
 mod check;
 mod comparison;
@@ -123,6 +124,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(artifacts::regress, module)?)?;
     module.add_function(wrap_pyfunction!(evidence::evidence, module)?)?;
     module.add_function(wrap_pyfunction!(evidence::verify_evidence, module)?)?;
+    module.add_function(wrap_pyfunction!(bisection::bisect, module)?)?;
+    module.add_function(wrap_pyfunction!(bisection::bisection_report, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::harden, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::hardening_report, module)?)?;
     module.add_function(wrap_pyfunction!(question::check_margin, module)?)?;
