@@ -70,10 +70,14 @@ pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String
     );
     let has_rates = found.tested.iter().any(|tested| tested.success_rate.is_some());
     body += &format!(
-        "<p class=\"notes\">{} of {} tested, {}.{}</p>\n",
+        "<p class=\"notes\">{} of {} tested, {}{}.{}</p>\n",
         found.tested.len(),
         plural(found.candidates.len() as u64, "candidate"),
         plural(found.simulations, "simulation"),
+        match found.tested.len() < found.candidates.len() {
+            true => "; a box with a number alone is not tested",
+            false => "",
+        },
         match has_rates {
             true =>
                 " Intervals of rates hold at any time (95 %); no correction is made for several candidates.",
