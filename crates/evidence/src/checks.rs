@@ -86,10 +86,10 @@ fn replay(file: &str, plan: &Plan, own: &str) -> String {
 }
 
 /// Returns the files of a check, without its runs.
-pub(crate) fn files(check: &ManifestCheck) -> impl Iterator<Item = String> {
+pub(crate) fn files(check: &ManifestCheck) -> Vec<String> {
     let reports = CHECK_REPORTS.into_iter().chain([REQUIREMENTS, RESULT]);
     let own = reports.map(|name| format!("{}/{name}", check.folder));
-    own.chain(check.counterexamples.iter().cloned()).collect::<Vec<_>>().into_iter()
+    own.chain(check.counterexamples.iter().cloned()).collect()
 }
 
 /// Verifies a check: its requirements, its verdicts, which follow from the runs, its reports and
