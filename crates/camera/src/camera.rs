@@ -98,7 +98,7 @@ pub struct Optics {
 pub struct Effects {
     /// Darkening of the corners, as a fraction.
     pub vignette: f32,
-    /// Standard deviation of a Gaussian blur, pixels.
+    /// Standard deviation of a Gaussian blur, pixels; at most 32.
     pub blur: f32,
     /// A patch of dirt on the lens.
     pub patch: Patch,

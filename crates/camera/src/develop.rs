@@ -6,6 +6,9 @@ use crate::camera::{Camera, Effects};
 use crate::compression::compress;
 use crate::lanes::Lanes3;
 
+/// Largest standard deviation of a blur, pixels: its time grows with the square.
+const WIDEST_BLUR: f32 = 32.0;
+
 /// Turns the light of pixels into bytes.
 #[derive(Debug, Default)]
 pub(crate) struct Developer {
@@ -95,6 +98,7 @@ impl Developer {
         if deviation <= 0.0 {
             return;
         }
+        let deviation = deviation.min(WIDEST_BLUR);
         let variance = deviation * deviation;
         let passes = (2.0 * variance).ceil().max(1.0);
         // The variance of (w, 1 - 2 w, w) is 2 w.

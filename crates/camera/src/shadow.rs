@@ -95,7 +95,11 @@ impl Shadows {
         }
         let [a, b] = beside(direction);
         let axes = [a, b, direction];
+        // Other states have more casters of a tile, and later images shall not allocate for them.
         self.casters.clear();
+        self.casters.reserve(placed.len());
+        self.candidates.clear();
+        self.candidates.reserve(placed.len());
         for (position, own) in placed.iter().enumerate().filter(|(_, own)| own.is_opaque) {
             if let Some(caster) = Caster::new(position as u32, own, axes) {
                 self.casters.push(caster);

@@ -35,7 +35,8 @@ impl View {
         let [right, up, back] = pose.axes;
         let (width, height) = (camera.size.width(), camera.size.height());
         let step = 1.0 / (camera.focal_length * height as f32);
-        let turn = lens.map(|v| v / camera.optics.focus);
+        // The focus of a pinhole has no meaning, and may be 0.
+        let turn = lens.map(|v| if v == 0.0 { 0.0 } else { v / camera.optics.focus });
         View {
             eye: add(pose.position, add(scale(right, lens[0]), scale(up, lens[1]))),
             right,

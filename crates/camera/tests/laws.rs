@@ -157,7 +157,7 @@ fn nominal_effects_change_no_bit_and_others_do() {
     same.effects.patch.center = [0.2, 0.7];
     same.effects.patch.size = [0.5, 0.0];
     same.effects.dead_rows.first = 0.1;
-    same.optics.focus = 3.0;
+    same.optics.focus = 0.0;
     assert_eq!(render(&scene, &poses, Some(&before), &same, 5).rgb, nominal);
     let mut off = scene.clone();
     off.lamps[1].direction = [0.0, 1.0, 0.2];

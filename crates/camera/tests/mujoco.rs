@@ -86,42 +86,88 @@ fn for_states(mut check: impl FnMut(&dyn Task, &Model, &mut World, &[f64], Scene
     }
 }
 
+/// Compares depth and segments of an image with MuJoCo's rays. Returns how many pixels show the
+/// same shape, and how many rays graze one, so that only neighbors agree.
+fn compare(what: &str, world: &mut World, scene: &Scene, camera: &Camera, images: &Images) -> [usize; 2] {
+    let rays = Rays::new(world, camera);
+    let (mut compared, mut grazing) = (0, 0);
+    for pixel in 0..SIDE * SIDE {
+        let (depth, segment) = (images.depth[pixel], images.segments[pixel]);
+        assert_eq!(segment == NO_SHAPE, depth == f32::INFINITY, "{what}, pixel {pixel}");
+        let own = (segment != NO_SHAPE).then(|| scene.shapes[usize::from(segment)].geom).flatten();
+        let truth = world.ray(rays.eye, rays.direction(pixel, [0.0; 2]));
+        let is_near = |truth: Option<(usize, f64)>, tolerance: f64| match (truth, own) {
+            (None, None) => true,
+            // Coplanar shapes may be exchanged.
+            (Some((_, t)), Some(_)) => (t - f64::from(depth)).abs() < tolerance * t.max(0.1),
+            _ => false,
+        };
+        if !is_near(truth, 2e-5) {
+            // The ray grazes a shape: its depth changes fast beside it.
+            let mut around = AROUND.iter().map(|jitter| rays.direction(pixel, *jitter));
+            let agrees = around.any(|direction| is_near(world.ray(rays.eye, direction), 3e-3));
+            assert!(agrees, "{what}, pixel {pixel}: depth {depth} of {own:?}, MuJoCo {truth:?}");
+            grazing += 1;
+        }
+        compared += usize::from(own.is_some() && truth.map(|(geom, _)| geom) == own);
+    }
+    [compared, grazing]
+}
+
 #[test]
 fn depth_and_segments_are_those_of_mujocos_rays() {
     let (mut compared, mut grazing) = (0, 0);
     for_states(|task, model, world, state, scene| {
         for camera in cameras(task, model, Size::new(SIDE, SIDE).unwrap()) {
             let images = render(model, state, &scene, &camera);
-            let rays = Rays::new(world, &camera);
-            for pixel in 0..SIDE * SIDE {
-                let (depth, segment) = (images.depth[pixel], images.segments[pixel]);
-                assert_eq!(segment == NO_SHAPE, depth == f32::INFINITY, "{}, pixel {pixel}", name(task));
-                let own = (segment != NO_SHAPE).then(|| scene.shapes[usize::from(segment)].geom).flatten();
-                let truth = world.ray(rays.eye, rays.direction(pixel, [0.0; 2]));
-                let is_near = |truth: Option<(usize, f64)>, tolerance: f64| match (truth, own) {
-                    (None, None) => true,
-                    // Coplanar shapes may be exchanged.
-                    (Some((_, t)), Some(_)) => (t - f64::from(depth)).abs() < tolerance * t.max(0.1),
-                    _ => false,
-                };
-                if !is_near(truth, 2e-5) {
-                    // The ray grazes a shape: its depth changes fast beside it.
-                    let mut around = AROUND.iter().map(|jitter| rays.direction(pixel, *jitter));
-                    let agrees = around.any(|direction| is_near(world.ray(rays.eye, direction), 3e-3));
-                    assert!(
-                        agrees,
-                        "{}, pixel {pixel}: depth {depth} of {own:?}, MuJoCo {truth:?}",
-                        name(task)
-                    );
-                    grazing += 1;
-                }
-                compared += usize::from(own.is_some() && truth.map(|(geom, _)| geom) == own);
-            }
+            let [same, grazed] = compare(name(task), world, &scene, &camera, &images);
+            compared += same;
+            grazing += grazed;
         }
     });
     // 9 tasks, 5 states, 2 cameras; most pixels show a shape.
     assert!(compared > 9 * 5 * 2 * SIDE * SIDE / 2, "{compared}");
     assert!(grazing < compared / 2000, "{grazing} of {compared}");
+}
+
+/// A model of every kind of shape, with a mesh that is not convex, a shape that is hidden and one
+/// that moves.
+const EVERY_SHAPE: &str = r#"<mujoco>
+  <asset><mesh name="notch" vertex="0 0 0  .4 0 0  .4 .3 0  0 .3 0  0 0 .2  .4 0 .2  .4 .3 .2  0 .3 .2  .2 .15 .05"
+    face="0 2 1  0 3 2  0 1 5  0 5 4  1 2 6  1 6 5  2 3 7  2 7 6  3 0 4  3 4 7  4 5 8  5 6 8  6 7 8  7 4 8"/></asset>
+  <worldbody>
+    <geom type="plane" size="0 0 1"/>
+    <body pos=".1 .2 .6" euler="30 40 50"><freejoint/>
+      <geom type="mesh" mesh="notch"/>
+      <geom type="ellipsoid" size=".1 .2 .15" pos="-.4 0 0" euler="0 20 70"/>
+      <geom type="capsule" size=".07 .2" pos="0 -.4 0" euler="80 0 10"/>
+      <geom type="cylinder" size=".1 .05" pos="0 .3 .2" euler="20 30 0"/>
+      <geom type="box" size=".3 .3 .3" group="3"/>
+    </body>
+    <geom type="sphere" size=".15" pos=".6 -.3 .2"/>
+    <geom type="box" size=".1 .3 .2" pos="-.5 .5 .2" euler="0 0 33"/>
+  </worldbody></mujoco>"#;
+
+#[test]
+fn every_kind_of_shape_is_where_mujocos_rays_meet_it() {
+    let model = Model::from_xml(EVERY_SHAPE).unwrap();
+    let scene = Scene::of_model(&model).unwrap();
+    assert_eq!(scene.shapes.len(), 7, "one of eight is hidden");
+    let mut world = model.world();
+    let mut state = vec![0.0; model.state_size()];
+    world.read_state(&mut state);
+    world.refresh_sensors();
+    for eye in [[2.0, 0.5, 1.5], [-0.3, -1.6, 1.1], [0.2, 0.1, 2.4], [-1.7, 1.0, 0.3]] {
+        let points = [eye, [0.05, 0.1, 0.4], [0.1, 0.2, 1.0]];
+        let camera = Camera::looking(Size::new(SIDE, SIDE).unwrap(), 0, points, 1.0);
+        let images = render(&model, &state, &scene, &camera);
+        let [compared, grazing] = compare("every shape", &mut world, &scene, &camera, &images);
+        assert!(compared > SIDE * SIDE / 2 && grazing < 20, "{compared}, {grazing}");
+        let meshes = images.segments.iter().filter(|segment| **segment != NO_SHAPE).filter(|segment| {
+            matches!(scene.shapes[usize::from(**segment)].form, mishandle_camera::Form::Mesh(_))
+        });
+        assert!(meshes.count() > 50);
+    }
 }
 
 #[test]
