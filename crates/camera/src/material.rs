@@ -113,3 +113,53 @@ fn unit_hash(p: [i32; 3], seed: u32) -> f32 {
     let word = philox4x32([p[0] as u32, p[1] as u32, p[2] as u32, 0], [seed, 0])[0];
     (word >> 8) as f32 / 16_777_216.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shares(pattern: Pattern, seed: u32, step: f32) -> Vec<f32> {
+        let material = Material {
+            pattern,
+            colors: [[0.0; 3], [1.0; 3]],
+            scale: 0.05,
+            seed,
+            ..Material::plain([0.0; 3])
+        };
+        let at = |i: u32| [step * (i % 50) as f32 - 0.7, step * (i / 50) as f32 - 0.6, 0.013];
+        (0..2500).map(|i| material.color(at(i))[0]).collect()
+    }
+
+    #[test]
+    fn squares_of_a_checker_have_the_stated_size() {
+        let material = |x: f32, y: f32| {
+            Material { pattern: Pattern::Checker, colors: [[0.0; 3], [1.0; 3]], ..Material::plain([0.0; 3]) }
+                .color([x, y, 0.0])[0]
+        };
+        for (x, y) in [(0.0, 0.0), (0.21, -0.13), (-0.4, 0.33)] {
+            assert!(material(x, y) != material(x + 0.05, y), "the next square has the other color");
+            assert!(material(x, y) != material(x, y - 0.05));
+            assert_eq!(material(x, y), material(x + 0.05, y + 0.05));
+        }
+    }
+
+    #[test]
+    fn random_patterns_are_smooth_use_both_colors_and_depend_on_their_seed() {
+        for pattern in [Pattern::Noise, Pattern::Wood] {
+            let values = shares(pattern, 1, 0.02);
+            let mean = values.iter().sum::<f32>() / 2500.0;
+            assert!((0.3..0.7).contains(&mean), "{pattern:?}: {mean}");
+            assert!(values.iter().all(|share| (0.0..=1.0).contains(share)), "{pattern:?}");
+            let many =
+                |range: std::ops::Range<f32>| values.iter().filter(|v| range.contains(v)).count() > 150;
+            assert!(many(0.0..0.2) && many(0.8..1.0), "{pattern:?}");
+            assert!(values != shares(pattern, 2, 0.02), "{pattern:?}");
+            // Neighbors differ less the nearer they are.
+            let change = |step: f32| {
+                let values = shares(pattern, 1, step);
+                values.windows(2).filter(|pair| (pair[0] - pair[1]).abs() > 0.1).count()
+            };
+            assert!(change(0.0005) < change(0.02) / 4, "{pattern:?}");
+        }
+    }
+}

@@ -272,6 +272,22 @@ fn a_blur_keeps_the_mean_and_has_the_stated_width() {
 }
 
 #[test]
+fn a_camera_of_a_model_is_where_the_model_says() {
+    let xml = r#"<mujoco><worldbody><body pos="1 2 3" euler="0 0 90">
+        <camera name="eye" pos=".1 .2 .3" xyaxes="0 1 0  -.6 0 .8" fovy="90"/></body></worldbody></mujoco>"#;
+    let model = Model::from_xml(xml).unwrap();
+    let index = model.find(mishandle_world::ElementKind::Camera, "eye").unwrap();
+    let camera = Camera::of_model(&model.camera_at(index), size(32));
+    // It looks along the cross product of its y and x.
+    let same = Camera::looking(size(32), 1, [[0.1, 0.2, 0.3], [-0.7, 0.2, -0.3], [0.0, 0.0, 1.0]], 0.5);
+    let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|i| (a[i] - b[i]).abs() < 1e-6);
+    assert_eq!((camera.body, camera.size), (same.body, same.size));
+    assert!((camera.focal_length - 0.5).abs() < 1e-6);
+    assert!(near(camera.pose.position, same.pose.position));
+    assert!((0..3).all(|i| near(camera.pose.axes[i], same.pose.axes[i])), "{:?}", camera.pose);
+}
+
+#[test]
 fn the_edge_of_the_image_may_be_anywhere() {
     let (camera, scene, poses, _) = scene_of("point-reaching");
     for (width, height) in [(1, 1), (7, 3), (3, 41), (65, 64)] {
