@@ -722,6 +722,15 @@ pub enum MishandleError {
         /// The contradiction.
         problem: &'static str,
     },
+    /// No simulation became a part of a data set.
+    #[error(
+        "none of {} is in the data set, so nothing is written: without --successful, all episodes with a control step are kept",
+        mishandle_text::plural(*simulations, "simulation")
+    )]
+    NoDemonstrations {
+        /// Number of simulations.
+        simulations: u64,
+    },
     /// A system returned no episode for a request.
     #[error("the system returned no episode")]
     NoEpisode,

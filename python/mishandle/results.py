@@ -3595,6 +3595,70 @@ class Bisection:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Demonstrations:
+    """A data set of recorded episodes."""
+
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    folder: str
+    """Folder of the data set."""
+    format: str
+    """Its format: ``lerobot`` or ``npz``."""
+    relabel: str | None
+    """Controller whose action in each state is recorded, by its name or its path; ``None`` if it
+    is the one that acts."""
+    simulations: int
+    """Number of simulations."""
+    episodes: int
+    """Number of episodes in the data set."""
+    frames: int
+    """Number of frames of all episodes: one per control step."""
+    successes: int
+    """Number of episodes that satisfy the success formula."""
+    left_out: int
+    """Number of simulations that are not in the data set: without a control step, or without
+    success if only successful episodes are kept."""
+    bytes: int
+    """Size of all files, bytes."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainingTime:
     """Time until the return of a training run converged."""
 

@@ -7,7 +7,7 @@ use mishandle_rollout::{Episode, System};
 use mishandle_store::TraceColumn;
 
 use crate::error::MishandleError;
-use crate::picture::trajectory::{Recording, RecordingEnvironment};
+use crate::picture::recording::{Recording, RecordingEnvironment};
 use crate::resolve::{ResolvedPlan, scene_target};
 
 /// Simulates an episode of a target with a scene again and returns what its trace does not contain,
@@ -43,7 +43,7 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
     if bits(&again) != bits(episode) {
         return Err(MishandleError::RunMismatch { differences: vec!["trace of the full recording".into()] });
     }
-    let Recording { states, actions } = recording.take();
+    let Recording { states, actions, .. } = recording.only();
     let mut full_state = environment.full_state()?;
     let mut columns: Vec<TraceColumn> = full_state
         .columns()

@@ -5,6 +5,7 @@ mod film;
 mod frames;
 mod full_trace;
 mod recorded_scene;
+mod recording;
 mod trajectory;
 
 pub use example::ExampleSimulation;
@@ -12,4 +13,5 @@ pub use film::Film;
 pub use frames::{FrameCaptions, FrameRenderer};
 pub use full_trace::full_trace;
 pub use recorded_scene::{RecordedScene, SceneEpisode, recorded_scene};
+pub(crate) use recording::{Recording, RecordingEnvironment, SharedRecordings};
 pub use trajectory::{StateTrajectory, initial_state, replay_states, simulate_states, strip_samples};

@@ -1,14 +1,13 @@
 //! Sequences of simulation states, for rendering.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
-use mishandle_rollout::{
-    Environment, EnvironmentWorker, Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System,
-};
+use mishandle_rollout::{Episode, Request, Sample, Seed, StepStatus, System};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::inspect::{Event, EventKind};
+use crate::picture::recording::{RecordingEnvironment, SharedRecordings};
 use crate::replay::{ReplayResult, replay_in};
 use crate::resolve::{ResolvedPlan, SceneEnvironment, recorded_plan, scene_start, scene_target};
 
@@ -146,7 +145,7 @@ pub fn simulate_states(
 /// A system that records the states of its only simulation.
 pub(crate) struct Recorded {
     pub system: Box<dyn System>,
-    recording: SharedRecording,
+    recording: SharedRecordings,
     environment: Arc<dyn SceneEnvironment>,
 }
 
@@ -161,130 +160,6 @@ impl Recorded {
 
     pub fn trajectory(self) -> StateTrajectory {
         let control_dt = self.environment.control_dt();
-        StateTrajectory { states: self.recording.take().states, control_dt, environment: self.environment }
-    }
-}
-
-/// Data that a [`RecordingEnvironment`] records.
-#[derive(Debug, Default)]
-pub(crate) struct Recording {
-    /// State rows, from the initial state on.
-    pub states: Vec<Vec<f64>>,
-    /// The action of each control step.
-    pub actions: Vec<Vec<f64>>,
-}
-
-/// The recording of an environment, which fills it while it simulates.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct SharedRecording(Arc<Mutex<Recording>>);
-
-impl SharedRecording {
-    /// Returns what was recorded.
-    pub(crate) fn take(&self) -> Recording {
-        std::mem::take(&mut *self.lock())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Recording> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// An environment that records states and actions of its only simulation.
-pub(crate) struct RecordingEnvironment {
-    environment: Arc<dyn SceneEnvironment>,
-    recording: SharedRecording,
-}
-
-impl RecordingEnvironment {
-    /// Makes the environment and its recording.
-    pub(crate) fn new(environment: Arc<dyn SceneEnvironment>) -> (RecordingEnvironment, SharedRecording) {
-        let recording = SharedRecording::default();
-        (RecordingEnvironment { environment, recording: recording.clone() }, recording)
-    }
-}
-
-impl Environment for RecordingEnvironment {
-    fn name(&self) -> &str {
-        self.environment.name()
-    }
-
-    fn space(&self) -> &Space {
-        self.environment.space()
-    }
-
-    fn signals(&self) -> &Arc<[String]> {
-        self.environment.signals()
-    }
-
-    fn reward_terms(&self) -> &[String] {
-        self.environment.reward_terms()
-    }
-
-    fn observation_size(&self) -> usize {
-        self.environment.observation_size()
-    }
-
-    fn action_size(&self) -> usize {
-        self.environment.action_size()
-    }
-
-    fn action_limit(&self) -> f64 {
-        self.environment.action_limit()
-    }
-
-    fn state_size(&self) -> usize {
-        self.environment.state_size()
-    }
-
-    fn control_dt(&self) -> f64 {
-        self.environment.control_dt()
-    }
-
-    fn episode_steps(&self) -> usize {
-        self.environment.episode_steps()
-    }
-
-    fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(RecordingWorker { worker: self.environment.worker(), recording: self.recording.clone() })
-    }
-}
-
-struct RecordingWorker {
-    worker: Box<dyn EnvironmentWorker>,
-    recording: SharedRecording,
-}
-
-impl EnvironmentWorker for RecordingWorker {
-    fn reset(
-        &mut self,
-        scenario: &Scenario,
-        seed: Seed,
-        state: &mut [f64],
-        sample: Sample<'_>,
-    ) -> StepStatus {
-        let status = self.worker.reset(scenario, seed, state, sample);
-        self.recording.lock().states.push(state.to_vec());
-        status
-    }
-
-    fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        let status = self.worker.step(action, state, sample);
-        self.record(action, state, status)
-    }
-
-    fn step_before_actions(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {
-        let status = self.worker.step_before_actions(action, state, sample);
-        self.record(action, state, status)
-    }
-}
-
-impl RecordingWorker {
-    fn record(&self, action: &[f64], state: &[f64], status: StepStatus) -> StepStatus {
-        if status != StepStatus::Diverged {
-            let mut recording = self.recording.lock();
-            recording.states.push(state.to_vec());
-            recording.actions.push(action.to_vec());
-        }
-        status
+        StateTrajectory { states: self.recording.only().states, control_dt, environment: self.environment }
     }
 }

@@ -62,7 +62,7 @@ pub use recorded::{Moved, recorded_plan};
 pub(crate) use requirements::missing_signals;
 pub use robot::contract_warnings;
 pub use robot::robot_file;
-pub(crate) use scene::{SceneEnvironment, scene_start, scene_target};
+pub(crate) use scene::{SceneEnvironment, SceneTarget, scene_start, scene_target};
 pub use scene::{picture_model, recorded_picture};
 pub use search::search_entry;
 pub use simulator::check_protocol;

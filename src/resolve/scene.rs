@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
-use mishandle_rollout::{Environment, Rollout, Scenario, ScenarioBatch, Space, Specification};
+use mishandle_rollout::{Controller, Environment, Rollout, Scenario, ScenarioBatch, Space, Specification};
 use mishandle_store::RunHeader;
 use mishandle_tasks::{
     Definition, JOINT_NAMES, Preset, Reward, TaskBatch, TaskEnvironment, TaskError, TaskTarget,
@@ -14,6 +14,7 @@ use mishandle_world::{FullState, PictureModel, WorldDevice};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::resolve::guard::quantities;
 use crate::resolve::robot::controlled_robot;
 use crate::resolve::{ResolvedPlan, has_scene, is_target_file, task, task_target};
 
@@ -106,6 +107,39 @@ impl SceneTarget {
         Ok(match self {
             SceneTarget::Task(target) => target.system_in(environment, space, specification)?,
             SceneTarget::Robot(_, target) => target.system_in(environment, space, specification)?,
+        })
+    }
+
+    /// Returns the controller.
+    pub(crate) fn controller(&self) -> &Arc<dyn Controller> {
+        match self {
+            SceneTarget::Task(target) => target.controller(),
+            SceneTarget::Robot(_, target) => target.controller(),
+        }
+    }
+
+    /// Returns what the controller has to do, in words: the summary of a task, or the name of a
+    /// target file.
+    pub(crate) fn instruction(&self) -> &str {
+        match self {
+            SceneTarget::Task(target) => target.starts().definition().summary,
+            SceneTarget::Robot(file, _) => file.name(),
+        }
+    }
+
+    /// Returns the name of the robot: that of the tasks, or that of a target file.
+    pub(crate) fn robot(&self) -> &str {
+        match self {
+            SceneTarget::Task(_) => "panda",
+            SceneTarget::Robot(file, _) => file.name(),
+        }
+    }
+
+    /// Returns the names of the numbers of an observation.
+    pub(crate) fn observation_names(&self) -> Vec<String> {
+        quantities(&match self {
+            SceneTarget::Task(target) => target.starts().definition().layout(),
+            SceneTarget::Robot(file, _) => file.layout(),
         })
     }
 

@@ -22,6 +22,7 @@ mod metamorphic;
 mod mine;
 mod monitor;
 mod protocol;
+mod record;
 mod regress;
 mod render;
 mod replay;
@@ -56,7 +57,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
         &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
     ),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
-    ("Train", &["train", "harden", "guard", "controller"]),
+    ("Train", &["record", "train", "harden", "guard", "controller"]),
     ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
 ];
 
@@ -89,6 +90,7 @@ pub enum Command {
     Regress(regress::Arguments),
     Evidence(evidence::Arguments),
     Export(export::Arguments),
+    Record(record::Arguments),
     Train(train::Arguments),
     Harden(harden::Arguments),
     Guard(guard::Arguments),
@@ -132,6 +134,7 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Regress(arguments) => regress::run(arguments),
         Command::Evidence(arguments) => evidence::run(arguments),
         Command::Export(arguments) => export::run(arguments),
+        Command::Record(arguments) => record::run(arguments),
         Command::Train(arguments) => train::run(arguments, gpu),
         Command::Harden(arguments) => harden::run(arguments, gpu),
         Command::Guard(arguments) => guard::run(arguments),

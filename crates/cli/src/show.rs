@@ -5,6 +5,7 @@ pub mod campaign;
 pub mod check;
 pub mod comparison;
 pub mod corners;
+pub mod demonstrations;
 pub mod difference;
 pub mod escape;
 pub mod evaluation;

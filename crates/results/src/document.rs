@@ -6,10 +6,11 @@ use serde::Serialize;
 
 use crate::{
     Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples,
-    Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription,
-    GuardTuning, Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining, Monitor, MonitorChange,
-    ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary, SampleSize,
-    Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
+    Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
+    FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining,
+    Monitor, MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference,
+    RunSummary, SampleSize, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
+    Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -80,6 +81,7 @@ impl Document {
             Document::object::<Evidence>("evidence"),
             Document::object::<EvidenceVerification>("evidence verify"),
             Document::object::<Bisection>("bisect"),
+            Document::object::<Demonstrations>("record"),
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),

@@ -15,6 +15,7 @@
 //!   [`EvidenceVerification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
 //!   controllers.
+//! - [`Demonstrations`]: a data set of recorded episodes.
 //! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
 //! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
@@ -39,6 +40,7 @@ mod check;
 mod comparison;
 mod controller;
 mod counterexamples;
+mod demonstrations;
 mod document;
 mod estimate;
 mod evaluation;
@@ -81,6 +83,7 @@ pub use check::{
 pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
 pub use controller::{Controller, ControllerExport, ControllerImport, Validation};
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
+pub use demonstrations::Demonstrations;
 pub use document::{Document, SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};

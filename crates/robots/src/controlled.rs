@@ -19,6 +19,11 @@ pub struct ControlledRobot {
 }
 
 impl ControlledRobot {
+    /// Returns the controller.
+    pub fn controller(&self) -> &Arc<dyn Controller> {
+        &self.controller
+    }
+
     /// Returns the environment over the axes of `space` that belong to it. Other axes of `space`
     /// belong to disturbances.
     ///

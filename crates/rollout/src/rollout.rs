@@ -84,6 +84,13 @@ impl Rollout {
         Ok(self)
     }
 
+    /// Replaces the controller by one around it, for instance one that records what it does. It has
+    /// the sizes and the signals of the controller.
+    pub fn map_controller(self, wrap: impl FnOnce(Arc<dyn Controller>) -> Arc<dyn Controller>) -> Rollout {
+        let controller = wrap(Arc::clone(&self.controller));
+        Rollout { controller, ..self }
+    }
+
     /// Returns a system of the same parts, without the workers of this one.
     pub(crate) fn without_workers(&self) -> Rollout {
         Rollout {

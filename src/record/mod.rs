@@ -1,0 +1,336 @@
+//! Demonstrations: episodes with what the controller saw and did, as a data set to train on.
+//!
+//! The scenarios are those of the evaluation of the same plan. With labels, one controller acts and
+//! another one says what it would do in each state, as DAgger needs it (Ross, Gordon and Bagnell,
+//! "A reduction of imitation learning and structured prediction to no-regret online learning",
+//! AISTATS 2011).
+
+mod cameras;
+mod labels;
+mod recorder;
+
+use std::collections::HashMap;
+use std::io::ErrorKind;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+
+use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
+use mishandle_files::AtomicFolder;
+use mishandle_results::Demonstrations;
+use mishandle_rollout::{Controller, Environment, Episode, Request, Seed, System};
+use mishandle_text::path_text;
+
+use crate::error::MishandleError;
+use crate::picture::{Recording, RecordingEnvironment, SharedRecordings};
+use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target};
+use crate::run::end_text;
+use crate::run::evaluate::{TRIAL, with_requests};
+
+pub use self::cameras::CameraSettings;
+use self::cameras::Cameras;
+use self::labels::{labeler, labels};
+use self::recorder::{Decisions, RecordedController, SharedDecisions};
+
+/// Settings of a recording besides the plan of an evaluation.
+#[derive(Clone, Debug)]
+pub struct RecordSettings {
+    /// Format of the data set.
+    pub format: Format,
+    /// Controller whose action in each state is the action of the data set, by its name or its
+    /// path. `None`: the action is that of the controller that acts.
+    pub relabel: Option<String>,
+    /// Cameras whose images are recorded. `None`: no images.
+    pub cameras: Option<CameraSettings>,
+    /// Whether episodes that violate the success formula, or have no verdict, are left out.
+    pub only_successful: bool,
+}
+
+/// Returns the format with this name.
+///
+/// # Errors
+/// If the name is unknown.
+pub fn format(name: &str) -> Result<Format, MishandleError> {
+    let known = || Format::ALL.iter().map(|format| format.name().to_string()).collect();
+    let found = Format::ALL.into_iter().find(|format| format.name() == name);
+    found.ok_or_else(|| MishandleError::UnknownName {
+        kind: "format",
+        name: name.to_string(),
+        known: known(),
+    })
+}
+
+/// Records the random simulations of an evaluation as a data set in the new folder `out`.
+///
+/// `watch` gets the number of finished simulations after each batch and can stop the recording.
+/// Then the result is `None`, and nothing is written: the folder appears when it is complete.
+///
+/// # Errors
+/// If the plan has no table `[evaluate]`, the target has no controller that this program runs, the
+/// folder exists, no episode is kept, or a simulation cannot be run or written.
+pub fn record(
+    resolved: &ResolvedPlan,
+    settings: &RecordSettings,
+    out: &Path,
+    mut watch: impl FnMut(u64) -> ControlFlow<()>,
+) -> Result<Option<Demonstrations>, MishandleError> {
+    let target = recordable(resolved)?;
+    check_rate(resolved, settings.format)?;
+    let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
+    let mut cameras = settings.cameras.as_ref().map(|cameras| Cameras::new(resolved, cameras)).transpose()?;
+    let failed = |source: std::io::Error| match source.kind() {
+        ErrorKind::AlreadyExists => MishandleError::InvalidValue {
+            what: "the folder of the data set",
+            value: path_text(out),
+            expected: "a path where nothing exists: choose another --out",
+        },
+        _ => MishandleError::Write { what: "data set", path: out.to_path_buf(), source },
+    };
+    let folder = AtomicFolder::create_new(out).map_err(failed)?;
+    let images = cameras.as_ref().map_or(Vec::new(), Cameras::columns);
+    let contents = contents(resolved, &target, images, labeler.is_some());
+    let mut writer = settings.format.writer(contents, folder.path()).map_err(failed)?;
+    let mut recorder = Recorder::new(resolved, &target, labeler, cameras.is_some())?;
+    let mut found = Demonstrations {
+        subject: resolved.subject(),
+        folder: path_text(out),
+        format: settings.format.name().to_string(),
+        relabel: settings.relabel.clone(),
+        simulations: 0,
+        episodes: 0,
+        frames: 0,
+        successes: 0,
+        left_out: 0,
+        bytes: 0,
+    };
+    let (episodes, batch) = resolved
+        .plan
+        .evaluate
+        .as_ref()
+        .map_or((0, 1), |evaluate| (evaluate.episodes, u64::from(evaluate.batch.max(1))));
+    while found.simulations < episodes {
+        let last = episodes.min(found.simulations + batch);
+        let requests = with_requests(resolved, |requests| {
+            let request = |number: u64| requests.request(TRIAL, number as u32);
+            (found.simulations + 1..=last).filter_map(|number| request(number).transpose()).collect()
+        })?;
+        for recorded in recorder.run(requests)? {
+            found.simulations += 1;
+            let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.only_successful);
+            if !is_kept {
+                found.left_out += 1;
+                continue;
+            }
+            recorded.write(&mut *writer, cameras.as_mut()).map_err(failed)?;
+            found.episodes += 1;
+            found.frames += recorded.frames as u64;
+            found.successes += u64::from(recorded.is_success);
+        }
+        if watch(found.simulations).is_break() {
+            return Ok(None);
+        }
+    }
+    if found.episodes == 0 {
+        return Err(MishandleError::NoDemonstrations { simulations: found.simulations });
+    }
+    writer.finish().map_err(failed)?;
+    std::fs::write(folder.path().join("plan.toml"), resolved.plan.to_toml()).map_err(failed)?;
+    found.bytes = size(folder.path()).map_err(failed)?;
+    folder.persist().map_err(failed)?;
+    Ok(Some(found))
+}
+
+/// Returns the target of a plan as one whose observations and actions this program sees.
+fn recordable(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
+    match has_scene(&resolved.target.identity.kind) {
+        true => scene_target(resolved),
+        false => Err(MishandleError::InvalidValue {
+            what: "the target of demonstrations",
+            value: resolved.plan.target.clone(),
+            expected: "a task or a target file, because this program runs no controller of other targets",
+        }),
+    }
+}
+
+/// Checks that a format can have the control rate of the target.
+fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleError> {
+    let dt = resolved.target.control_dt;
+    match format == Format::LeRobot && frames_per_second(dt).is_none() {
+        true => Err(MishandleError::InvalidValue {
+            what: "the control step of the target",
+            value: format!("{dt} s"),
+            expected: "a whole number of steps per second for the format lerobot: choose --format npz",
+        }),
+        false => Ok(()),
+    }
+}
+
+/// Returns what the frames of a data set contain, with LeRobot's usual names.
+fn contents(
+    resolved: &ResolvedPlan,
+    target: &SceneTarget,
+    images: Vec<ImageColumn>,
+    is_relabeled: bool,
+) -> Contents {
+    let actions = (0..target.controller().action_size()).map(|index| target.action_name(index));
+    let actions: Vec<String> = actions.collect();
+    let column =
+        |name: &str, names: &[String]| VectorColumn { name: name.to_string(), names: names.to_vec() };
+    let mut vectors =
+        vec![column("observation.state", &target.observation_names()), column("action", &actions)];
+    if is_relabeled {
+        vectors.push(column("action.executed", &actions));
+    }
+    Contents {
+        task: target.instruction().to_string(),
+        robot: target.robot().to_string(),
+        dt: resolved.target.control_dt,
+        vectors,
+        images,
+    }
+}
+
+/// Runs simulations and returns what happened in them.
+struct Recorder<'a> {
+    resolved: &'a ResolvedPlan,
+    system: Box<dyn System>,
+    decisions: SharedDecisions,
+    labeler: Option<Arc<dyn Controller>>,
+    /// The states, if they are labeled or drawn.
+    recordings: Option<SharedRecordings>,
+    sizes: [usize; 2],
+    action_limit: f32,
+}
+
+impl<'a> Recorder<'a> {
+    fn new(
+        resolved: &'a ResolvedPlan,
+        target: &SceneTarget,
+        labeler: Option<Arc<dyn Controller>>,
+        is_drawn: bool,
+    ) -> Result<Recorder<'a>, MishandleError> {
+        let (space, specification) = (&resolved.space, &resolved.specification);
+        let scene = target.environment(space, specification, false)?;
+        let action_limit = scene.action_limit() as f32;
+        let mut environment: Arc<dyn Environment> = scene.clone();
+        let mut recordings = None;
+        if is_drawn || labeler.is_some() {
+            let (recording, shared) = RecordingEnvironment::new(scene);
+            environment = Arc::new(recording);
+            recordings = Some(shared);
+        }
+        let decisions = SharedDecisions::default();
+        let system = target
+            .system_in(environment, space, specification)?
+            .map_controller(|controller| Arc::new(RecordedController::new(controller, decisions.clone())));
+        let controller = target.controller();
+        let sizes = [controller.observation_size(), controller.action_size()];
+        Ok(Recorder {
+            resolved,
+            system: Box::new(system),
+            decisions,
+            labeler,
+            recordings,
+            sizes,
+            action_limit,
+        })
+    }
+
+    /// Runs a batch of simulations.
+    fn run(&mut self, requests: Vec<Request>) -> Result<Vec<Recorded>, MishandleError> {
+        let episodes = self.system.rollout(&requests)?;
+        let taken = self.decisions.take();
+        // All seeds of an evaluation differ.
+        let mut decisions: HashMap<_, Decisions> =
+            taken.into_iter().map(|taken| (taken.seed, taken)).collect();
+        let recordings = self.recordings.as_ref().map_or(Vec::new(), SharedRecordings::take);
+        let mut recordings: HashMap<_, Recording> =
+            recordings.into_iter().map(|recording| (recording.seed, recording)).collect();
+        let recorded = |episode: &Episode| {
+            let seed = episode.request.seed;
+            let decisions = decisions.remove(&seed).ok_or(MishandleError::NoEpisode)?;
+            self.recorded(episode, decisions, recordings.remove(&seed))
+        };
+        episodes.iter().map(recorded).collect()
+    }
+
+    fn recorded(
+        &self,
+        episode: &Episode,
+        decisions: Decisions,
+        recording: Option<Recording>,
+    ) -> Result<Recorded, MishandleError> {
+        // An episode that failed has an action of the step that failed, too.
+        let frames = episode.steps;
+        let [observation_size, action_size] = self.sizes;
+        let Decisions { seed, mut observations, mut actions } = decisions;
+        observations.truncate(frames * observation_size);
+        actions.truncate(frames * action_size);
+        let clip = |action: &mut f32| *action = action.clamp(-self.action_limit, self.action_limit);
+        actions.iter_mut().for_each(clip);
+        let mut vectors = vec![observations, actions];
+        let (mut states, seen) =
+            recording.map_or_else(Default::default, |found| (found.states, found.observations));
+        states.truncate(frames);
+        if let Some(labeler) = &self.labeler {
+            let mut labels = labels(&**labeler, seed, &seen[..frames * observation_size])?;
+            labels.iter_mut().for_each(clip);
+            vectors.insert(1, labels);
+        }
+        let is_success = episode.is_success();
+        Ok(Recorded { seed, frames, states, vectors, is_success, facts: self.facts(episode) })
+    }
+
+    /// Returns the facts of an episode that its frames do not contain.
+    fn facts(&self, episode: &Episode) -> Vec<(String, Fact)> {
+        let Request { number, seed, scenario, .. } = &episode.request;
+        let names: Vec<&str> = self.resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
+        let number_or_none = |value: Option<f64>| Fact::Number(value.unwrap_or(f64::NAN));
+        let mut facts = vec![
+            ("simulation".to_string(), Fact::Integer((*number).into())),
+            ("seed".to_string(), Fact::Integer(seed.0)),
+            ("robustness".to_string(), number_or_none(episode.robustness())),
+            ("end".to_string(), Fact::Text(end_text(episode.end, &names))),
+        ];
+        let axes = self.resolved.space.axes().iter().zip(scenario.values());
+        facts.extend(axes.map(|(axis, value)| (format!("scenario.{}", axis.name), number_or_none(*value))));
+        facts
+    }
+}
+
+/// An episode of the data set.
+struct Recorded {
+    seed: Seed,
+    frames: usize,
+    /// State of each frame, if the states are drawn.
+    states: Vec<Vec<f64>>,
+    vectors: Vec<Vec<f32>>,
+    is_success: bool,
+    facts: Vec<(String, Fact)>,
+}
+
+impl Recorded {
+    fn write(&self, writer: &mut dyn Writer, cameras: Option<&mut Cameras>) -> std::io::Result<()> {
+        let Recorded { seed, frames, states, vectors, is_success, facts } = self;
+        let (frames, is_success) = (*frames, *is_success);
+        let images = cameras.map_or(Vec::new(), |cameras| cameras.draw(states, *seed));
+        let mut draw = |camera: usize, frame: usize, pixels: &mut [u8]| {
+            pixels.copy_from_slice(&images[camera * frames + frame]);
+            Ok(())
+        };
+        writer.add(&mishandle_dataset::Episode { frames, vectors, is_success, facts }, &mut draw)
+    }
+}
+
+/// Returns the size of all files in a folder, bytes.
+fn size(folder: &Path) -> std::io::Result<u64> {
+    let mut bytes = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        bytes += match entry.file_type()?.is_dir() {
+            true => size(&entry.path())?,
+            false => entry.metadata()?.len(),
+        };
+    }
+    Ok(bytes)
+}
