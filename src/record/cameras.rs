@@ -1,10 +1,10 @@
-//! Images of the cameras of a task.
+//! Images of the cameras of a task, and what they show of its object.
 
-use mishandle_camera::{Camera, Output, Scene, Size, StateShot, Studio};
-use mishandle_dataset::ImageColumn;
-use mishandle_rollout::Seed;
-use mishandle_tasks::{CameraPlace, TaskError, compose};
-use mishandle_world::Model;
+use mishandle_camera::{Camera, CameraError, Output, PoseReader, Poses, Scene, Size, StateShot, Studio};
+use mishandle_dataset::{ImageColumn, VectorColumn};
+use mishandle_rollout::{RolloutError, Scenario, Seed, Space};
+use mishandle_tasks::sight::{Feed, Frame, Sighting, View};
+use mishandle_tasks::{CAMERA_NAMES, TaskError};
 
 use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, task};
@@ -20,10 +20,21 @@ pub struct CameraSettings {
 
 /// Cameras that draw states of a task.
 pub(super) struct Cameras {
-    names: Vec<String>,
-    cameras: Vec<Camera>,
-    scene: Scene,
+    /// Indices of the cameras of the data set.
+    cameras: Vec<usize>,
+    space: Space,
+    view: View,
+    reader: PoseReader,
+    start: Poses,
     studio: Studio,
+}
+
+/// What the cameras show in an episode.
+pub(super) struct Shown {
+    /// The images of the first camera, then those of the others.
+    pub images: Vec<Vec<u8>>,
+    /// For each camera, what each image shows of the object: pixels, visible share and contrast.
+    pub sightings: Vec<Vec<f32>>,
 }
 
 impl Cameras {
@@ -33,69 +44,113 @@ impl Cameras {
             value: resolved.plan.target.clone(),
             expected: "a task, because other targets have no cameras: leave out --cameras",
         })?;
-        let failed = |error: String| MishandleError::InvalidValue {
-            what: "the scene of the cameras",
-            value: error,
-            expected: "a scene that the cameras can draw",
-        };
-        let scene_error = |source| TaskError::Scene { task: task.definition().name, source };
-        let document = compose(task).map_err(scene_error)?;
-        let model = Model::from_xml(&document).map_err(scene_error)?;
-        let scene = Scene::of_model(&model).map_err(|error| failed(error.to_string()))?;
         let [width, height] = settings.size;
-        let size = Size::new(width.into(), height.into()).map_err(|error| failed(error.to_string()))?;
-        let places = task.cameras();
-        let place = |name: &String| {
-            places.iter().find(|place| place.name == name).ok_or_else(|| MishandleError::UnknownName {
+        let size = Size::new(width.into(), height.into()).map_err(|error: CameraError| {
+            let (what, expected) = ("the size of the images", "a size that the cameras can draw");
+            MishandleError::InvalidValue { what, value: error.to_string(), expected }
+        })?;
+        let scene_error = |source| TaskError::Scene { task: task.definition().name, source };
+        let (model, view) = View::new(task, size).map_err(scene_error)?;
+        let index = |name: &String| {
+            CAMERA_NAMES.iter().position(|known| known == name).ok_or_else(|| MishandleError::UnknownName {
                 kind: "camera",
                 name: name.clone(),
-                known: places.iter().map(|place| place.name.to_string()).collect(),
+                known: CAMERA_NAMES.map(ToString::to_string).to_vec(),
             })
         };
-        let camera = |name: &String| {
-            let CameraPlace { body, from, to, up, focal_length, .. } = *place(name)?;
-            let body = body.map_or(Ok(0), |name| model.body(name).map(|body| body.index()));
-            let points = [from, to, up].map(|point| point.map(|value| value as f32));
-            Ok(Camera::looking(size, body.map_err(scene_error)?, points, focal_length as f32))
-        };
-        let cameras = settings.names.iter().map(camera).collect::<Result<_, MishandleError>>()?;
         // Images do not depend on the number of threads.
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let studio = Studio::new(&model, threads);
-        Ok(Cameras { names: settings.names.clone(), cameras, scene, studio })
+        Ok(Cameras {
+            cameras: settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?,
+            space: resolved.space.clone(),
+            view,
+            reader: PoseReader::new(&model),
+            start: Poses::default(),
+            studio: Studio::new(&model, threads),
+        })
     }
 
     /// Returns the image columns, with LeRobot's usual names.
-    pub fn columns(&self) -> Vec<ImageColumn> {
-        let column = |(name, camera): (&String, &Camera)| ImageColumn {
-            name: format!("observation.images.{name}"),
-            width: camera.size.width() as u32,
-            height: camera.size.height() as u32,
+    pub fn image_columns(&self) -> Vec<ImageColumn> {
+        let column = |camera: &usize| ImageColumn {
+            name: format!("observation.images.{}", CAMERA_NAMES[*camera]),
+            width: self.view.cameras[*camera].size.width() as u32,
+            height: self.view.cameras[*camera].size.height() as u32,
         };
-        self.names.iter().zip(&self.cameras).map(column).collect()
+        self.cameras.iter().map(column).collect()
     }
 
-    /// Draws all states of an episode: the images of the first camera, then those of the others.
-    pub fn draw(&mut self, states: &[Vec<f64>], seed: Seed) -> Vec<Vec<u8>> {
-        let Cameras { cameras, scene, studio, .. } = self;
-        let shots: Vec<StateShot<'_>> = cameras
+    /// Returns the columns of what the images show of the object; none without an object.
+    pub fn sighting_columns(&self) -> Vec<VectorColumn> {
+        let column = |camera: &usize| VectorColumn {
+            name: format!("sight.{}", CAMERA_NAMES[*camera]),
+            names: ["pixels", "visible_share", "contrast"].map(ToString::to_string).to_vec(),
+        };
+        self.cameras.iter().map(column).collect()
+    }
+
+    /// Draws all states of an episode as they arrive from each camera: faults and delays of cameras
+    /// show earlier states.
+    pub fn show(
+        &mut self,
+        states: &[Vec<f64>],
+        scenario: &Scenario,
+        seed: Seed,
+    ) -> Result<Shown, RolloutError> {
+        let Some(first) = states.first() else {
+            return Ok(Shown { images: Vec::new(), sightings: vec![Vec::new(); self.cameras.len()] });
+        };
+        self.reader.read(first, &mut self.start);
+        let view = self.view.under(&self.space, scenario, &self.start);
+        let mut feed = Feed::new(&self.space, scenario, seed)?;
+        let frames: Vec<_> = (0..states.len()).map(|step| feed.next(step)).collect();
+        let shots: Vec<(usize, usize)> = self
+            .cameras
             .iter()
-            .flat_map(|camera| states.iter().enumerate().map(move |(step, state)| (camera, step, state)))
-            .map(|(camera, step, state)| StateShot {
-                state,
-                before: None,
-                scene,
-                camera,
-                seed,
-                step: step as u64,
-            })
+            .flat_map(|camera| frames.iter().map(|frame| frame[*camera]))
+            .map(|Frame { camera, step }| (camera, step))
             .collect();
-        let mut images: Vec<Vec<u8>> =
-            shots.iter().map(|shot| vec![0; 3 * shot.camera.size.pixels()]).collect();
-        let mut outputs: Vec<Output<'_>> =
-            images.iter_mut().map(|rgb| Output { rgb, depth: None, segments: None }).collect();
-        studio.render(&shots, &mut outputs);
+        let (images, segments) = self.draw(&view.scene, &view.cameras, states, &shots, seed);
+        let (_, alone) = self.draw(&view.object_alone(), &view.cameras, states, &shots, seed);
+        let sighting = |shot: usize| {
+            let width = view.cameras[shots[shot].0].size.width();
+            let found = Sighting::new(&view, width, &images[shot], &segments[shot], &alone[shot]);
+            [found.pixels as f32, found.visible_share as f32, found.contrast as f32]
+        };
+        let of_camera =
+            |camera: usize| (camera * states.len()..(camera + 1) * states.len()).flat_map(sighting).collect();
+        let sightings = (0..self.cameras.len()).map(of_camera).collect();
+        Ok(Shown { images, sightings })
+    }
+
+    /// Draws shots, which are a camera and a state each. Returns colors and segments.
+    fn draw(
+        &mut self,
+        scene: &Scene,
+        cameras: &[Camera],
+        states: &[Vec<f64>],
+        shots: &[(usize, usize)],
+        seed: Seed,
+    ) -> (Vec<Vec<u8>>, Vec<Vec<u16>>) {
+        let shot = |(camera, step): &(usize, usize)| StateShot {
+            state: &states[*step],
+            before: step.checked_sub(1).map(|before| states[before].as_slice()),
+            scene,
+            camera: &cameras[*camera],
+            seed: seed.child(*camera as u64),
+            step: *step as u64,
+        };
+        let shots: Vec<StateShot<'_>> = shots.iter().map(shot).collect();
+        let pixels = |shot: &StateShot<'_>| shot.camera.size.pixels();
+        let mut images: Vec<Vec<u8>> = shots.iter().map(|shot| vec![0; 3 * pixels(shot)]).collect();
+        let mut segments: Vec<Vec<u16>> = shots.iter().map(|shot| vec![0; pixels(shot)]).collect();
+        let mut outputs: Vec<Output<'_>> = images
+            .iter_mut()
+            .zip(&mut segments)
+            .map(|(rgb, segments)| Output { rgb, depth: None, segments: Some(segments) })
+            .collect();
+        self.studio.render(&shots, &mut outputs);
         drop(outputs);
-        images
+        (images, segments)
     }
 }

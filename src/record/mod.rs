@@ -15,10 +15,10 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
+use mishandle_dataset::{Contents, Fact, Format, VectorColumn, Writer, frames_per_second};
 use mishandle_files::AtomicFolder;
 use mishandle_results::Demonstrations;
-use mishandle_rollout::{Controller, Environment, Episode, Request, Seed, System};
+use mishandle_rollout::{Controller, Environment, Episode, Request, Scenario, Seed, System};
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
@@ -87,8 +87,7 @@ pub fn record(
         _ => MishandleError::Write { what: "data set", path: out.to_path_buf(), source },
     };
     let folder = AtomicFolder::create_new(out).map_err(failed)?;
-    let images = cameras.as_ref().map_or(Vec::new(), Cameras::columns);
-    let contents = contents(resolved, &target, images, labeler.is_some());
+    let contents = contents(resolved, &target, cameras.as_ref(), labeler.is_some());
     let mut writer = settings.format.writer(contents, folder.path()).map_err(failed)?;
     let mut recorder = Recorder::new(resolved, &target, labeler, cameras.is_some())?;
     let mut found = Demonstrations {
@@ -114,17 +113,19 @@ pub fn record(
             let request = |number: u64| requests.request(TRIAL, number as u32);
             (found.simulations + 1..=last).filter_map(|number| request(number).transpose()).collect()
         })?;
-        for recorded in recorder.run(requests)? {
+        for mut recorded in recorder.run(requests)? {
             found.simulations += 1;
             let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.only_successful);
             if !is_kept {
                 found.left_out += 1;
                 continue;
             }
-            recorded.write(&mut *writer, cameras.as_mut()).map_err(failed)?;
+            let (frames, is_success) = (recorded.frames, recorded.is_success);
+            let images = recorded.show(cameras.as_mut())?;
+            recorded.write(&mut *writer, &images).map_err(failed)?;
             found.episodes += 1;
-            found.frames += recorded.frames as u64;
-            found.successes += u64::from(recorded.is_success);
+            found.frames += frames as u64;
+            found.successes += u64::from(is_success);
         }
         if watch(found.simulations).is_break() {
             return Ok(None);
@@ -169,7 +170,7 @@ fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleEr
 fn contents(
     resolved: &ResolvedPlan,
     target: &SceneTarget,
-    images: Vec<ImageColumn>,
+    cameras: Option<&Cameras>,
     is_relabeled: bool,
 ) -> Contents {
     let actions = (0..target.controller().action_size()).map(|index| target.action_name(index));
@@ -181,12 +182,13 @@ fn contents(
     if is_relabeled {
         vectors.push(column("action.executed", &actions));
     }
+    vectors.extend(cameras.map_or(Vec::new(), Cameras::sighting_columns));
     Contents {
         task: target.instruction().to_string(),
         robot: target.robot().to_string(),
         dt: resolved.target.control_dt,
         vectors,
-        images,
+        images: cameras.map_or(Vec::new(), Cameras::image_columns),
     }
 }
 
@@ -278,7 +280,8 @@ impl<'a> Recorder<'a> {
             vectors.insert(1, labels);
         }
         let is_success = episode.is_success();
-        Ok(Recorded { seed, frames, states, vectors, is_success, facts: self.facts(episode) })
+        let scenario = episode.request.scenario.clone();
+        Ok(Recorded { seed, scenario, frames, states, vectors, is_success, facts: self.facts(episode) })
     }
 
     /// Returns the facts of an episode that its frames do not contain.
@@ -301,6 +304,7 @@ impl<'a> Recorder<'a> {
 /// An episode of the data set.
 struct Recorded {
     seed: Seed,
+    scenario: Scenario,
     frames: usize,
     /// State of each frame, if the states are drawn.
     states: Vec<Vec<f64>>,
@@ -310,10 +314,17 @@ struct Recorded {
 }
 
 impl Recorded {
-    fn write(&self, writer: &mut dyn Writer, cameras: Option<&mut Cameras>) -> std::io::Result<()> {
-        let Recorded { seed, frames, states, vectors, is_success, facts } = self;
+    /// Draws what the cameras show, adds what it shows of the object, and returns the images.
+    fn show(&mut self, cameras: Option<&mut Cameras>) -> Result<Vec<Vec<u8>>, MishandleError> {
+        let Some(cameras) = cameras else { return Ok(Vec::new()) };
+        let shown = cameras.show(&self.states, &self.scenario, self.seed)?;
+        self.vectors.extend(shown.sightings);
+        Ok(shown.images)
+    }
+
+    fn write(&self, writer: &mut dyn Writer, images: &[Vec<u8>]) -> std::io::Result<()> {
+        let Recorded { frames, vectors, is_success, facts, .. } = self;
         let (frames, is_success) = (*frames, *is_success);
-        let images = cameras.map_or(Vec::new(), |cameras| cameras.draw(states, *seed));
         let mut draw = |camera: usize, frame: usize, pixels: &mut [u8]| {
             pixels.copy_from_slice(&images[camera * frames + frame]);
             Ok(())

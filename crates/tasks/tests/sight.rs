@@ -5,12 +5,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
+use mishandle_camera::{Camera, Output, PoseReader, Poses, Renderer, Scene, Shot, Size};
 use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{
     Axis, Component, Environment, Noise, Request, Sample, Scenario, Seed, Space, Target,
 };
-use mishandle_tasks::sight::{Feed, Frame, SIGHT_SPACES, View, Witness};
+use mishandle_tasks::sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget};
 use mishandle_world::Model;
 
@@ -69,18 +69,19 @@ impl Studio {
         Studio { renderer: Renderer::new(), poses }
     }
 
-    /// Returns the images of both cameras, one after the other.
+    /// Returns the colors and the segments of an image of a moment.
+    fn shot(&mut self, scene: &Scene, camera: &Camera, moment: usize) -> (Vec<u8>, Vec<u16>) {
+        let (mut rgb, mut segments) = (vec![0; 3 * camera.size.pixels()], vec![0; camera.size.pixels()]);
+        let (poses, before) = (&self.poses[moment], Some(&self.poses[0]));
+        let shot = Shot { scene, poses, before, camera, seed: Seed(3), step: 12 };
+        let mut output = Output { rgb: &mut rgb, depth: None, segments: Some(&mut segments) };
+        self.renderer.render(&shot, &mut output);
+        (rgb, segments)
+    }
+
+    /// Returns the images of both cameras at the second moment, one after the other.
     fn images(&mut self, view: &View) -> Vec<u8> {
-        let mut all = Vec::new();
-        for camera in &view.cameras {
-            let mut rgb = vec![0; 3 * camera.size.pixels()];
-            let [before, poses] = &self.poses;
-            let shot =
-                Shot { scene: &view.scene, poses, before: Some(before), camera, seed: Seed(3), step: 12 };
-            self.renderer.render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: None });
-            all.extend(rgb);
-        }
-        all
+        view.cameras.iter().flat_map(|camera| self.shot(&view.scene, camera, 1).0).collect()
     }
 }
 
@@ -109,7 +110,8 @@ fn with(space: &Space, axis: &Axis, value: f64) -> Scenario {
 
 #[test]
 fn axes_of_sight_at_nominal_change_no_image_and_each_one_changes_some_at_a_bound() {
-    let size = Size::new(64, 64).unwrap();
+    // Smaller images lack the ball of ball catching.
+    let size = Size::new(96, 96).unwrap();
     let mut unchanged = Vec::new();
     for task in TASKS {
         let (target, name) = (target(*task), task.definition().name);
@@ -211,30 +213,33 @@ fn faults_of_cameras_move_images_and_change_none() {
     }
 }
 
-/// The object of every task is seen by some camera at the start or 0.4 s later, and not in the dark, nor behind a
-/// patch that covers the image.
+/// The object of every task is seen by some camera at the start or 0.4 s later, and neither in the
+/// dark nor behind a patch that covers the image.
 #[test]
 fn an_object_that_a_person_could_not_see_is_marked() {
     let size = Size::new(128, 128).unwrap();
     for task in TASKS {
         let name = task.definition().name;
         let (model, view) = View::new(*task, size).unwrap();
-        let studio = Studio::new(&model, &states(*task));
-        let mut witness = Witness::default();
-        let mut sightings = |change: fn(&mut mishandle_camera::Camera)| -> Vec<bool> {
+        let mut studio = Studio::new(&model, &states(*task));
+        let mut sightings = |change: fn(&mut Camera)| -> Vec<bool> {
             let mut changed = view.clone();
             changed.cameras.iter_mut().for_each(change);
-            let shots = changed
-                .cameras
-                .iter()
-                .flat_map(|camera| studio.poses.iter().map(move |poses| (camera, poses)));
-            shots
-                .map(|(camera, poses)| witness.look(&changed, camera, poses, 0).unwrap().is_visible())
-                .collect()
+            let alone = changed.object_alone();
+            let mut found = Vec::new();
+            for camera in &changed.cameras {
+                for moment in [0, 1] {
+                    let (rgb, segments) = studio.shot(&changed.scene, camera, moment);
+                    let (_, alone) = studio.shot(&alone, camera, moment);
+                    let width = camera.size.width();
+                    found.push(Sighting::new(&changed, width, &rgb, &segments, &alone).is_visible());
+                }
+            }
+            found
         };
         assert!(sightings(|_| ()).contains(&true), "{name}: no camera sees the object");
         assert!(!sightings(|camera| camera.effects.exposure = 0.0).contains(&true), "{name}");
-        let cover = |camera: &mut mishandle_camera::Camera| camera.effects.patch.size = [2.0; 2];
+        let cover = |camera: &mut Camera| camera.effects.patch.size = [2.0; 2];
         assert!(!sightings(cover).contains(&true), "{name}");
     }
 }

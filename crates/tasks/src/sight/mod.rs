@@ -15,5 +15,5 @@ pub use axes::SIGHT_SPACES;
 pub(crate) use axes::sight_axes;
 pub use feed::{Feed, Frame};
 pub use part::Part;
-pub use sighting::{Sighting, Witness};
+pub use sighting::Sighting;
 pub use view::View;

@@ -1,108 +1,84 @@
 //! Whether anyone could see the object in an image.
 
-use mishandle_camera::{Camera, NO_SHAPE, Output, Poses, Renderer, Scene, Shot};
-use mishandle_random::Seed;
+use mishandle_camera::{NO_SHAPE, Scene};
 
 use super::part::Part;
 use super::view::View;
 
-/// The least contrast of an object that a person sees: the smallest difference of brightness that
-/// displays and eyes resolve is a hundredth of white or less; this is a few of them.
+/// The least contrast of an object that a person sees. A hundredth of white is one or two steps of
+/// the brightness of an image; this is a few of them.
 const LEAST_CONTRAST: f64 = 0.02;
 
 /// The least number of pixels, and the least share of the object, that a person needs.
 const LEAST_PIXELS: usize = 3;
 const LEAST_SHARE: f64 = 0.1;
 
+/// Pixels up to this distance from the object are around it.
+const NEAR: usize = 2;
+
 /// What an image shows of the object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
     /// Number of its pixels.
     pub pixels: usize,
-    /// Share of its pixels that nothing hides: other shapes, or the edge of the image when it is
-    /// not in it at all.
+    /// Share of its pixels that no other shape hides; 0 if the object is not in the image.
     pub visible_share: f64,
     /// Difference of its mean color and that of the pixels around it, as a fraction of white: the
-    /// largest one of red, green and blue.
+    /// largest one of red, green and blue. 0 if one of them has no pixels.
     pub contrast: f64,
 }
 
 impl Sighting {
+    /// Measures an image of a view with its segments. `alone` are the segments of the same image of
+    /// [`View::object_alone`].
+    ///
+    /// # Panics
+    /// If the lengths of the slices differ from those of an image with this width.
+    pub fn new(view: &View, width: usize, rgb: &[u8], segments: &[u16], alone: &[u16]) -> Sighting {
+        let is_object =
+            |shape: &u16| *shape != NO_SHAPE && view.part(usize::from(*shape)) == Some(Part::Object);
+        let pixels = segments.iter().filter(|shape| is_object(shape)).count();
+        let whole = alone.iter().filter(|shape| **shape != NO_SHAPE).count();
+        let visible_share = if whole == 0 { 0.0 } else { pixels as f64 / whole as f64 };
+        let mask: Vec<bool> = segments.iter().map(is_object).collect();
+        Sighting { pixels, visible_share, contrast: contrast(rgb, &mask, width) }
+    }
+
     /// Returns whether a person could see the object.
     pub fn is_visible(&self) -> bool {
         self.pixels >= LEAST_PIXELS && self.visible_share >= LEAST_SHARE && self.contrast >= LEAST_CONTRAST
     }
 }
 
-/// Measures what images show of the object.
-#[derive(Debug, Default)]
-pub struct Witness {
-    renderer: Renderer,
-    rgb: Vec<u8>,
-    segments: Vec<u16>,
-    alone: Vec<u16>,
-}
-
-impl Witness {
-    /// Measures an image of a state, without its noise's seed. Returns `None` for a task without an
-    /// object.
-    pub fn look(&mut self, view: &View, camera: &Camera, poses: &Poses, step: u64) -> Option<Sighting> {
-        let is_object = |shape: u16| shape != NO_SHAPE && view.part(usize::from(shape)) == Some(Part::Object);
-        let object: Vec<usize> =
-            (0..view.scene.shapes.len()).filter(|shape| view.part(*shape) == Some(Part::Object)).collect();
-        if object.is_empty() {
-            return None;
-        }
-        let pixels = camera.size.pixels();
-        self.rgb.resize(3 * pixels, 0);
-        self.segments.resize(pixels, 0);
-        self.alone.resize(pixels, 0);
-        let (rgb, segments) = (&mut self.rgb, &mut self.segments);
-        shoot(&mut self.renderer, (&view.scene, camera, poses, step), rgb, segments);
-        let alone = Scene {
-            shapes: object.iter().map(|shape| view.scene.shapes[*shape].clone()).collect(),
-            ..view.scene.clone()
-        };
-        let mut unused = vec![0; 3 * pixels];
-        shoot(&mut self.renderer, (&alone, camera, poses, step), &mut unused, &mut self.alone);
-        let seen = self.segments.iter().filter(|shape| is_object(**shape)).count();
-        let whole = self.alone.iter().filter(|shape| **shape != NO_SHAPE).count();
-        let visible_share = if whole == 0 { 0.0 } else { seen as f64 / whole as f64 };
-        let contrast = contrast(&self.rgb, &self.segments, camera.size.width(), is_object);
-        Some(Sighting { pixels: seen, visible_share, contrast })
+impl View {
+    /// Returns the scene with nothing but the object.
+    pub fn object_alone(&self) -> Scene {
+        let is_object = |index: &usize| self.part(*index) == Some(Part::Object);
+        let shapes = (0..self.scene.shapes.len()).filter(is_object);
+        Scene { shapes: shapes.map(|index| self.scene.shapes[index].clone()).collect(), ..self.scene.clone() }
     }
 }
 
-fn shoot(
-    renderer: &mut Renderer,
-    (scene, camera, poses, step): (&Scene, &Camera, &Poses, u64),
-    rgb: &mut [u8],
-    segments: &mut [u16],
-) {
-    let shot = Shot { scene, poses, before: None, camera, seed: Seed(0), step };
-    renderer.render(&shot, &mut Output { rgb, depth: None, segments: Some(segments) });
-}
-
-/// Returns the difference of the mean colors of an object and of the pixels within two of it.
-fn contrast(rgb: &[u8], segments: &[u16], width: usize, is_object: impl Fn(u16) -> bool) -> f64 {
-    let height = segments.len() / width;
-    let (mut inside, mut around) = (([0.0; 3], 0.0), ([0.0; 3], 0.0));
-    for (index, shape) in segments.iter().enumerate() {
+/// Returns the largest difference of the mean colors of an object and of what is around it.
+fn contrast(rgb: &[u8], is_object: &[bool], width: usize) -> f64 {
+    let height = is_object.len() / width;
+    let is_near = |index: usize| {
         let (x, y) = (index % width, index / width);
-        let near = || {
-            let rows = y.saturating_sub(2)..(y + 3).min(height);
-            rows.flat_map(|row| {
-                (x.saturating_sub(2)..(x + 3).min(width)).map(move |column| row * width + column)
-            })
-            .any(|other| is_object(segments[other]))
-        };
-        let sum = match is_object(*shape) {
+        let mut rows = y.saturating_sub(NEAR)..(y + NEAR + 1).min(height);
+        rows.any(|row| {
+            let first = row * width + x.saturating_sub(NEAR);
+            is_object[first..row * width + (x + NEAR + 1).min(width)].contains(&true)
+        })
+    };
+    let (mut inside, mut around) = (([0.0; 3], 0.0), ([0.0; 3], 0.0));
+    for (index, is_inside) in is_object.iter().enumerate() {
+        let (sum, count) = match *is_inside {
             true => &mut inside,
-            false if near() => &mut around,
+            false if is_near(index) => &mut around,
             false => continue,
         };
-        (0..3).for_each(|i| sum.0[i] += f64::from(rgb[3 * index + i]) / 255.0);
-        sum.1 += 1.0;
+        (0..3).for_each(|i| sum[i] += f64::from(rgb[3 * index + i]) / 255.0);
+        *count += 1.0;
     }
     if inside.1 == 0.0 || around.1 == 0.0 {
         return 0.0;
