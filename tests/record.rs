@@ -27,8 +27,9 @@ fn write(
     plan: &Plan,
     settings: &RecordSettings,
     out: &Path,
-) -> Result<Option<Demonstrations>, MishandleError> {
-    record(&ResolvedPlan::new(plan)?, settings, out, |_| ControlFlow::Continue(()))
+) -> Result<Option<Demonstrations>, Box<MishandleError>> {
+    let resolved = ResolvedPlan::new(plan)?;
+    Ok(record(&resolved, settings, out, |_| ControlFlow::Continue(()))?)
 }
 
 /// The arrays of an archive without compression: shape and bytes by name.
@@ -72,12 +73,15 @@ impl Arrays {
     }
 }
 
+/// Seed, observations and actions of an episode.
+type Recorded = (Seed, Vec<f32>, Vec<f32>);
+
 /// Acts as recorded, and checks that it sees what was recorded. Its state is the index of the
 /// episode and the control step.
 #[derive(Clone)]
 struct PlayBack {
     sizes: [usize; 2],
-    episodes: Arc<Vec<(Seed, Vec<f32>, Vec<f32>)>>,
+    episodes: Arc<Vec<Recorded>>,
 }
 
 impl Controller for PlayBack {
@@ -200,6 +204,24 @@ fn labels_are_the_actions_of_an_expert_that_begins_in_each_state() {
     assert_ne!(labeled.bytes("action.executed"), labeled.bytes("action"));
 }
 
+/// The first state of an episode does not depend on noise.
+#[test]
+fn labels_are_those_of_the_state_and_not_of_what_the_student_saw() {
+    let folder = tempfile::tempdir().unwrap();
+    let [noisy, plain] = ["noisy", "plain"].map(|name| folder.path().join(name));
+    let plan = plan("ball-pushing", "expert", 3);
+    let settings = RecordSettings { relabel: Some("expert".to_string()), ..PLAIN };
+    write(&Plan { observation_noise: 0.01, ..plan.clone() }, &settings, &noisy).unwrap().unwrap();
+    write(&plan, &PLAIN, &plain).unwrap().unwrap();
+    let [noisy, plain] = [noisy, plain].map(|out| Arrays::read(&out));
+    for start in plain.words("episode_starts").into_iter().take(3) {
+        let bytes = 9 * 4 * start as usize..9 * 4 * (start as usize + 1);
+        let [label, executed] = ["action", "action.executed"].map(|name| &noisy.bytes(name)[bytes.clone()]);
+        assert_eq!(label, &plain.bytes("action")[bytes.clone()]);
+        assert_ne!(label, executed);
+    }
+}
+
 #[test]
 fn successful_episodes_are_those_of_the_whole_data_set() {
     let folder = tempfile::tempdir().unwrap();
@@ -266,6 +288,9 @@ fn an_interrupted_or_impossible_recording_leaves_nothing() {
     let error = |plan: &Plan, settings: &RecordSettings| write(plan, settings, &out).unwrap_err().to_string();
     assert!(error(&plan("toy/noisy", "", 1), &settings).contains("a task or a target file"));
     assert!(error(&plan("point-reaching", "ppo", 1), &drawn).contains("over, wrist"));
+    let twice = CameraSettings { names: vec!["over".to_string(); 2], size: [8, 8] };
+    let twice = RecordSettings { cameras: Some(twice), ..PLAIN };
+    assert!(error(&plan("point-reaching", "ppo", 1), &twice).contains("over twice"));
     let missing = RecordSettings { relabel: Some("experts".to_string()), ..PLAIN };
     assert!(error(&plan("point-reaching", "ppo", 1), &missing).contains("experts"));
     let only_successful = RecordSettings { only_successful: true, ..PLAIN };

@@ -44,6 +44,15 @@ impl Cameras {
             value: resolved.plan.target.clone(),
             expected: "a task, because other targets have no cameras: leave out --cameras",
         })?;
+        let mut names = settings.names.clone();
+        names.sort_unstable();
+        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(MishandleError::InvalidValue {
+                what: "the list of cameras",
+                value: format!("one with {} twice", pair[0]),
+                expected: "a list with each camera once",
+            });
+        }
         let [width, height] = settings.size;
         let size = Size::new(width.into(), height.into()).map_err(|error: CameraError| {
             let (what, expected) = ("the size of the images", "a size that the cameras can draw");

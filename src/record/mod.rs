@@ -109,11 +109,11 @@ pub fn record(
         .map_or((0, 1), |evaluate| (evaluate.episodes, u64::from(evaluate.batch.max(1))));
     while found.simulations < episodes {
         let last = episodes.min(found.simulations + batch);
-        let requests = with_requests(resolved, |requests| {
+        let requests: Vec<Request> = with_requests(resolved, |requests| {
             let request = |number: u64| requests.request(TRIAL, number as u32);
             (found.simulations + 1..=last).filter_map(|number| request(number).transpose()).collect()
         })?;
-        for mut recorded in recorder.run(requests)? {
+        for mut recorded in recorder.run(&requests)? {
             found.simulations += 1;
             let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.only_successful);
             if !is_kept {
@@ -239,8 +239,8 @@ impl<'a> Recorder<'a> {
     }
 
     /// Runs a batch of simulations.
-    fn run(&mut self, requests: Vec<Request>) -> Result<Vec<Recorded>, MishandleError> {
-        let episodes = self.system.rollout(&requests)?;
+    fn run(&mut self, requests: &[Request]) -> Result<Vec<Recorded>, MishandleError> {
+        let episodes = self.system.rollout(requests)?;
         let taken = self.decisions.take();
         // All seeds of an evaluation differ.
         let mut decisions: HashMap<_, Decisions> =

@@ -116,7 +116,7 @@ impl ImageCounts {
 fn of_counts(counts: &[u64; 256]) -> [f64; 9] {
     let n: u64 = counts.iter().sum();
     let occurring = || counts.iter().enumerate().filter(|(_, count)| **count > 0);
-    let (Some((low, _)), Some((high, _))) = (occurring().next(), occurring().last()) else {
+    let (Some((low, _)), Some((high, _))) = (occurring().next(), occurring().next_back()) else {
         return [0.0; 9];
     };
     let sum = |term: &dyn Fn(f64) -> f64| -> f64 {
