@@ -50,8 +50,8 @@ pub trait ExpertPolicy: Send + Sync + 'static {
         memory: &mut [f64],
     ) -> [f64; ARM_JOINTS];
 
-    /// Writes the memory of an expert that takes over in this state, in which another controller may
-    /// have left the robot: its phase. At the start of an episode, that is the first one.
+    /// Writes the memory of an expert that takes over in this state, in which another controller
+    /// may have left the robot: its phase. At the start of an episode, that is the first one.
     fn begin(&self, _input: &ExpertInput<'_>, _arm: &mut ResolvedRate, _memory: &mut [f64]) {}
 
     /// Returns the actions of the fingers, in [-1, 1]. The call follows

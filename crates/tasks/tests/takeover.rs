@@ -9,7 +9,7 @@ use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{Controller, ControllerWorker, Environment, Noise, Request, Rollout, Seed, System};
 use mishandle_tasks::{Preset, Reward, TASKS, TaskEnvironment};
 
-/// Where an expert begins anew.
+/// When an expert begins.
 #[derive(Clone, Copy, Debug)]
 enum Begin {
     /// After this number of control steps of the student.
@@ -92,7 +92,7 @@ impl ControllerWorker for RelayWorker {
     }
 }
 
-/// Returns the robustness from reachable starts, a sixth as many of a cloth, with the student `ppo`.
+/// Returns the robustness from reachable starts, a sixth as many of a cloth. The student is `ppo`.
 fn robustness(task: &str, begin: Begin, starts: usize) -> Vec<f64> {
     let task = *TASKS.iter().find(|t| t.definition().name == task).unwrap();
     let definition = task.definition();

@@ -92,7 +92,7 @@ impl ExpertPolicy for Stack {
     }
 }
 
-/// What is left to do.
+/// The way that is left.
 struct Goal {
     /// Horizontal vector from the cube to the place where it is lowered, m.
     off: [f64; 3],

@@ -48,8 +48,8 @@ const TILT: f64 = 0.08;
 const LEAVE_HEIGHT: f64 = 0.6;
 const LEAVE_SPEED: f64 = 0.3;
 
-/// Horizontal distance of the tip from the hole within which the arm is folded when the expert takes
-/// over, m.
+/// Horizontal distance of the tip from the hole within which the arm is folded when the expert
+/// takes over, m.
 const NEAR: f64 = 0.15;
 
 /// Phases, stored in the memory.

@@ -1,4 +1,4 @@
-//! What the cameras of a task see in a scenario.
+//! The images of a task in a scenario.
 //!
 //! Axes of sight change images and no physics: the environment ignores them. A [`View`] is the
 //! scene with the cameras under a scenario, a [`Feed`] says which state each camera shows in a

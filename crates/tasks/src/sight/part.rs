@@ -3,7 +3,7 @@
 /// A part of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// What the task is about.
+    /// The object that the task is about.
     Object,
     /// Tables, blocks, doors and targets.
     Support,

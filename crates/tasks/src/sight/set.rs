@@ -1,4 +1,4 @@
-//! What an axis of sight sets.
+//! The numbers that axes of sight set.
 
 use mishandle_camera::{Form, Lamp, Material, Pattern};
 

@@ -16,7 +16,7 @@ const LEAST_SHARE: f64 = 0.1;
 /// Pixels up to this distance from the object are around it.
 const NEAR: usize = 2;
 
-/// What an image shows of the object.
+/// The object in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
     /// Number of its pixels.

@@ -16,7 +16,7 @@ use crate::document::compose;
 /// Height up to which distractors stand on a box, m: on tables and blocks, not on a door.
 const HIGHEST: f32 = 0.6;
 
-/// What the cameras of a task see in a scenario.
+/// The scene and the cameras of a task in a scenario.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Shapes, lamps and background.
