@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use mishandle_results::{BisectedCandidate, Bisection};
 use mishandle_store::RunKind;
+use mishandle_text::path_text;
 
 pub use answer::finished;
 pub use candidates::{Candidate, Source};
@@ -100,6 +101,16 @@ pub type Watch<'w> = &'w mut dyn FnMut(BisectionProgress<'_>) -> ControlFlow<()>
 /// If there are fewer than two candidates, a plan cannot be resolved, a simulation cannot be run,
 /// or the folder cannot be written.
 pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, MishandleError> {
+    if let BisectionTest::Counterexamples(path) = &plan.test
+        && let (Ok(own), Ok(folder)) = (path.canonicalize(), plan.folder.canonicalize())
+        && own == folder
+    {
+        return Err(MishandleError::InvalidValue {
+            what: "the folder of the bisection",
+            value: path_text(&plan.folder),
+            expected: "another folder than that of the counterexamples, such as --out bisection",
+        });
+    }
     let candidates = plan.source.candidates(&plan.folder.join("revisions"))?;
     let test = CandidateTest::new(plan, &candidates)?;
     let n = candidates.len();

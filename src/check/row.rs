@@ -122,8 +122,9 @@ impl Row {
         }
         if let (NOT_VIOLATED, true, Some(robustness)) = (verdict, self.is_constant(), self.minimum) {
             sentence += &format!(
-                "; nothing was tested: the robustness is {} in every simulation, so it cannot be violated here",
-                number_text(robustness.0)
+                "; nothing was tested: the robustness is {} in all {}, which say nothing about the controller",
+                number_text(robustness.0),
+                plural(self.simulations(), "simulation")
             );
         }
         (verdict, sentence)

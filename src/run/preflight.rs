@@ -44,6 +44,7 @@ const MAX_LEVELS: usize = 5;
 /// system fails as a whole, as after Ctrl-C in a system in Python.
 pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, MishandleError> {
     let mut warnings = contract_warnings(&resolved.plan)?;
+    unseen_axes(resolved, &mut warnings);
     fixed_axes(resolved, &mut warnings);
     mixed_units(resolved, &mut warnings)?;
     let seed = Seed(resolved.plan.seed).child(u64::MAX).child(u64::MAX);
@@ -93,6 +94,24 @@ fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Result<Vec<Episod
     Ok(system.rollout(&requests)?)
 }
 
+/// Returns whether an axis changes images, which the controllers of this target do not see.
+fn is_unseen(axis: &Axis, resolved: &ResolvedPlan) -> bool {
+    let named = |known: &Axis| known.name == axis.name;
+    let has_space = resolved.target.spaces.iter().any(|space| space.axes().iter().any(named));
+    has_space && !resolved.target.axes.iter().any(named)
+}
+
+fn unseen_axes(resolved: &ResolvedPlan, warnings: &mut Vec<String>) {
+    let unseen = resolved.space.axes().iter().filter(|axis| is_unseen(axis, resolved));
+    let names: Vec<String> = unseen.map(|axis| format!("`{}`", axis.name)).collect();
+    if !names.is_empty() {
+        warnings.push(format!(
+            "the controller sees no images, so axes of sight change nothing: {}",
+            names.join(", ")
+        ));
+    }
+}
+
 fn fixed_axes(resolved: &ResolvedPlan, warnings: &mut Vec<String>) {
     let is_asked = |axis: &Axis| resolved.plan.axes.contains_key(&axis.name);
     for axis in resolved.space.axes().iter().filter(|axis| axis.is_fixed() && !is_asked(axis)) {
@@ -133,7 +152,8 @@ fn axes_without_effect(
     warnings: &mut Vec<String>,
 ) -> Result<(), MishandleError> {
     let axes = resolved.space.axes();
-    let free: Vec<usize> = (0..axes.len()).filter(|index| !axes[*index].is_fixed()).collect();
+    let is_probed = |index: &usize| !axes[*index].is_fixed() && !is_unseen(&axes[*index], resolved);
+    let free: Vec<usize> = (0..axes.len()).filter(is_probed).collect();
     let mut unchanged = unchanging(resolved, &mut *system, (seed, limit), (&free, false), probes)?;
     if axes.iter().any(|axis| axis.kind == AxisKind::Start && !axis.is_fixed()) {
         unchanged = unchanging(resolved, system, (seed, limit), (&unchanged, true), probes)?;

@@ -57,7 +57,14 @@ impl BisectionEvidence {
 /// Returns the page about a bisection: one HTML file without scripts, which loads nothing.
 pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String {
     let headline = match &found.first_bad {
-        Some(name) => format!("<code>{}</code> is the first that fails", text(&short(name, 80))),
+        Some(name) if found.undecided.is_empty() => {
+            format!("<code>{}</code> is the first that fails", text(&short(name, 80)))
+        }
+        Some(name) => format!(
+            "one of the {} up to <code>{}</code> is the first that fails",
+            plural(found.undecided.len() as u64 + 1, "candidate"),
+            text(&short(name, 80))
+        ),
         None if found.is_complete => "nothing to bisect".to_string(),
         None => "interrupted".to_string(),
     };

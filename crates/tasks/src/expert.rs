@@ -52,7 +52,10 @@ pub trait ExpertPolicy: Send + Sync + 'static {
 
     /// Writes the memory of an expert that takes over in this state, in which another controller
     /// may have left the robot: its phase. At the start of an episode, that is the first one.
-    fn begin(&self, _input: &ExpertInput<'_>, _arm: &mut ResolvedRate, _memory: &mut [f64]) {}
+    /// By default, the memory is 0.
+    fn begin(&self, _input: &ExpertInput<'_>, _arm: &mut ResolvedRate, memory: &mut [f64]) {
+        memory.fill(0.0);
+    }
 
     /// Returns the actions of the fingers, in [-1, 1]. The call follows
     /// [`velocity`](Self::velocity). The actions have an effect only in tasks whose policy moves

@@ -94,9 +94,17 @@ fn page(target: &Target, plan: &Plan) -> String {
     }
     if let [first, .., last] = target.spaces.as_slice() {
         let example = format!("{}+{}", first.name(), last.name());
-        sections.push(format!(
-            "Spaces can be joined, such as --space {example}. The space `all` has every axis."
-        ));
+        let is_left_out = |space: &&Space| {
+            space.axes().iter().any(|axis| target.axes.iter().all(|known| known.name != axis.name))
+        };
+        let left_out: Vec<&str> = target.spaces.iter().filter(is_left_out).map(Space::name).collect();
+        let but = match left_out.is_empty() {
+            true => String::new(),
+            false => format!(" but those of {}, which change images only", left_out.join(", ")),
+        };
+        let all =
+            format!("Spaces can be joined, such as --space {example}. The space `all` has every axis{but}.");
+        sections.push(if left_out.is_empty() { all } else { output::wrapped(&all, 80) });
     }
     if target.axes.iter().any(|axis| axis.name.starts_with("draw_")) {
         sections.push("The axes `draw_*` exist only with --action-noise above 0.".to_string());
