@@ -226,7 +226,7 @@ fn a_requirement_that_no_scenario_changes_was_not_tested() {
         (cell.verdict.as_str(), cell.is_constant, cell.is_untested())
     };
     assert_eq!(facts("constant"), (NOT_VIOLATED, true, true));
-    assert!(cell(&found, "constant").evidence.contains("nothing was tested: the robustness is 1 in every"));
+    assert!(cell(&found, "constant").evidence.contains("nothing was tested: the robustness is 1 in all"));
     // A constant violation is one.
     assert_eq!(facts("wrong"), (VIOLATED, true, false));
     assert_eq!(facts("tested"), (NOT_VIOLATED, false, false));
