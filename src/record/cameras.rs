@@ -29,7 +29,7 @@ pub(super) struct Cameras {
     studio: Studio,
 }
 
-/// What the cameras show in an episode.
+/// The images of the cameras in an episode.
 pub(super) struct Shown {
     /// The images of the first camera, then those of the others.
     pub images: Vec<Vec<u8>>,
