@@ -99,7 +99,7 @@ fn section(found: &Check, requirement: &CheckedRequirement, id: usize, figures: 
         };
         out += &format!("<h3>{controller}{}</h3>\n<p>{}.</p>\n", judgment(found, cell), text(&cell.evidence));
         out.extend(cell.counterexample.as_ref().map(|violation| counterexample(found, violation)));
-        out += &figures.html(cell);
+        out += figures.html(cell);
     }
     out + "</section>\n"
 }

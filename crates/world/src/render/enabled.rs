@@ -88,8 +88,7 @@ impl Renderer {
         let lit = light::with_lights(&bare, [width, height], quality, &surroundings);
         let model = light::without_others(Model::from_xml_with_assets(&lit, assets.clone())?, &bare, quality);
         let (placement, camera) = place(&model, camera, follows.as_deref())?;
-        let mut options = MjvOption::default();
-        options.geomgroup = bare.drawn_groups().map(u8::from);
+        let mut options = MjvOption { geomgroup: bare.drawn_groups().map(u8::from), ..MjvOption::default() };
         options.sitegroup[HIDDEN_SITES] = 0;
         let inner = MjRenderer::builder()
             .width(width)
