@@ -110,7 +110,7 @@ impl Formula {
     /// use mishandle_stl::{Formula, TimeUnit};
     /// let formula = Formula::parse("always[0:0.5] eventually[0:200ms] closed").unwrap();
     /// let timed = formula.with_unit(TimeUnit::Seconds);
-    /// assert_eq!(timed.to_string(), "always[0s:0.5s](eventually[0ms:200ms](closed))");
+    /// assert_eq!(timed.to_string(), "always[0s:0.5s] eventually[0ms:200ms] closed");
     /// ```
     pub fn with_unit(&self, unit: TimeUnit) -> Formula {
         let mut formula = self.clone();
