@@ -89,7 +89,7 @@ impl Cameras {
         self.cameras.iter().map(column).collect()
     }
 
-    /// Returns the columns of what the images show of the object; none without an object.
+    /// Returns the columns of what the images show of the object.
     pub fn sighting_columns(&self) -> Vec<VectorColumn> {
         let column = |camera: &usize| VectorColumn {
             name: format!("sight.{}", CAMERA_NAMES[*camera]),

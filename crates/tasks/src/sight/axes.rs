@@ -27,6 +27,14 @@ const CLUTTER_X: [f64; 2] = [0.2, 0.9];
 const CLUTTER_Y: [f64; 2] = [-0.5, 0.5];
 const CLUTTER_SIZE: [f64; 2] = [0.015, 0.05];
 
+/// Nominal half size of a distractor, m.
+pub(super) const CLUTTER_HALF: f64 = 0.03;
+
+/// Returns the nominal place of a distractor, m. They stand apart.
+pub(super) fn clutter_place(index: usize) -> [f64; 2] {
+    [0.55, 0.3 * index as f64 - 0.3]
+}
+
 /// Largest change of a color, which has the range \[0, 1\].
 const RECOLORED: f64 = 0.3;
 
@@ -197,8 +205,7 @@ fn clutter() -> Vec<(Axis, Set)> {
                 holds: Holds::OneOf(counts.into()),
             }]
         };
-        // The distractors stand apart at their nominal places.
-        let middle = 0.3 * index as f64 - 0.3;
+        let [x, y] = clutter_place(index);
         let name = |what: &str| format!("clutter{number_of}_{what}");
         let meaning = |what: &str| format!("{what} of distractor {number_of}");
         axes.extend([
@@ -217,15 +224,16 @@ fn clutter() -> Vec<(Axis, Set)> {
                 Set::ClutterColor(index),
             ),
             (
-                number(&name("x"), "m", CLUTTER_X, 0.55, &meaning("place")).only_if(exists()),
+                number(&name("x"), "m", CLUTTER_X, x, &meaning("place")).only_if(exists()),
                 Set::ClutterPlace(index, 0),
             ),
             (
-                number(&name("y"), "m", CLUTTER_Y, middle, &meaning("place")).only_if(exists()),
+                number(&name("y"), "m", CLUTTER_Y, y, &meaning("place")).only_if(exists()),
                 Set::ClutterPlace(index, 1),
             ),
             (
-                number(&name("size"), "m", CLUTTER_SIZE, 0.03, &meaning("half size")).only_if(exists()),
+                number(&name("size"), "m", CLUTTER_SIZE, CLUTTER_HALF, &meaning("half size"))
+                    .only_if(exists()),
                 Set::ClutterSize(index),
             ),
         ]);

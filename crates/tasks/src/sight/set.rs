@@ -2,7 +2,7 @@
 
 use mishandle_camera::{Form, Lamp, Material, Pattern};
 
-use super::axes::MOST_CLUTTER;
+use super::axes::{CLUTTER_HALF, MOST_CLUTTER, clutter_place};
 use super::part::Part;
 use super::view::View;
 
@@ -76,7 +76,12 @@ pub(super) struct Distractor {
 impl Distractor {
     /// The nominal distractor with this index.
     pub(super) fn nominal(index: usize) -> Distractor {
-        Distractor { shape: 0, color: 0, place: [0.55, 0.3 * index as f32 - 0.3], size: 0.03 }
+        Distractor {
+            shape: 0,
+            color: 0,
+            place: clutter_place(index).map(|v| v as f32),
+            size: CLUTTER_HALF as f32,
+        }
     }
 
     /// Returns its form and its material.
