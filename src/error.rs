@@ -158,6 +158,12 @@ pub enum MishandleError {
         /// Name of the missing folder.
         folder: &'static str,
     },
+    /// Units of a file of requirements are wrong.
+    #[error("{problem}")]
+    Units {
+        /// The problem.
+        problem: String,
+    },
     /// A requirement of a file is wrong.
     #[error("requirement `{name}`")]
     OfRequirement {
@@ -166,17 +172,27 @@ pub enum MishandleError {
         /// Cause of the error.
         source: Box<MishandleError>,
     },
-    /// The folder for a check has other files.
+    /// The folder for a check or a bisection has other files.
     #[error(
-        "{} has `{name}` and is not the folder of a check; choose another --out: a check writes no file into the folder of \
+        "{} has `{name}` and is not the folder of a {what}; choose another --out: a {what} writes no file into the folder of \
          something else",
         path.display()
     )]
-    NotACheck {
+    ForeignFolder {
+        /// The thing that would be written, such as "check".
+        what: &'static str,
         /// Path of the folder.
         path: PathBuf,
         /// A file in it.
         name: String,
+    },
+    /// The result of a check does not follow from its runs.
+    #[error("{} does not follow from the runs of the check: {}", path.display(), problems.join("; "))]
+    ChangedCheck {
+        /// Path of the result.
+        path: PathBuf,
+        /// The differences.
+        problems: Vec<String>,
     },
     /// Another process checks into the same folder.
     #[error("another check is writing {}; wait until it ends, or choose another --out", path.display())]

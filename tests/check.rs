@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::check::{CheckSettings, CheckSubject, check, differences, finished};
+use mishandle::check::{CheckSettings, CheckSubject, check, differences, verified};
 use mishandle::counterexample::Counterexample;
 use mishandle::requirements::{RequirementFile, TEMPLATES};
 use mishandle::results::{Check, CheckCell, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED};
@@ -108,7 +108,7 @@ fn each_verdict_is_what_the_geometry_says() {
     let searched =
         |name: &str| found.controllers[0].runs.iter().any(|run| run.requirement.as_deref() == Some(name));
     assert!(searched("R-1.2") && !searched("always-wrong") && !searched("rarely"));
-    assert_eq!(finished(folder.path()).unwrap().unwrap(), found);
+    assert_eq!(verified(folder.path()).unwrap().unwrap(), found);
 }
 
 #[test]
@@ -277,7 +277,7 @@ fn a_result_is_what_follows_from_its_runs_and_its_requirements() {
     let moved = tempfile::tempdir().unwrap();
     let place = moved.path().join("moved");
     std::fs::rename(folder.path(), &place).unwrap();
-    let again = finished(&place).unwrap().unwrap();
+    let again = verified(&place).unwrap().unwrap();
     assert!(again.controllers[0].runs.iter().all(|run| RunFile::open(&run.run).is_ok()));
     let violation = again.cells[0].counterexample.as_ref().unwrap();
     let file = violation.file.as_ref().unwrap();

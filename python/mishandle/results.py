@@ -3572,17 +3572,17 @@ class Bisection:
     candidates: tuple[str, ...]
     """Names of all candidates, the oldest first."""
     found: bool
-    """Whether the first failing candidate was found: the first candidate passes, the last fails,
-    and all candidates between the last passing and the first failing one are undecided. Exit
-    code 0."""
+    """Whether the first failing candidate was found: the one just before it passes. Exit code 0."""
     verdict: str
     """Answer in a sentence."""
     last_good: str | None
     """Name of the last candidate that passes before ``first_bad``; ``None`` without an answer."""
     first_bad: str | None
-    """Name of the first candidate that fails; ``None`` without an answer."""
+    """Name of the first candidate that fails; ``None`` without an answer. One of ``undecided``
+    can fail before it."""
     undecided: tuple[str, ...]
-    """Names of the candidates between both. The budget did not decide about them."""
+    """Names of the candidates between both. Their tests do not decide, so ``found`` is
+    ``false``."""
     is_monotone: bool | None
     """With every candidate tested: whether no candidate passes after one that fails; ``None``
     otherwise."""

@@ -15,6 +15,9 @@ use crate::error::MishandleError;
 /// File of the result in the folder of a bisection.
 const RESULT: &str = "bisect.json";
 
+/// Folder of the revisions of a controller.
+pub(super) const REVISIONS: &str = "revisions";
+
 /// Tests of some or all candidates.
 pub(super) struct Tested {
     /// The tests, in the order of the candidates.
@@ -44,7 +47,7 @@ impl Tested {
             command: plan.command.clone(),
             test,
             candidates: candidates.iter().map(|candidate| candidate.name.clone()).collect(),
-            found: between.is_some(),
+            found: between.is_some_and(|(good, bad)| bad == good + 1),
             verdict: verdict(candidates, place, later_passing.as_deref()),
             last_good: between.map(|(good, _)| name(good)),
             first_bad: between.map(|(_, bad)| name(bad)),
@@ -99,6 +102,29 @@ fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option
             format!("nothing to bisect: {}", parts.join("; "))
         }
     }
+}
+
+/// Checks that a folder is missing, empty, or that of a bisection.
+///
+/// # Errors
+/// If it has other files, which stay as they are.
+pub(super) fn open(folder: &Path) -> Result<(), MishandleError> {
+    if folder.join(RESULT).exists() || !folder.exists() {
+        return Ok(());
+    }
+    let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
+    for entry in std::fs::read_dir(folder).map_err(with_path)? {
+        let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
+        // Revisions are written before the first result.
+        if name != REVISIONS && !name.starts_with('.') {
+            return Err(MishandleError::ForeignFolder {
+                what: "bisection",
+                path: folder.to_path_buf(),
+                name,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Writes the result to the folder of its bisection.

@@ -11,7 +11,6 @@ use std::path::PathBuf;
 
 use mishandle_results::{BisectedCandidate, Bisection};
 use mishandle_store::RunKind;
-use mishandle_text::path_text;
 
 pub use answer::finished;
 pub use candidates::{Candidate, Source};
@@ -101,19 +100,13 @@ pub type Watch<'w> = &'w mut dyn FnMut(BisectionProgress<'_>) -> ControlFlow<()>
 /// If there are fewer than two candidates, a plan cannot be resolved, a simulation cannot be run,
 /// or the folder cannot be written.
 pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, MishandleError> {
-    if let BisectionTest::Counterexamples(path) = &plan.test
-        && let (Ok(own), Ok(folder)) = (path.canonicalize(), plan.folder.canonicalize())
-        && own == folder
-    {
-        return Err(MishandleError::InvalidValue {
-            what: "the folder of the bisection",
-            value: path_text(&plan.folder),
-            expected: "another folder than that of the counterexamples, such as --out bisection",
-        });
-    }
-    let candidates = plan.source.candidates(&plan.folder.join("revisions"))?;
+    answer::open(&plan.folder)?;
+    let candidates = plan.source.candidates(&plan.folder.join(answer::REVISIONS))?;
     let test = CandidateTest::new(plan, &candidates)?;
     let n = candidates.len();
+    // A folder with this file is that of a bisection, also after a kill.
+    let started = Tested { tests: Vec::new(), place: None, all: None };
+    answer::write(&plan.folder, &started.answer(plan, &candidates, test.text()))?;
     let mut tested: Vec<Option<BisectedCandidate>> = vec![None; n];
     let mut ask = |index: usize| -> Result<Option<Outcome>, MishandleError> {
         let Some((outcome, found)) = test.run(&candidates[index], &mut *watch)? else { return Ok(None) };

@@ -1,8 +1,9 @@
 //! The plans of a check: one target with one controller, and the requirements of the file.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_requirements::WrittenRequirement;
+use mishandle_requirements::{WrittenRequirement, unit_of};
 use mishandle_rollout::Target;
 
 use super::{CheckSettings, CheckSubject};
@@ -60,6 +61,9 @@ impl<'a> Checker<'a> {
                 search: None,
                 alone: None,
             });
+        }
+        if let Some(problem) = unit_problem(&settings.file.units, &target, &asked) {
+            return Err(MishandleError::Units { problem });
         }
         let mut checker = Checker { label, settings, folder, target, plan, asked, random: Vec::new() };
         checker.resolve()?;
@@ -158,6 +162,26 @@ impl<'a> Checker<'a> {
     fn resolved(&self, plan: &Plan) -> Result<ResolvedPlan, MishandleError> {
         ResolvedPlan::with_target(plan, self.target.clone())
     }
+}
+
+/// Returns what is wrong with the units of a file for a target. A signal that the target lacks may
+/// have one if a requirement reads it.
+fn unit_problem(units: &BTreeMap<String, String>, target: &Target, asked: &[Asked<'_>]) -> Option<String> {
+    units.keys().find_map(|name| {
+        let Some(signal) = target.all_signals().find(|signal| signal.name == *name) else {
+            let is_missing = asked.iter().any(|asked| asked.missing.contains(name));
+            return (!is_missing).then(|| {
+                format!("[units] names `{name}`, which is no signal of the target and in no formula")
+            });
+        };
+        let stated = unit_of(name, units).unwrap_or_default();
+        let own = BTreeMap::from([(name.clone(), signal.unit.clone())]);
+        let known = unit_of(name, &own).unwrap_or_default();
+        let differs = !signal.unit.is_empty() && stated != known;
+        differs.then(|| {
+            format!("[units] says that `{name}` is in `{stated}`, but the target gives it in `{known}`")
+        })
+    })
 }
 
 /// Names the requirement of an error.

@@ -49,7 +49,11 @@ pub(super) fn open(folder: &Path, requirements: &str) -> Result<FileLock, Mishan
         for entry in std::fs::read_dir(folder).map_err(with_path)? {
             let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
             if !is_own(&name) {
-                return Err(MishandleError::NotACheck { path: folder.to_path_buf(), name });
+                return Err(MishandleError::ForeignFolder {
+                    what: "check",
+                    path: folder.to_path_buf(),
+                    name,
+                });
             }
         }
     }
@@ -139,7 +143,7 @@ pub fn to_json(found: &Check) -> std::io::Result<String> {
 ///
 /// # Errors
 /// If the file of the result cannot be read.
-pub fn finished(folder: &Path) -> Result<Option<Check>, MishandleError> {
+pub(super) fn finished(folder: &Path) -> Result<Option<Check>, MishandleError> {
     let path = folder.join(RESULT);
     if !path.exists() {
         return Ok(None);

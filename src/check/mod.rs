@@ -24,8 +24,8 @@ use checker::{Asked, Checker};
 use column::Column;
 use folder::labels;
 
-pub use folder::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, file_digest, finished, moved, to_json};
-pub use verify::differences;
+pub use folder::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, file_digest, moved, to_json};
+pub use verify::{differences, verified};
 
 /// A controller whose target is checked: target, controller, space and seed of the plan count.
 #[derive(Clone, Debug)]

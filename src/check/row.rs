@@ -7,11 +7,13 @@ use mishandle_results as results;
 use mishandle_results::{
     CheckCell, CheckCounts, Estimate, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Number, VIOLATED,
 };
-use mishandle_store::RunFile;
+use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::inspect::requirements;
+use crate::run::end_text;
+use crate::run::record::{REQUIREMENT, episode_end};
 
 /// Two one-sided 95 % bounds.
 const CONFIDENCE: f64 = 0.9;
@@ -25,6 +27,8 @@ pub(super) struct Row {
     searched: CheckCounts,
     minimum: Option<Number>,
     maximum: Option<Number>,
+    /// The first simulation without a verdict, and why it has none.
+    unclear: Option<String>,
     /// Whether the scenarios of a run can differ.
     varies: bool,
     /// Path, trial and number of the simulation with the minimum robustness.
@@ -111,14 +115,15 @@ impl Row {
         let (verdict, mut sentence) = match limit {
             _ if self.simulations() == 0 => {
                 let all = plural(self.without_verdict(), "simulation");
-                return (NO_VERDICT, format!("none of {all} has a verdict"));
+                return (NO_VERDICT, format!("none of {all} has a verdict{}", self.why_unclear()));
             }
             Some(limit) => self.verdict_of_rate(limit),
             None if self.violated() > 0 => (VIOLATED, self.violations()),
             None => self.verdict_without_violation(),
         };
         if self.without_verdict() > 0 {
-            sentence += &format!("; {} without a verdict", plural(self.without_verdict(), "simulation"));
+            let count = plural(self.without_verdict(), "simulation");
+            sentence += &format!("; {count} without a verdict{}", self.why_unclear());
         }
         if let (NOT_VIOLATED, true, Some(robustness)) = (verdict, self.is_constant(), self.minimum) {
             sentence += &format!(
@@ -128,6 +133,10 @@ impl Row {
             );
         }
         (verdict, sentence)
+    }
+
+    fn why_unclear(&self) -> String {
+        self.unclear.as_ref().map_or(String::new(), |why| format!(" ({why})"))
     }
 
     fn verdict_of_rate(&self, limit: f64) -> (&'static str, String) {
@@ -190,9 +199,35 @@ pub(super) fn add(rows: &mut [Row], run: &RunFile, is_random: bool) -> Result<()
     for row in rows {
         if let Some(found) = found.iter().find(|found| found.name == row.name) {
             row.add(found, all, run, is_random);
+            if found.simulations < all && row.unclear.is_none() {
+                row.unclear = unclear(&row.name, run)?;
+            }
         }
     }
     Ok(())
+}
+
+/// Returns the first simulation of a run without a verdict of a requirement, and why it has none.
+fn unclear(name: &str, run: &RunFile) -> Result<Option<String>, MishandleError> {
+    let header = run.header();
+    let is_own = |verdict: &String| verdict.strip_prefix(REQUIREMENT) == Some(name);
+    let Some(column) = header.verdicts.iter().position(is_own) else { return Ok(None) };
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        if simulation.verdicts.get(column).copied().flatten().is_none() {
+            let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
+            let why = match simulation.end {
+                SimulationEnd::Completed | SimulationEnd::Terminated { .. } => {
+                    "the formula has no finite value".to_string()
+                }
+                end => end_text(episode_end(end), &signals),
+            };
+            let file = run.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let Simulation { trial, number, .. } = simulation;
+            return Ok(Some(format!("first in {file}, trial {trial}, simulation {number}: {why}")));
+        }
+    }
+    Ok(None)
 }
 
 /// Formats a share. Small ones keep two digits.

@@ -1,5 +1,9 @@
 //! Compares the result of a check with its runs.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mishandle_files::{limits, read_text_bounded};
 use mishandle_requirements::{RequirementFile, WrittenRequirement};
 use mishandle_results::{
     Check, CheckCell, CheckCounterexample, CheckRun, CheckedController, CheckedRequirement,
@@ -7,10 +11,33 @@ use mishandle_results::{
 use mishandle_stl::Formula;
 use mishandle_store::RunFile;
 
-use super::folder::file_digest;
+use super::folder::{REQUIREMENTS, RESULT, file_digest, finished};
 use super::row::{self, Row};
 use crate::error::MishandleError;
 use crate::run::record::REQUIREMENT;
+
+/// Returns the result of the check in a folder, which follows from the requirements and the runs
+/// there; `None` if the folder has no result. Nothing is simulated.
+///
+/// # Errors
+/// If a file cannot be read, or the result does not follow from the others.
+pub fn verified(folder: &Path) -> Result<Option<Check>, MishandleError> {
+    let Some(found) = finished(folder)? else { return Ok(None) };
+    let path = folder.join(REQUIREMENTS);
+    let text = read_text_bounded(&path, limits::PLAN);
+    let text = text.map_err(|source| MishandleError::File { path, source })?;
+    let mut runs = BTreeMap::new();
+    for run in found.controllers.iter().flat_map(|controller| &controller.runs) {
+        if Path::new(&run.run).exists() {
+            runs.insert(run.run.clone(), RunFile::open_unchecked(Path::new(&run.run))?);
+        }
+    }
+    let problems = differences(&found, &text, |name| runs.get(name))?;
+    match problems.is_empty() {
+        true => Ok(Some(found)),
+        false => Err(MishandleError::ChangedCheck { path: folder.join(RESULT), problems }),
+    }
+}
 
 /// Lists how the result of a check differs from what follows from the text of its requirements and
 /// its runs: `run` returns the file of a run. Nothing is simulated.

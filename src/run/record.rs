@@ -304,7 +304,7 @@ fn stored_end(end: EpisodeEnd) -> store::SimulationEnd {
     }
 }
 
-fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
+pub(crate) fn episode_end(end: store::SimulationEnd) -> EpisodeEnd {
     use store::SimulationEnd as End;
     match end {
         End::Completed => EpisodeEnd::Completed,

@@ -103,6 +103,46 @@ fn what_was_not_tested_is_marked_in_every_report() {
 }
 
 #[test]
+fn units_of_no_signal_or_against_the_target_are_refused() {
+    let bench = Bench::new();
+    for (units, said) in [
+        ("ball_hight = \"m\"", "[units] names `ball_hight`, which is no signal of the target"),
+        ("ball_speed = \"mm/s\"", "`ball_speed` is in `mm/s`, but the target gives it in `m/s`"),
+    ] {
+        let formula = "[[requirement]]\nname = \"a\"\nformula = \"always(ball_speed <= 5)\"\n[units]\n";
+        std::fs::write(bench.path("requirements.toml"), format!("{formula}{units}\n")).unwrap();
+        let ask = "check ball-balancing --controller ppo --requirements requirements.toml --out checked";
+        bench.refuses(ask, &[said]);
+    }
+}
+
+#[test]
+fn what_has_no_verdict_says_why() {
+    let bench = Bench::new();
+    write(&bench, &FINE.replace("always(X >= -10)", "always(sqrt(X - 1) >= 0)"));
+    let text = bench.check(&format!("{CHECK} --out checked"), 2);
+    let why = "simulation 1: the formula has no finite value)";
+    let page = std::fs::read_to_string(bench.path("checked/report.html")).unwrap();
+    for shown in [text, page] {
+        assert!(shown.contains(why), "{shown}");
+    }
+}
+
+#[test]
+fn a_changed_result_is_neither_reported_nor_packed() {
+    let bench = Bench::new();
+    write(&bench, &format!("{FINE}{WRONG}"));
+    bench.check(&format!("{CHECK} --out checked"), 0);
+    let path = bench.path("checked/check.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen(": \"violated\"", ": \"not violated\"", 1)).unwrap();
+    let said = ["check.json does not follow from the runs of the check", "R-2"];
+    bench.refuses("report checked --out page.html", &said);
+    bench.refuses("evidence checked --out ev", &said);
+    assert!(!bench.path("ev").exists());
+}
+
+#[test]
 fn a_check_is_evidence_that_others_verify() {
     let bench = Bench::new();
     let named = "[[requirement]]\nname = \"R-0\"\nformula = \"success\"\nmax-failure-rate = 0.5\n";

@@ -6,7 +6,7 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use mishandle::check::finished;
+use mishandle::check::verified;
 use mishandle::files::AtomicFolder;
 use mishandle::portable::{copy_files, resolve_in};
 use mishandle::resolve::{Moved, is_python};
@@ -66,7 +66,7 @@ pub fn write(
             runs.push(add(path, home, &mut names, collection, watch)?);
             continue;
         }
-        let found = finished(path)?.ok_or_else(|| EvidenceError::NotACheck { path: path.clone() })?;
+        let found = verified(path)?.ok_or_else(|| EvidenceError::NotACheck { path: path.clone() })?;
         let first = runs.len();
         for run in found.controllers.iter().flat_map(|controller| &controller.runs) {
             runs.push(add(run.run.as_ref(), home, &mut names, collection, watch)?);

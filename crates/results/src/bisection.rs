@@ -14,17 +14,16 @@ pub struct Bisection {
     pub test: String,
     /// Names of all candidates, the oldest first.
     pub candidates: Vec<String>,
-    /// Whether the first failing candidate was found: the first candidate passes, the last fails,
-    /// and all candidates between the last passing and the first failing one are undecided. Exit
-    /// code 0.
+    /// Whether the first failing candidate was found: the one just before it passes. Exit code 0.
     pub found: bool,
     /// Answer in a sentence.
     pub verdict: String,
     /// Name of the last candidate that passes before `first_bad`; `null` without an answer.
     pub last_good: Option<String>,
-    /// Name of the first candidate that fails; `null` without an answer.
+    /// Name of the first candidate that fails; `null` without an answer. One of `undecided` can
+    /// fail before it.
     pub first_bad: Option<String>,
-    /// Names of the candidates between both. The budget did not decide about them.
+    /// Names of the candidates between both. Their tests do not decide, so `found` is `false`.
     pub undecided: Vec<String>,
     /// With every candidate tested: whether no candidate passes after one that fails; `null`
     /// otherwise.

@@ -4,6 +4,9 @@ use crate::name::{is_plain, is_visible, one_line, shown, spelled};
 use crate::number::{Shown, with_short_numbers};
 
 /// The hint on characters that a plain name cannot have.
+pub(crate) const FINITE: &str =
+    "a formula compares with finite numbers; a signal of this name needs backquotes";
+
 pub(crate) const BACKQUOTES: &str = "names with other characters are written in backquotes: `a/b[0]`";
 
 /// A position in the text of a formula. Line and column start at 1; columns count characters.

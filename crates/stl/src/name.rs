@@ -36,6 +36,7 @@ pub(crate) fn is_plain(name: &str) -> bool {
         && name.chars().all(is_word_part)
         && !KEYWORDS.contains(&name)
         && !is_truth_value(name)
+        && !is_not_finite(name)
         && !Operator::all().any(|operator| operator.spellings().contains(&name))
 }
 
@@ -45,7 +46,13 @@ pub(crate) fn is_reserved(word: &str) -> bool {
     let decided_by_position = [Operator::Release, Operator::Ln];
     let is_operator =
         |operator: Operator| operator.spellings().contains(&word) && !decided_by_position.contains(&operator);
-    is_truth_value(word) || Operator::all().any(is_operator)
+    is_truth_value(word) || is_not_finite(word) || Operator::all().any(is_operator)
+}
+
+/// Returns whether a word is a number of other languages that no formula compares with: as the name
+/// of a signal, a typo in a limit would be a signal that the trace lacks.
+pub(crate) fn is_not_finite(word: &str) -> bool {
+    ["nan", "inf", "infinity"].iter().any(|known| word.eq_ignore_ascii_case(known))
 }
 
 fn is_truth_value(word: &str) -> bool {
@@ -130,14 +137,24 @@ mod tests {
 
     #[test]
     fn words_with_a_meaning_need_backquotes() {
-        for name in ["a", "größe", "$x", "_", "pose.x", "s", "inf", "t2"] {
+        for name in ["a", "größe", "$x", "_", "pose.x", "s", "info", "t2"] {
             assert!(is_plain(name), "{name}");
         }
-        for name in
-            ["", " a", "a b", "2a", "a-b", "G", "always", "R", "ln", "true", "float", "const", "a`", ".x"]
-        {
+        for name in [
+            "", " a", "a b", "2a", "a-b", "G", "always", "R", "ln", "true", "float", "const", "inf", "NaN",
+            "a`", ".x",
+        ] {
             assert!(!is_plain(name), "{name}");
         }
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_no_signal() {
+        for word in ["nan", "NaN", "inf", "Infinity"] {
+            let error = crate::Formula::parse(&format!("always(x <= {word})")).expect_err(word).to_string();
+            assert!(error.contains("a formula compares with finite numbers"), "{error}");
+        }
+        assert!(crate::Formula::parse("always[0:inf](`nan` <= 1)").is_ok());
     }
 
     #[test]

@@ -2,10 +2,10 @@
 //! (shunting yard).
 
 use crate::clock::{Bound, Interval, TimeUnit};
-use crate::error::{BACKQUOTES, ParseError, Position};
+use crate::error::{BACKQUOTES, FINITE, ParseError, Position};
 use crate::formula::{Definition, Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
-use crate::name::{is_reserved, unescaped};
+use crate::name::{is_not_finite, is_reserved, unescaped};
 use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
 use crate::syntax::{Origin, Parameter};
@@ -171,7 +171,10 @@ impl<'t> Parser<'t> {
     fn no_operand<T>(&self) -> Result<T, ParseError> {
         let token = self.peek();
         let is_part_of_name = ["/", ".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
-        let hint = is_part_of_name.then(|| BACKQUOTES.into());
+        let hint = match token.kind {
+            Kind::Word(word) if is_not_finite(word) => Some(FINITE.into()),
+            _ => is_part_of_name.then(|| BACKQUOTES.into()),
+        };
         let (expected, found) = (OPERAND.to_owned(), token.found());
         Err(ParseError::Unexpected { at: token.at, expected, found, hint })
     }

@@ -39,8 +39,8 @@ candidates the same scenarios and seeds, and ends as soon as an interval that ho
 on one side of the rate. What was simulated is kept in the folder of --out: the same command
 continues, and `mishandle report` writes a page about the folder.
 
-Exit code 0 means that the first failing candidate was found, 1 that the first candidate does not
-pass or the last one does not fail, 2 an error.")]
+Exit code 0 means that the first failing candidate was found, 1 that it was not: the first candidate
+does not pass, the last one does not fail, or candidates between are undecided; 2 an error.")]
 pub struct Arguments {
     /// Folder of controllers (*.safetensors, *.onnx), the oldest first
     #[arg(value_name = "DIR")]

@@ -113,7 +113,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     };
     if let [folder] = &command.runs[..]
         && folder.is_dir()
-        && let Some(found) = mishandle::check::finished(folder)?
+        && let Some(found) = mishandle::check::verified(folder)?
     {
         return write_check(&found, command, &options);
     }

@@ -3,7 +3,7 @@
 use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckedRequirement, NOT_VIOLATED, VIOLATED};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 
-use super::{CheckFigures, counts, marked_verdict};
+use super::{CheckFigures, counts, marked_verdict, summary};
 use crate::html::{lines, number, percent, table, text};
 use crate::page::Document;
 
@@ -13,10 +13,9 @@ pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
     let mut body = format!("<section>\n<h2>{title}</h2>\n");
     body.extend(found.notice.as_ref().map(|notice| format!("<p><strong>{}</strong></p>\n", text(notice))));
     body += &format!(
-        "<p>{} of {} verdicts are violations. Simulations are evidence about what was simulated: a requirement that is not \
+        "<p>{}. Simulations are evidence about what was simulated: a requirement that is not \
          violated in them is not proved.</p>\n{}</section>\n",
-        found.count(VIOLATED),
-        found.cells.len(),
+        summary(found),
         matrix(found)
     );
     let requirements = (1..).zip(&found.requirements);
