@@ -8,8 +8,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle::dataset::Format;
+use mishandle::picture::CameraSettings;
 use mishandle::plan::{AxisSetting, EvaluatePlan};
-use mishandle::record::{CameraSettings, RecordSettings, record};
+use mishandle::record::{RecordSettings, record};
 use mishandle::results::Demonstrations;
 use mishandle::rollout::{Controller, ControllerWorker, Environment, Request, Scenario, Seed, System};
 use mishandle::store::RunFile;
@@ -264,6 +265,35 @@ fn bytes_do_not_depend_on_the_batch_size_and_images_are_those_of_the_states() {
     // The arm moves, and each episode starts in the same pose.
     assert_ne!(image("over", 0), image("over", 60));
     assert_eq!(std::fs::read_dir(&sets[0]).unwrap().count(), 2, "data.npz and plan.toml");
+}
+
+/// A recorded simulation shows the images again that were recorded of the same simulation, with its
+/// light, its noise and its late frames.
+#[test]
+fn images_of_a_replay_are_those_of_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let space = "starts+light+camera+image+faults-camera".to_string();
+    let plan = Plan { space, ..plan("point-reaching", "expert", 2) };
+    let cameras = CameraSettings { names: vec!["wrist".to_string(), "over".to_string()], size: [12, 8] };
+    let settings = RecordSettings { cameras: Some(cameras.clone()), ..PLAIN };
+    let out = folder.path().join("recorded");
+    write(&plan, &settings, &out).unwrap();
+    let arrays = Arrays::read(&out);
+    let resolved = ResolvedPlan::new(&plan).unwrap();
+    let path = folder.path().join("run.sqlite");
+    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let (_, trajectory) =
+        mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
+    let mut seen = trajectory.seen_by(&cameras).unwrap().unwrap();
+    let size = 3 * 8 * 12;
+    for (index, name) in cameras.names.iter().enumerate() {
+        let recorded = arrays.bytes(&format!("observation.images.{name}"));
+        for step in [0, 1, 40, 299] {
+            let frame = 300 + step;
+            assert_eq!(seen.image(index, step), recorded[frame * size..][..size], "{name} {step}");
+        }
+    }
 }
 
 /// The folder appears when it is complete, and nothing else is left.

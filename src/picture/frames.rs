@@ -9,6 +9,7 @@ use mishandle_world::{
 };
 
 use crate::inspect::{Event, Explanation, PredicateHistory};
+use crate::picture::cameras::{SeenEpisode, TargetCameras};
 
 /// Colors of text, secondary text, violations, satisfied samples and the window of the formula.
 const INK: Color = [29, 33, 38];
@@ -65,11 +66,13 @@ impl FrameCaptions {
         }
     }
 
-    /// Returns the caption of a sample with the largest force at a contact point, N.
-    fn with_contact(&self, sample: usize, force: f64) -> Caption {
+    /// Returns the caption of a sample with the largest force at a contact point, N, if a view
+    /// shows contacts.
+    fn with_contact(&self, sample: usize, force: Option<f64>) -> Caption {
         let mut caption = self.at(sample);
-        let text = format!("contact {force:>5.0} N");
-        caption.parts.push(CaptionPart { text, color: SOFT, is_bold: false });
+        let part =
+            |force: f64| CaptionPart { text: format!("contact {force:>5.0} N"), color: SOFT, is_bold: false };
+        caption.parts.extend(force.map(part));
         caption
     }
 
@@ -185,21 +188,62 @@ fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
     spans
 }
 
+/// The states of one simulation, and cameras of the target that see them.
+#[derive(Debug)]
+pub struct SeenStates {
+    pub(crate) cameras: TargetCameras,
+    pub(crate) episode: SeenEpisode,
+    pub(crate) states: Vec<Vec<f64>>,
+}
+
+impl SeenStates {
+    /// Returns the image, red, green and blue of each pixel, that arrives from a camera in a
+    /// control step. The camera is an index of the requested names.
+    ///
+    /// # Panics
+    /// If there is no such camera or state.
+    pub fn image(&mut self, camera: usize, step: usize) -> Vec<u8> {
+        self.cameras.image(&self.episode, &self.states, (camera, step))
+    }
+}
+
+/// A view of a frame.
+#[derive(Debug)]
+enum View {
+    /// The scene, from a camera for people.
+    Scene(Box<Renderer>),
+    /// The image that a camera of the target sees: its index among those of [`SeenStates`].
+    Seen(usize),
+}
+
+impl View {
+    fn scene(&self) -> Option<&Renderer> {
+        match self {
+            View::Scene(view) => Some(view),
+            View::Seen(_) => None,
+        }
+    }
+}
+
 /// Draws the frames of one simulation: the views of all cameras side by side, and below them the
 /// caption.
 #[derive(Debug)]
 pub struct FrameRenderer {
-    views: Vec<Renderer>,
+    views: Vec<View>,
+    seen: Option<SeenStates>,
     /// Width of a view and height of a frame, pixels.
     size: Size,
+    /// Height of a view, pixels.
+    height: usize,
     captions: Option<(FrameCaptions, CaptionLayout)>,
 }
 
 impl FrameRenderer {
     /// Makes a renderer with one view of this width for each of `cameras`, which are names from
-    /// [`CAMERAS`](mishandle_world::CAMERAS) or of the scene. `size` has the height of the whole
-    /// frame. Without captions, or if the frame is too small for them, the views fill it, and no
-    /// contacts are marked.
+    /// [`CAMERAS`](mishandle_world::CAMERAS), of the scene, or of `seen`: such a view has the
+    /// pixels that this camera of the target saw, each as a square. `size` has the height of the
+    /// whole frame. Without captions, or if the frame is too small for them, the views fill it, and
+    /// no contacts are marked.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
@@ -207,25 +251,31 @@ impl FrameRenderer {
         model: &PictureModel,
         size: Size,
         quality: Quality,
-        cameras: &[&str],
+        (cameras, seen): (&[&str], Option<SeenStates>),
         captions: Option<FrameCaptions>,
     ) -> Result<FrameRenderer, WorldError> {
+        let seen_index = |camera: &str| seen.as_ref()?.cameras.names().position(|name| name == camera);
+        let marks_contacts = cameras.iter().any(|camera| seen_index(camera).is_none());
         let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
         let captions = captions.and_then(|captions| {
-            let layout = CaptionLayout::new(width, height, &captions.with_contact(0, 0.0))?;
-            Some((captions, layout))
+            let widest = captions.with_contact(0, marks_contacts.then_some(0.0));
+            Some((CaptionLayout::new(width, height, &widest)?, captions))
         });
+        let captions = captions.map(|(layout, captions)| (captions, layout));
         let taken = captions.as_ref().map_or(0, |(_, layout)| layout.height() as u32);
         let scene = Size::new(size.width(), size.height() - taken).unwrap_or(size);
         let view = |camera: &&str| {
+            if let Some(index) = seen_index(camera) {
+                return Ok(View::Seen(index));
+            }
             let mut view = Renderer::new(model, scene, quality, camera)?;
             if captions.is_some() {
                 view.mark_contacts();
             }
-            Ok(view)
+            Ok(View::Scene(Box::new(view)))
         };
         let views = cameras.iter().map(view).collect::<Result<_, WorldError>>()?;
-        Ok(FrameRenderer { views, size, captions })
+        Ok(FrameRenderer { views, seen, size, height: scene.height() as usize, captions })
     }
 
     /// Returns the width and height of a frame in pixels.
@@ -240,7 +290,11 @@ impl FrameRenderer {
 
     /// Places the cameras so that everything is in the image in all of these states.
     pub fn fit<'a>(&mut self, states: &(impl IntoIterator<Item = &'a [f64]> + Clone)) {
-        self.views.iter_mut().for_each(|view| view.frame(states.clone()));
+        for view in &mut self.views {
+            if let View::Scene(view) = view {
+                view.frame(states.clone());
+            }
+        }
     }
 
     /// Draws the frame of a sample with this state.
@@ -252,11 +306,20 @@ impl FrameRenderer {
         let mut frame = Picture::new(width, height, [255; 3]);
         let width = self.size.width() as usize;
         for (index, view) in self.views.iter_mut().enumerate() {
-            frame.paste((index * width, 0), width, view.draw(state)?);
+            match (view, &mut self.seen) {
+                (View::Scene(view), _) => frame.paste((index * width, 0), width, view.draw(state)?),
+                (View::Seen(camera), Some(seen)) => {
+                    let image = seen.image(*camera, sample);
+                    let image = Picture::enlarged(&image, seen.cameras.size(), [width, self.height]);
+                    let free = [width - image.width(), self.height - image.height()];
+                    frame.paste((index * width + free[0] / 2, free[1] / 2), image.width(), image.pixels());
+                }
+                (View::Seen(_), None) => {}
+            }
         }
         if let Some((captions, layout)) = &self.captions {
-            let largest = self.views.iter().map(Renderer::largest_contact).fold(0.0, f64::max);
-            layout.draw(&captions.with_contact(sample, largest), &mut frame);
+            let contacts = self.views.iter().filter_map(View::scene).map(Renderer::largest_contact);
+            layout.draw(&captions.with_contact(sample, contacts.reduce(f64::max)), &mut frame);
         }
         Ok(frame)
     }

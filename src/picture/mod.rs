@@ -1,5 +1,6 @@
 //! Pictures and films of simulations, and the states and full traces from which they are drawn.
 
+mod cameras;
 mod example;
 mod film;
 mod frames;
@@ -8,9 +9,10 @@ mod recorded_scene;
 mod recording;
 mod trajectory;
 
+pub use cameras::{CameraSettings, SeenEpisode, TargetCameras};
 pub use example::ExampleSimulation;
 pub use film::Film;
-pub use frames::{FrameCaptions, FrameRenderer};
+pub use frames::{FrameCaptions, FrameRenderer, SeenStates};
 pub use full_trace::full_trace;
 pub use recorded_scene::{RecordedScene, SceneEpisode, recorded_scene};
 pub(crate) use recording::{Recording, RecordingEnvironment, SharedRecordings};

@@ -72,7 +72,7 @@ fn of_run(
     let mut recorded = Recorded::new(&resolved)?;
     let space = recorded.system.space().clone();
     let replayed = replay_in(&run, place, &resolved, (&mut *recorded.system, &space))?;
-    let states = recorded.trajectory().states;
+    let states = recorded.states();
     Ok(RecordedScene {
         model: picture_model(&resolved.plan.target)?,
         place,

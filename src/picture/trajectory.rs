@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Episode, Request, Sample, Seed, StepStatus, System};
+use mishandle_rollout::{Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::inspect::{Event, EventKind};
+use crate::picture::cameras::{CameraSettings, TargetCameras};
+use crate::picture::frames::SeenStates;
 use crate::picture::recording::{RecordingEnvironment, SharedRecordings};
 use crate::replay::{ReplayResult, replay_in};
 use crate::resolve::{ResolvedPlan, SceneEnvironment, recorded_plan, scene_start, scene_target};
@@ -21,9 +23,24 @@ pub struct StateTrajectory {
     /// Time between two states, in seconds.
     pub control_dt: f64,
     environment: Arc<dyn SceneEnvironment>,
+    /// The target, as in a plan, and what the cameras of its simulation depend on.
+    target: String,
+    space: Space,
+    scenario: Scenario,
+    seed: Seed,
 }
 
 impl StateTrajectory {
+    /// Returns what cameras of the target see in these states. `None` without a state.
+    ///
+    /// # Errors
+    /// As for [`TargetCameras::new`].
+    pub fn seen_by(&self, settings: &CameraSettings) -> Result<Option<SeenStates>, MishandleError> {
+        let mut cameras = TargetCameras::new(&self.target, &self.space, settings)?;
+        let episode = cameras.start(&self.states, &self.scenario, self.seed)?;
+        Ok(episode.map(|episode| SeenStates { cameras, episode, states: self.states.clone() }))
+    }
+
     /// Returns the first contact between two parts of the scene that do not touch in the first 0.1
     /// s, in which objects settle, and its name, which is that of the column `contact_A_B` of a
     /// full trace. `None` without one. A contact between two control steps is not seen.
@@ -74,7 +91,15 @@ pub fn initial_state(target: &str, x0: Option<&[f64]>) -> Result<StateTrajectory
             expected: "one that settles: change `start` of the target file",
         });
     }
-    Ok(StateTrajectory { states: vec![state], control_dt: environment.control_dt(), environment })
+    Ok(StateTrajectory {
+        states: vec![state],
+        control_dt: environment.control_dt(),
+        target: target.to_string(),
+        space: environment.space().clone(),
+        environment,
+        scenario,
+        seed: Seed(0),
+    })
 }
 
 /// Returns the samples of a filmstrip of the samples `first` to `last`: both ends, the decisive
@@ -126,7 +151,8 @@ pub fn replay_states(
     let mut recorded = Recorded::new(&resolved)?;
     let space = recorded.system.space().clone();
     let replayed = replay_in(run, (trial, number), &resolved, (&mut *recorded.system, &space))?;
-    Ok((replayed, recorded.trajectory()))
+    let trajectory = recorded.trajectory(&resolved, &replayed.episode.request);
+    Ok((replayed, trajectory))
 }
 
 /// Simulates a request of a target with a scene, and returns its states as well.
@@ -139,7 +165,7 @@ pub fn simulate_states(
 ) -> Result<(Episode, StateTrajectory), MishandleError> {
     let mut recorded = Recorded::new(resolved)?;
     let episode = recorded.system.rollout(std::slice::from_ref(request))?.pop();
-    Ok((episode.ok_or(MishandleError::NoEpisode)?, recorded.trajectory()))
+    Ok((episode.ok_or(MishandleError::NoEpisode)?, recorded.trajectory(resolved, request)))
 }
 
 /// A system that records the states of its only simulation.
@@ -158,8 +184,21 @@ impl Recorded {
         Ok(Recorded { system: Box::new(system), recording, environment })
     }
 
-    pub fn trajectory(self) -> StateTrajectory {
-        let control_dt = self.environment.control_dt();
-        StateTrajectory { states: self.recording.only().states, control_dt, environment: self.environment }
+    /// Returns the states of the simulation.
+    pub fn states(&self) -> Vec<Vec<f64>> {
+        self.recording.only().states
+    }
+
+    /// Returns the states of the simulation of a request.
+    pub fn trajectory(self, resolved: &ResolvedPlan, request: &Request) -> StateTrajectory {
+        StateTrajectory {
+            states: self.states(),
+            control_dt: self.environment.control_dt(),
+            environment: self.environment,
+            target: resolved.plan.target.clone(),
+            space: resolved.space.clone(),
+            scenario: request.scenario.clone(),
+            seed: request.seed,
+        }
     }
 }

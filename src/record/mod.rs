@@ -5,7 +5,6 @@
 //! "A reduction of imitation learning and structured prediction to no-regret online learning",
 //! AISTATS 2011).
 
-mod cameras;
 mod labels;
 mod recorder;
 
@@ -15,20 +14,18 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_dataset::{Contents, Fact, Format, VectorColumn, Writer, frames_per_second};
+use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
 use mishandle_files::AtomicFolder;
 use mishandle_results::Demonstrations;
 use mishandle_rollout::{Controller, Environment, Episode, Request, Scenario, Seed, System};
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
-use crate::picture::{Recording, RecordingEnvironment, SharedRecordings};
+use crate::picture::{CameraSettings, Recording, RecordingEnvironment, SharedRecordings, TargetCameras};
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target};
 use crate::run::end_text;
 use crate::run::evaluate::{TRIAL, with_requests};
 
-pub use self::cameras::CameraSettings;
-use self::cameras::Cameras;
 use self::labels::{labeler, labels};
 use self::recorder::{Decisions, RecordedController, SharedDecisions};
 
@@ -77,7 +74,9 @@ pub fn record(
     let target = recordable(resolved)?;
     check_rate(resolved, settings.format)?;
     let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
-    let mut cameras = settings.cameras.as_ref().map(|cameras| Cameras::new(resolved, cameras)).transpose()?;
+    let cameras = settings.cameras.as_ref();
+    let cameras = cameras.map(|cameras| TargetCameras::new(&resolved.plan.target, &resolved.space, cameras));
+    let mut cameras = cameras.transpose()?;
     let failed = |source: std::io::Error| match source.kind() {
         ErrorKind::AlreadyExists => MishandleError::InvalidValue {
             what: "the folder of the data set",
@@ -170,7 +169,7 @@ fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleEr
 fn contents(
     resolved: &ResolvedPlan,
     target: &SceneTarget,
-    cameras: Option<&Cameras>,
+    cameras: Option<&TargetCameras>,
     is_relabeled: bool,
 ) -> Contents {
     let actions = (0..target.controller().action_size()).map(|index| target.action_name(index));
@@ -182,13 +181,19 @@ fn contents(
     if is_relabeled {
         vectors.push(column("action.executed", &actions));
     }
-    vectors.extend(cameras.map_or(Vec::new(), Cameras::sighting_columns));
+    let names: Vec<&str> = cameras.map_or_else(Vec::new, |cameras| cameras.names().collect());
+    let sighting = ["pixels", "visible_share", "contrast"].map(ToString::to_string);
+    let measured = cameras.into_iter().flat_map(TargetCameras::measured);
+    vectors.extend(measured.map(|name| column(&format!("sight.{name}"), &sighting)));
+    let [width, height] = cameras.map_or([0; 2], |cameras| cameras.size().map(|side| side as u32));
+    // LeRobot's usual names.
+    let image = |name: &&str| ImageColumn { name: format!("observation.images.{name}"), width, height };
     Contents {
         task: target.instruction().to_string(),
         robot: target.robot().to_string(),
         dt: resolved.target.control_dt,
         vectors,
-        images: cameras.map_or(Vec::new(), Cameras::image_columns),
+        images: names.iter().map(image).collect(),
     }
 }
 
@@ -315,7 +320,7 @@ struct Recorded {
 
 impl Recorded {
     /// Draws what the cameras show, adds what it shows of the object, and returns the images.
-    fn show(&mut self, cameras: Option<&mut Cameras>) -> Result<Vec<Vec<u8>>, MishandleError> {
+    fn show(&mut self, cameras: Option<&mut TargetCameras>) -> Result<Vec<Vec<u8>>, MishandleError> {
         let Some(cameras) = cameras else { return Ok(Vec::new()) };
         let shown = cameras.show(&self.states, &self.scenario, self.seed)?;
         self.vectors.extend(shown.sightings);

@@ -4,13 +4,15 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use mishandle_camera::Size;
 use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
 use mishandle_rollout::{Controller, Environment, Rollout, Scenario, ScenarioBatch, Space, Specification};
+use mishandle_sight::{Sight, View};
 use mishandle_store::RunHeader;
 use mishandle_tasks::{
     Definition, JOINT_NAMES, Preset, Reward, TaskBatch, TaskEnvironment, TaskError, TaskTarget,
 };
-use mishandle_world::{FullState, PictureModel, WorldDevice};
+use mishandle_world::{FullState, Model, PictureModel, WorldDevice};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
@@ -177,14 +179,62 @@ pub fn picture_model(target: &str) -> Result<PictureModel, MishandleError> {
     Ok(mishandle_tasks::picture_model(task).map_err(scene_error)?)
 }
 
+/// The cameras of a target, the model whose states they show, and what they see at nominal.
+pub(crate) struct TargetSight {
+    pub sight: Sight,
+    pub model: Model,
+    pub view: View,
+}
+
+/// Returns the cameras of a target, with images of this size.
+pub(crate) fn target_sight(target: &str, size: Size) -> Result<TargetSight, MishandleError> {
+    let no_cameras = |expected| MishandleError::InvalidValue {
+        what: "the target of images",
+        value: target.to_string(),
+        expected,
+    };
+    if is_target_file(target) {
+        let file = RobotFile::read(Path::new(target))?;
+        let expected = "one with cameras: state some in a table [cameras] of the target file";
+        let sight = file.sight().cloned().ok_or_else(|| no_cameras(expected))?;
+        let (model, view) = file.view(size)?.ok_or_else(|| no_cameras(expected))?;
+        return Ok(TargetSight { sight, model, view });
+    }
+    let task = task(target)
+        .map_err(|_| no_cameras("a task or a target file, because other targets have no cameras"))?;
+    let scene_error = |source| TaskError::Scene { task: task.definition().name, source };
+    let (model, view) = mishandle_tasks::sight::view(task, size).map_err(scene_error)?;
+    Ok(TargetSight { sight: mishandle_tasks::sight::sight(task.definition()), model, view })
+}
+
+/// Returns the names of the cameras of a target; none if it has no cameras.
+///
+/// # Errors
+/// If the target file cannot be read or is wrong.
+pub fn camera_names(target: &str) -> Result<Vec<String>, MishandleError> {
+    let sight = match is_target_file(target) {
+        true => RobotFile::read(Path::new(target))?.sight().cloned(),
+        false => task(target).ok().map(|task| mishandle_tasks::sight::sight(task.definition())),
+    };
+    Ok(sight.map_or_else(Vec::new, |sight| sight.names().map(ToString::to_string).collect()))
+}
+
 /// Returns the model of the pictures of a run.
 ///
 /// # Errors
 /// If the target has no scene, or its files cannot be read.
 pub fn recorded_picture(header: &RunHeader) -> Result<PictureModel, MishandleError> {
+    picture_model(&recorded_target(header)?)
+}
+
+/// Returns the target of a run with a scene, as its plan names it.
+///
+/// # Errors
+/// If the target has no scene.
+pub fn recorded_target(header: &RunHeader) -> Result<String, MishandleError> {
     let plan = Plan::from_toml(&header.plan)?;
     check_scene(&header.target.kind, &plan.target)?;
-    picture_model(&plan.target)
+    Ok(plan.target)
 }
 
 /// Returns the environment of a target over the axes of its start, and a start of it. `x0` has one

@@ -9,9 +9,9 @@ use crate::lanes::Lanes3;
 /// Largest standard deviation of a blur, pixels: its time grows with the square.
 const WIDEST_BLUR: f32 = 32.0;
 
-/// Turns the light of pixels into bytes.
+/// Turns the light of pixels into bytes. Its buffers grow to the largest image.
 #[derive(Debug, Default)]
-pub(crate) struct Developer {
+pub struct Developer {
     /// Red, green and blue of each pixel.
     planes: [Vec<f32>; 3],
     scratch: Vec<f32>,
@@ -22,7 +22,7 @@ impl Developer {
     ///
     /// # Panics
     /// If the length of `rgb` is not three times the number of pixels.
-    pub fn develop(
+    pub(crate) fn develop(
         &mut self,
         colors: &[Lanes3],
         packets: usize,
@@ -40,6 +40,25 @@ impl Developer {
                 plane.extend(lanes.take(width));
             }
         }
+        self.finish(camera, seed, step, rgb);
+    }
+
+    /// Does to the image of another camera what the effects of this one do. Nominal effects change
+    /// no byte.
+    ///
+    /// # Panics
+    /// If the length of `rgb` is not three times the number of pixels of the camera.
+    pub fn develop_again(&mut self, camera: &Camera, seed: Seed, step: u64, rgb: &mut [u8]) {
+        assert_eq!(rgb.len(), 3 * camera.size.pixels(), "three bytes for each pixel");
+        for (channel, plane) in self.planes.iter_mut().enumerate() {
+            plane.clear();
+            plane.extend(rgb.as_chunks::<3>().0.iter().map(|pixel| f32::from(pixel[channel]) / 255.0));
+        }
+        self.finish(camera, seed, step, rgb);
+    }
+
+    fn finish(&mut self, camera: &Camera, seed: Seed, step: u64, rgb: &mut [u8]) {
+        let (width, height) = (camera.size.width(), camera.size.height());
         let effects = &camera.effects;
         self.darken_corners(effects.vignette, width);
         self.cover(effects, width, height);
@@ -189,8 +208,24 @@ fn byte(value: f32) -> u8 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_image_of_another_camera_keeps_its_bytes_at_nominal_and_gets_darker_by_half() {
+        let size = crate::Size::new(16, 16).unwrap();
+        let points = [[0.0, 0.0, 1.0], [0.0; 3], [0.0, 1.0, 0.0]];
+        let mut camera = Camera::looking(size, 0, points, 1.0);
+        let bytes: Vec<u8> = (0..3 * 256).map(|index| (index / 3) as u8).collect();
+        let mut developer = Developer::default();
+        let mut rgb = bytes.clone();
+        developer.develop_again(&camera, Seed(1), 2, &mut rgb);
+        assert_eq!(rgb, bytes);
+        camera.effects.exposure = 0.5;
+        developer.develop_again(&camera, Seed(1), 2, &mut rgb);
+        assert!(rgb.iter().zip(&bytes).all(|(half, byte)| half.abs_diff(byte / 2) <= 1));
+    }
 
     #[test]
     fn noise_has_mean_zero_and_variance_one() {

@@ -34,10 +34,11 @@ mod vector;
 mod view;
 
 pub use camera::{Camera, CameraError, DeadRows, Effects, Optics, Patch, Size};
+pub use develop::Developer;
 pub use form::Form;
 pub use material::{Color, Material, Pattern};
 pub use mesh::Mesh;
-pub use of_model::PoseReader;
+pub use of_model::{PoseReader, focal_length};
 pub use renderer::{Output, Renderer, Shot};
 pub use scene::{Ambient, Background, Lamp, NO_SHAPE, Poses, Scene, Shape};
 pub use studio::{StateShot, Studio};

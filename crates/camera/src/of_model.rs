@@ -86,17 +86,21 @@ impl Scene {
     }
 }
 
+/// Returns the focal length, image heights, of a vertical field of view.
+pub fn focal_length(fovy_deg: f64) -> f32 {
+    // This is computed once, from a model's degrees, and never from the number of an axis.
+    (0.5 / (0.5 * fovy_deg).to_radians().tan()) as f32
+}
+
 impl Camera {
     /// Makes a nominal camera where a model has one.
     pub fn of_model(mount: &CameraMount, size: Size) -> Camera {
-        // This is computed once, from a model's degrees, and never from the number of an axis.
-        let focal_length = 0.5 / (0.5 * mount.fovy_deg).to_radians().tan();
         Camera {
             size,
             body: mount.body.index(),
             pose: Pose::new(mount.position, mount.quaternion),
             tilt: [0.0; 3],
-            focal_length: focal_length as f32,
+            focal_length: focal_length(mount.fovy_deg),
             optics: Optics::NOMINAL,
             effects: Effects::NOMINAL,
         }

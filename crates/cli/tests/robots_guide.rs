@@ -44,6 +44,24 @@ fn the_robot_of_the_guide_gives_the_shown_output() {
 }
 
 #[test]
+fn the_robot_with_cameras_is_recorded() {
+    let bench = Bench::new();
+    let added = blocks("append");
+    for (name, text) in blocks("file") {
+        let more = added.iter().find(|(file, _)| *file == name).map_or("", |(_, text)| text);
+        bench.write(&name, &(text + more));
+    }
+    let command = PAGE.lines().find_map(|line| line.strip_prefix("mishandle record ")).unwrap();
+    let found = bench.run(&format!("record {command} --episodes 1 --format npz --size 8x8"));
+    assert!(found.status.success(), "{}", bench::text(&found.stderr));
+    let data = std::fs::read(bench.path("demonstrations/data.npz")).unwrap();
+    for camera in ["desk", "ride"] {
+        let column = format!("observation.images.{camera}.npy");
+        assert!(data.windows(column.len()).any(|bytes| bytes == column.as_bytes()), "{camera}");
+    }
+}
+
+#[test]
 fn the_robot_has_a_margin_without_a_space_and_is_found_without_its_ending() {
     let bench = Bench::new();
     for (name, text) in blocks("file") {

@@ -261,7 +261,7 @@ impl<'a> Shown<'a> {
         let (header, last) = (self.header, self.states.len().saturating_sub(1));
         let (explanation, event) = (Some(self.explanation), self.event.as_ref());
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
-        Ok(FrameRenderer::new(model, size, quality, &CAMERAS[..1], Some(captions))?)
+        Ok(FrameRenderer::new(model, size, quality, (&CAMERAS[..1], None), Some(captions))?)
     }
 
     /// Renders samples in a view that shows all states of `view`.

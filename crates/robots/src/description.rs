@@ -3,6 +3,7 @@
 use mishandle_expression::{Node, parse};
 
 use crate::axis_table::{AxisTable, axis};
+use crate::cameras::{CameraTable, camera};
 use crate::document::{Fields, Item, Key, Table, Text, Value};
 use crate::error::Problem;
 
@@ -205,6 +206,9 @@ pub(crate) struct Description {
     pub formulas: Vec<Named<Text>>,
     /// Names of axes for each space.
     pub spaces: Vec<Named<Vec<Text>>>,
+    pub cameras: Vec<Named<CameraTable>>,
+    /// The body that cameras are about.
+    pub object: Option<Text>,
 }
 
 impl Description {
@@ -250,6 +254,8 @@ impl Description {
             axes: named(fields.entries("axes")?, axis)?,
             formulas: named(fields.entries("formulas")?, |key, item| item.text(&key.name))?,
             spaces: named(fields.entries("spaces")?, |key, item| item.texts(&key.name))?,
+            cameras: named(fields.entries("cameras")?, camera)?,
+            object: fields.get("sight").map(object).transpose()?,
         };
         fields.finish()?;
         for (what, is_empty) in [
@@ -355,6 +361,14 @@ fn start(item: Option<&Item>) -> Result<Starts, Problem> {
         }
     }
     Ok(starts)
+}
+
+/// Reads the table `[sight]`.
+fn object(item: &Item) -> Result<Text, Problem> {
+    let mut fields = Fields::new(item.table("sight")?, "[sight]");
+    let object = fields.need("object")?.text("object")?;
+    fields.finish()?;
+    Ok(object)
 }
 
 fn remembered(key: &Key, item: &Item) -> Result<Remembered, Problem> {

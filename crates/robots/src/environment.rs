@@ -72,6 +72,8 @@ pub(crate) struct Robot {
     pub draws: Vec<Draw>,
     /// Axes of the environment and what they set.
     pub axes: Vec<(Axis, Parameter)>,
+    /// Names of the axes of sight, which change images and nothing here.
+    pub sight_axes: Vec<String>,
 }
 
 /// A robot of a file as an environment.
@@ -83,6 +85,7 @@ pub(crate) struct Robot {
 pub struct RobotEnvironment {
     pub(crate) robot: Arc<Robot>,
     space: Space,
+    /// The parameters that the first axes set; the others are of sight.
     pub(crate) parameters: Arc<[Parameter]>,
 }
 
@@ -94,7 +97,8 @@ impl RobotEnvironment {
             Some((axis.clone(), found?.1))
         };
         let own = space.axes().iter().filter_map(parameter);
-        let (axes, parameters): (Vec<Axis>, Vec<Parameter>) = own.unzip();
+        let (mut axes, parameters): (Vec<Axis>, Vec<Parameter>) = own.unzip();
+        axes.extend(space.axes().iter().filter(|axis| robot.sight_axes.contains(&axis.name)).cloned());
         let space = Space::new(space.name(), axes)?;
         Ok(RobotEnvironment { robot, space, parameters: parameters.into() })
     }

@@ -7,12 +7,14 @@
 //! `events` what these axes set, `library` the names that its expressions may use, `phase` the
 //! expressions that are evaluated together, `environment` the simulation, which `worker` runs in
 //! the same engine as every task, `batch` many of its rows in another engine, `controlled` the
-//! robot with a controller in the loop, and `training` what a training run needs. `contract` checks
+//! robot with a controller in the loop, `cameras` what its cameras see, and `training` what a
+//! training run needs. `contract` checks
 //! a policy before the first episode, and `init` writes a first file for a policy of another tool.
 
 mod axes;
 mod axis_table;
 mod batch;
+mod cameras;
 mod change;
 mod contract;
 mod controlled;

@@ -83,8 +83,9 @@ pub(crate) fn missing(label: &str, name: &str, known: &[String]) -> String {
     let hint = hint.map_or(String::new(), |nearest| format!("; did you mean `{nearest}`?"));
     let more =
         if known.len() > LISTED { format!(" and {} more", known.len() - LISTED) } else { String::new() };
+    let kinds = label.strip_suffix('y').map_or_else(|| format!("{label}s"), |stem| format!("{stem}ies"));
     let listed = known[..known.len().min(LISTED)].join(", ");
-    format!("no {label} `{name}`{hint} ({label}s: {listed}{more})")
+    format!("no {label} `{name}`{hint} ({kinds}: {listed}{more})")
 }
 
 /// Returns the kind with the name that files use.

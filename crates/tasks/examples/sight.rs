@@ -9,7 +9,8 @@ use std::path::Path;
 
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_rollout::{Axis, Environment, Sample, Scenario, Seed, Space};
-use mishandle_tasks::sight::{SIGHT_SPACES, View};
+use mishandle_sight::SIGHT_SPACES;
+use mishandle_tasks::sight::view;
 use mishandle_tasks::{CAMERA_NAMES, Preset, Reward, TASKS, Task, TaskEnvironment};
 
 /// Axes in a row of pictures.
@@ -27,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let axes = spaces.iter().filter(|space| SIGHT_SPACES[..5].contains(&space.name()));
     let axes: Vec<Axis> = axes.flat_map(|space| space.axes().to_vec()).collect();
     let space = Space::new("sight", axes.clone())?;
-    let (model, view) = View::new(task, size)?;
+    let (model, view) = view(task, size)?;
     let (before, now) = states(task, &environment);
     let (mut reader, mut renderer) = (PoseReader::new(&model), Renderer::new());
     let [mut first, mut poses] = [Poses::default(), Poses::default()];

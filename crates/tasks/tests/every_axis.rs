@@ -9,7 +9,7 @@ use mishandle_rollout::{
     Axis, AxisKind, Component, Controller, Environment, Episode, Noise, Request, Sample, Scenario, Seed,
     Space, Specification, System, Target,
 };
-use mishandle_tasks::sight::SIGHT_SPACES;
+use mishandle_sight::SIGHT_SPACES;
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget, task};
 use mishandle_world::Model;
 use mishandle_world::frame::{rotate_back, sub};

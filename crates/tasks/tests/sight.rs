@@ -10,7 +10,8 @@ use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{
     Axis, Component, Environment, Noise, Request, Sample, Scenario, Seed, Space, Target,
 };
-use mishandle_tasks::sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
+use mishandle_sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
+use mishandle_tasks::sight::view;
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget};
 use mishandle_world::Model;
 
@@ -116,7 +117,7 @@ fn axes_of_sight_at_nominal_change_no_image_and_each_one_changes_some_at_a_bound
     for task in TASKS {
         let (target, name) = (target(*task), task.definition().name);
         let space = sight(&target);
-        let (model, view) = View::new(*task, size).unwrap();
+        let (model, view) = view(*task, size).unwrap();
         let mut studio = Studio::new(&model, &states(*task));
         let (nominal, start) = (studio.images(&view), studio.poses[0].clone());
         assert_eq!(studio.images(&view.under(&space, &space.nominal(), &start)), nominal, "{name}");
@@ -172,14 +173,15 @@ fn axes_of_sight_change_no_physics() {
 fn faults_of_cameras_move_images_and_change_none() {
     let target = target(TASKS[0]);
     let space = target.space("faults-camera").unwrap();
-    let frames = |values: &[(&str, f64)]| -> Vec<[Frame; 2]> {
+    let sight = mishandle_tasks::sight::sight(TASKS[0].definition());
+    let frames = |values: &[(&str, f64)]| -> Vec<Vec<Frame>> {
         let nominal = space.nominal();
         let value = |(index, axis): (usize, &Axis)| {
             values.iter().find(|(name, _)| *name == axis.name).map(|(_, v)| *v).or(nominal.get(index))
         };
         let scenario = Scenario::new(space.axes().iter().enumerate().map(value).collect());
-        let mut feed = Feed::new(&space, &scenario, Seed(2)).unwrap();
-        (0..60).map(|step| feed.next(step)).collect()
+        let mut feed = Feed::new(&sight, &space, &scenario, Seed(2)).unwrap();
+        (0..60).map(|step| feed.next(step).to_vec()).collect()
     };
     let frame = |camera, step| Frame { camera, step };
     let number_of = |name: &str, text: &str| {
@@ -220,7 +222,7 @@ fn an_object_that_a_person_could_not_see_is_marked() {
     let size = Size::new(128, 128).unwrap();
     for task in TASKS {
         let name = task.definition().name;
-        let (model, view) = View::new(*task, size).unwrap();
+        let (model, view) = view(*task, size).unwrap();
         let mut studio = Studio::new(&model, &states(*task));
         let mut sightings = |change: fn(&mut Camera)| -> Vec<bool> {
             let mut changed = view.clone();

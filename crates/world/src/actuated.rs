@@ -1,8 +1,8 @@
 //! The robot in a model that does not name it: the trees of bodies that actuators move.
 
-use mujoco_rs::prelude::{MjtJoint, MjtTrn};
+use mujoco_rs::prelude::MjtTrn;
 
-use crate::Model;
+use crate::{Body, Model};
 
 impl Model {
     /// Returns the top-level bodies of the trees that actuators move, in ascending order. Without
@@ -32,9 +32,19 @@ impl Model {
         roots
     }
 
+    /// Returns the bodies of the robot: those of the trees that actuators move, or all that move
+    /// without actuators.
+    pub fn robot_bodies(&self) -> Vec<Body> {
+        let roots = self.robot_roots();
+        let is_part = |body: &usize| roots.contains(&(self.inner.body_rootid()[*body] as usize));
+        (1..self.inner.nbody() as usize).filter(is_part).map(Body).collect()
+    }
+
     /// Returns the body that a camera follows: the first one of the robot with a free joint, or the
     /// last one of the longest chain of joints.
+    #[cfg(any(test, feature = "render"))]
     pub(crate) fn followed_body(&self) -> usize {
+        use mujoco_rs::prelude::MjtJoint;
         let (model, roots) = (&*self.inner, self.robot_roots());
         let is_part = |body: usize| roots.contains(&(model.body_rootid()[body] as usize));
         let free = model.jnt_type().iter().zip(model.jnt_bodyid()).find_map(|(kind, body)| {

@@ -122,6 +122,9 @@ impl JointKind {
 pub struct Body(pub(crate) usize);
 
 impl Body {
+    /// The world.
+    pub const WORLD: Body = Body(0);
+
     /// Returns the index of the body in the model.
     pub fn index(self) -> usize {
         self.0

@@ -15,7 +15,6 @@
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
 
-#[cfg(feature = "render")]
 mod actuated;
 mod batch;
 mod change;

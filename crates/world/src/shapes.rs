@@ -1,6 +1,6 @@
 //! The look of a model: shapes of bodies, meshes and cloths, for other renderers than MuJoCo's.
 
-use mujoco_rs::wrappers::mj_model::MjtGeomBase;
+use mujoco_rs::wrappers::mj_model::{MjtCamLight, MjtGeomBase, MjtProjection};
 
 use crate::frame::{add, rotate};
 use crate::{Body, ElementKind, Model, World};
@@ -79,6 +79,9 @@ pub struct CameraMount {
     pub quaternion: [f64; 4],
     /// Vertical field of view, degrees.
     pub fovy_deg: f64,
+    /// Whether it is fixed to its body and has a perspective. Others follow a body, or are
+    /// orthographic.
+    pub is_plain: bool,
 }
 
 impl Model {
@@ -182,6 +185,8 @@ impl Model {
             position: model.cam_pos()[index],
             quaternion: model.cam_quat()[index],
             fovy_deg: model.cam_fovy()[index],
+            is_plain: model.cam_mode()[index] == MjtCamLight::mjCAMLIGHT_FIXED
+                && model.cam_projection()[index] == MjtProjection::mjPROJ_PERSPECTIVE,
         }
     }
 }

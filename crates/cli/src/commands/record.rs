@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use mishandle::record::{CameraSettings, RecordSettings};
+use mishandle::picture::CameraSettings;
+use mishandle::record::RecordSettings;
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 
@@ -37,11 +38,11 @@ pub struct Arguments {
     /// expert, another shipped controller, or a path
     #[arg(long, value_name = "NAME")]
     pub relabel: Option<String>,
-    /// Record what these cameras of the task see: over, wrist
+    /// Record what these cameras see: over, wrist, or those of the target file
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub cameras: Vec<String>,
     /// Width and height of the images, pixels, each from 1 to 1024
-    #[arg(long, value_name = "WxH", default_value = "64x64", requires = "cameras", value_parser = image_size)]
+    #[arg(long, value_name = "WxH", default_value = "64x64", requires = "cameras", value_parser = numbers::image_size)]
     pub size: [u16; 2],
     /// Keep only episodes that satisfy the success formula
     #[arg(long)]
@@ -51,15 +52,6 @@ pub struct Arguments {
     pub out: PathBuf,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-/// Parses the size of an image.
-fn image_size(text: &str) -> Result<[u16; 2], String> {
-    let sides = text.split_once('x').map(|(width, height)| [width, height].map(|side| side.parse().ok()));
-    match sides {
-        Some([Some(width @ 1..=1024), Some(height @ 1..=1024)]) => Ok([width, height]),
-        _ => Err("expected two numbers from 1 to 1024, such as 64x64".to_string()),
-    }
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {

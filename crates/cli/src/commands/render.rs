@@ -3,8 +3,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use mishandle::inspect::{Event, Explanation};
-use mishandle::picture::{Film, FrameCaptions, FrameRenderer, StateTrajectory};
-use mishandle::world::{CAMERAS, Picture, Quality, Size, png};
+use mishandle::picture::{CameraSettings, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory};
+use mishandle::world::{CAMERAS, Picture, Quality, Size, WorldError, png};
 use mishandle_text::{instant, plural};
 
 use crate::exit_status::ExitStatus;
@@ -35,6 +35,7 @@ const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
   mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
 
   mishandle render --run runs/RUN.sqlite --camera auto,close --out two.mp4    two views
+  mishandle render --run runs/RUN.sqlite --camera auto,over,wrist --out seen.mp4   what cameras saw
   mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4
 
 Pictures of a simulation center on its event, and `render` says which one it is and why. If the
@@ -89,9 +90,14 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH")]
     pub size: Option<String>,
     /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the
-    /// hand or the free base), or a camera of the MJCF
+    /// hand or the free base), a camera of the MJCF, or one of the target, whose images policies
+    /// see: over and wrist for tasks, and those of a target file. These have the light, colors,
+    /// faults and delays of the scenario
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
+    /// Width and height of the images of cameras of the target, pixels, each from 1 to 1024
+    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = numbers::image_size)]
+    pub image_size: [u16; 2],
     /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
     /// graphics card
     #[arg(long)]
@@ -104,6 +110,18 @@ pub struct Arguments {
 impl Arguments {
     fn cameras(&self) -> Vec<&str> {
         self.camera.iter().map(String::as_str).collect()
+    }
+
+    /// Returns those of the cameras that the target has, each once: their images are those that
+    /// policies see.
+    fn seen(&self, target: &[String]) -> Vec<String> {
+        target.iter().filter(|name| self.camera.contains(name)).cloned().collect()
+    }
+
+    /// Draws what these cameras of the target see in the states of a simulation.
+    fn seen_states(&self, names: Vec<String>, trajectory: &StateTrajectory) -> Result<Option<SeenStates>> {
+        let settings = CameraSettings { names, size: self.image_size };
+        Ok(if settings.names.is_empty() { None } else { trajectory.seen_by(&settings)? })
     }
 
     fn quality(&self) -> Quality {
@@ -177,17 +195,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Some(path), _) => recorded(path, command, size)?,
         (None, Some(target)) => {
             let trajectory = mishandle::picture::initial_state(target, command.at.as_deref())?;
-            (
-                FrameRenderer::new(
-                    &mishandle::resolve::picture_model(target)?,
-                    size,
-                    command.quality(),
-                    &command.cameras(),
-                    None,
-                )?,
-                trajectory,
-                None,
-            )
+            let model = mishandle::resolve::picture_model(target)?;
+            let known = mishandle::resolve::camera_names(target)?;
+            let names = command.seen(&known);
+            check_fits(command, &names, size)?;
+            let seen = command.seen_states(names, &trajectory)?;
+            let cameras = command.cameras();
+            let renderer = FrameRenderer::new(&model, size, command.quality(), (&cameras, seen), None);
+            (renderer.map_err(|error| with_cameras(error, known))?, trajectory, None)
         }
         (None, None) => bail!("nothing to render: give a TARGET or --run RUN"),
     };
@@ -200,6 +215,29 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         _ => output::message(&format!("wrote {}", command.out.display())),
     }
     Ok(status)
+}
+
+/// Checks that images of cameras of the target fit into frames.
+fn check_fits(command: &Arguments, names: &[String], size: Size) -> Result<()> {
+    let ([width, height], frame) = (command.image_size, [size.width(), size.height()]);
+    ensure!(
+        names.is_empty() || u32::from(width) <= frame[0] && u32::from(height) <= frame[1],
+        "images of {width}x{height} pixels do not fit into frames of {}x{}; set a larger --size",
+        frame[0],
+        frame[1]
+    );
+    Ok(())
+}
+
+/// Returns an error that names the cameras of the target, too, if there is no such camera.
+fn with_cameras(error: WorldError, target: Vec<String>) -> WorldError {
+    match error {
+        WorldError::Element { kind: kind @ "camera", name, mut known } => {
+            known.extend(target);
+            WorldError::Element { kind, name, known }
+        }
+        other => other,
+    }
 }
 
 fn kind(out: &Path) -> Result<Kind> {
@@ -244,7 +282,15 @@ fn recorded(
     let (quality, cameras) = (command.quality(), command.cameras());
     let model = mishandle::resolve::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
-    drop(FrameRenderer::new(&model, size, quality, &cameras, None)?);
+    let known = mishandle::resolve::camera_names(&mishandle::resolve::recorded_target(run.header())?)?;
+    let names = command.seen(&known);
+    check_fits(command, &names, size)?;
+    let of_scene: Vec<&str> =
+        cameras.iter().copied().filter(|name| !names.iter().any(|seen| seen == name)).collect();
+    drop(
+        FrameRenderer::new(&model, size, quality, (&of_scene, None), None)
+            .map_err(|error| with_cameras(error, known))?,
+    );
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&run, trial, simulation, command.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
@@ -291,7 +337,8 @@ fn recorded(
     }
     let captions =
         FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
-    let renderer = FrameRenderer::new(&model, size, quality, &cameras, Some(captions))?;
+    let seen = command.seen_states(names, &trajectory)?;
+    let renderer = FrameRenderer::new(&model, size, quality, (&cameras, seen), Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
     }

@@ -74,6 +74,15 @@ fn digits(text: &str) -> Option<String> {
     is_valid.then(|| groups.concat())
 }
 
+/// Parses the width and the height of the images of a camera, pixels.
+pub fn image_size(text: &str) -> Result<[u16; 2], String> {
+    let sides = text.split_once('x').map(|(width, height)| [width, height].map(|side| side.parse().ok()));
+    match sides {
+        Some([Some(width @ 1..=1024), Some(height @ 1..=1024)]) => Ok([width, height]),
+        _ => Err("expected two numbers from 1 to 1024, such as 64x64".to_string()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

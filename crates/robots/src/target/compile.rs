@@ -204,6 +204,9 @@ impl RobotFile {
             events: self.axes.events.clone(),
             draws: self.axes.draws.clone(),
             axes: self.axes.environment.clone(),
+            sight_axes: self
+                .sight()
+                .map_or_else(Vec::new, |sight| sight.axes().map(|(_, axis)| axis.name.clone()).collect()),
             model,
         })
     }

@@ -17,6 +17,7 @@ use mishandle_simulators::ProgramPolicy;
 use mishandle_world::{Model, PictureModel};
 
 use crate::axes::{Axes, ObservedPart};
+use crate::cameras::RobotCameras;
 use crate::controlled::ControlledRobot;
 use crate::description::{Description, Named, Quantity};
 use crate::document;
@@ -71,6 +72,7 @@ pub struct RobotFile {
     actuated: Vec<usize>,
     parameters: Vec<String>,
     memory: Vec<RememberedPart>,
+    pub(crate) cameras: Option<RobotCameras>,
 }
 
 impl RobotFile {

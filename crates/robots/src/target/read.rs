@@ -11,6 +11,7 @@ use mishandle_simulators::{ProgramPolicy, ProgramSettings};
 use mishandle_world::ElementKind;
 
 use crate::axes::{Axes, ObservedPart, parameter_names};
+use crate::cameras::RobotCameras;
 use crate::description::{Constant, Description, Named, PolicySource, Quantity};
 use crate::document::{self, Key};
 use crate::error::{Problem, RobotError};
@@ -62,6 +63,7 @@ impl RobotFile {
         let parts = observed_parts(&description, &library).map_err(problem)?;
         let observation_size = parts.iter().map(|part| part.size).sum();
         let axes = Axes::new(&description, &library, &parts).map_err(problem)?;
+        let cameras = RobotCameras::new(&description, &model.physics).map_err(problem)?;
         let control_dt = description.control.period;
         let policy = match &description.policy.source {
             PolicySource::File(file) => RobotPolicy::File {
@@ -104,6 +106,7 @@ impl RobotFile {
             actuated,
             parameters,
             memory,
+            cameras,
         };
         // This reports mistakes now, with their lines.
         file.robot(file.actions()).map_err(|found| found.at(path, text))?;

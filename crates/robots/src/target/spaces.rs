@@ -4,6 +4,7 @@ use mishandle_rollout::{
     Axis, AxisKind, ControlLoop, Disturbance, Effect, LoopPart, LoopSpaces, RolloutError, Space, delays,
     distinct,
 };
+use mishandle_sight::Sight;
 
 use crate::axes::{ObservedPart, Parameter};
 use crate::axis_table::AxisEffect;
@@ -93,6 +94,9 @@ impl RobotFile {
         spaces.push(("disturbance".to_string(), disturbance));
         spaces.push(("noise".to_string(), of_kind(AxisKind::Noise)));
         spaces.extend(faults);
+        // The controller of a file does not see, so these axes are not among those of all axes.
+        let sight = self.sight().map(Sight::spaces).transpose()?.unwrap_or_default();
+        spaces.extend(sight.iter().map(|space| (space.name().to_string(), space.axes().to_vec())));
         for named in &self.description.spaces {
             let mut axes = Vec::new();
             for name in &named.value {
@@ -112,11 +116,14 @@ impl RobotFile {
         if !own.is_empty() {
             return Ok(own);
         }
-        let found = distinct(disturbances.iter().map(|d| &d.axis).filter(|axis| axis.name == name.text));
+        let of_sight = || self.sight().into_iter().flat_map(Sight::axes).map(|(_, axis)| axis);
+        let all = disturbances.iter().map(|d| &d.axis).chain(of_sight());
+        let found = distinct(all.filter(|axis| axis.name == name.text));
         if found.is_empty() {
             let own = self.description.axes.iter().map(|axis| axis.key.name.clone());
             let builtin = distinct(disturbances.iter().map(|d| &d.axis)).into_iter().map(|axis| axis.name);
-            let known: Vec<String> = own.chain(builtin).collect();
+            let of_sight = of_sight().map(|axis| axis.name.clone());
+            let known: Vec<String> = own.chain(builtin).chain(of_sight).collect();
             return Err(Problem::new(&name.span, missing("axis", &name.text, &known)));
         }
         Ok(found)

@@ -8,6 +8,7 @@ mod faults;
 
 use mishandle_rollout::fault::Side;
 use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space};
+use mishandle_sight::SIGHT_SPACES;
 
 pub(crate) use constants::{Constant, Elements};
 pub(crate) use disturbances::{disturbances, random_axes};
@@ -16,7 +17,6 @@ pub(crate) use faults::sites;
 
 use crate::definition::{Definition, Preset};
 use crate::robot::{ARM_JOINTS, JOINT_NAMES};
-use crate::sight::{SIGHT_SPACES, sight_axes};
 
 const XYZ: [&str; 3] = ["x", "y", "z"];
 
@@ -62,7 +62,8 @@ pub(crate) fn parameters(
             (axis, Parameter::StartDraw(joint))
         }));
     }
-    parameters.extend(sight_axes(definition).into_iter().map(|own| (own.axis, Parameter::Sight(own.space))));
+    let sight = crate::sight::sight(definition);
+    parameters.extend(sight.axes().map(|(space, axis)| (axis.clone(), Parameter::Sight(space))));
     Ok(parameters)
 }
 

@@ -17,6 +17,19 @@ impl Picture {
         Picture { width, height, pixels: color.repeat(width * height) }
     }
 
+    /// Makes an image of pixels that are squares, as large as an image in `most` allows. An image
+    /// that is larger than that keeps its size.
+    pub fn enlarged(pixels: &[u8], [width, height]: [usize; 2], most: [usize; 2]) -> Picture {
+        let factor = (most[0] / width).min(most[1] / height).max(1);
+        let mut enlarged = Vec::with_capacity(pixels.len() * factor * factor);
+        for row in pixels.chunks(3 * width) {
+            let first = enlarged.len();
+            row.chunks(3).for_each(|pixel| enlarged.extend(pixel.repeat(factor)));
+            (1..factor).for_each(|_| enlarged.extend_from_within(first..first + 3 * width * factor));
+        }
+        Picture { width: width * factor, height: height * factor, pixels: enlarged }
+    }
+
     /// Returns the width in pixels.
     pub fn width(&self) -> usize {
         self.width
@@ -115,6 +128,15 @@ mod tests {
         let mut out = Vec::new();
         shrink(&pixels, 4, 2, &mut out);
         assert_eq!(out, [15, 1, 2, 7, 1, 2]);
+    }
+
+    #[test]
+    fn enlarged_pixels_are_squares() {
+        let rgb = |reds: &[u8]| reds.iter().flat_map(|red| [*red, 0, 9]).collect::<Vec<u8>>();
+        let picture = Picture::enlarged(&rgb(&[1, 2]), [2, 1], [5, 7]);
+        assert_eq!((picture.width(), picture.height()), (4, 2));
+        assert_eq!(picture.pixels(), rgb(&[1, 1, 2, 2, 1, 1, 2, 2]));
+        assert_eq!(Picture::enlarged(&rgb(&[1, 2]), [2, 1], [1, 1]).pixels(), rgb(&[1, 2]));
     }
 
     #[test]

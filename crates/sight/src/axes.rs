@@ -5,20 +5,17 @@ use std::sync::Arc;
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Condition, Disturbance, Effect, Holds};
 
-use super::part::Part;
-use super::set::Set;
-use crate::cameras::CAMERA_NAMES;
-use crate::definition::Definition;
-use crate::robot::{CONTROL_DT, EPISODE_STEPS};
+use crate::part::Part;
+use crate::set::Set;
+use crate::sight::SightCamera;
 
 /// The names of the spaces of sight, in their order.
 pub const SIGHT_SPACES: [&str; 6] = ["light", "camera", "appearance", "clutter", "image", "faults-camera"];
 
 /// Largest number of distractors.
-pub(super) const MOST_CLUTTER: usize = 3;
+pub(crate) const MOST_CLUTTER: usize = 3;
 
-/// Largest displacement (m) and tilt (rad) of the camera over the table and of the one at the
-/// wrist.
+/// Largest displacement (m) and tilt (rad) of a camera in the world and of one on a body.
 const DISPLACED: [f64; 2] = [0.05, 0.01];
 const TILTED: [f64; 2] = [0.1, 0.05];
 
@@ -28,10 +25,10 @@ const CLUTTER_Y: [f64; 2] = [-0.5, 0.5];
 const CLUTTER_SIZE: [f64; 2] = [0.015, 0.05];
 
 /// Nominal half size of a distractor, m.
-pub(super) const CLUTTER_HALF: f64 = 0.03;
+pub(crate) const CLUTTER_HALF: f64 = 0.03;
 
 /// Returns the nominal place of a distractor, m. They stand apart.
-pub(super) fn clutter_place(index: usize) -> [f64; 2] {
+pub(crate) fn clutter_place(index: usize) -> [f64; 2] {
     [0.55, 0.3 * index as f64 - 0.3]
 }
 
@@ -46,14 +43,33 @@ pub(crate) struct SightAxis {
     /// The axis.
     pub axis: Axis,
     /// Which number of the view it sets.
-    pub(super) set: Set,
+    pub(crate) set: Set,
 }
 
-/// Returns the axes of sight of a task.
-pub(crate) fn sight_axes(definition: &Definition) -> Vec<SightAxis> {
-    // A task without an object is about its target, and nothing else stands on the ground.
-    let has_support = definition.object.is_some();
-    let spaces = [light(), camera(), appearance(has_support), clutter(), image(), faults()];
+impl SightAxis {
+    /// Returns whether it makes an image depend on the seed.
+    pub(crate) fn is_random(&self) -> bool {
+        matches!(self.set, Set::ReadNoise | Set::ShotNoise)
+    }
+}
+
+/// Returns the axes of images that others took, and of camera faults. Lens and shutter need the
+/// scene.
+pub(crate) fn image_axes(cameras: &[SightCamera], disturbances: &[Disturbance]) -> Vec<SightAxis> {
+    let needs_scene = |own: &SightAxis| matches!(own.set, Set::Aperture | Set::Shutter);
+    let is_kept = |own: &SightAxis| ["image", "faults-camera"].contains(&SIGHT_SPACES[own.space]);
+    let all = sight_axes(cameras, &[], disturbances).into_iter();
+    all.filter(|own| is_kept(own) && !needs_scene(own)).collect()
+}
+
+/// Returns the axes of sight of a target with these cameras and parts.
+pub(crate) fn sight_axes(
+    cameras: &[SightCamera],
+    parts: &[Part],
+    disturbances: &[Disturbance],
+) -> Vec<SightAxis> {
+    let first = cameras.first().map_or("", |camera| camera.name.as_str());
+    let spaces = [light(), camera(cameras), appearance(parts), clutter(), image(first), faults(disturbances)];
     let of_space = |(space, axes): (usize, Vec<(Axis, Set)>)| {
         axes.into_iter().map(move |(axis, set)| SightAxis { space, axis, set })
     };
@@ -133,10 +149,10 @@ fn light() -> Vec<(Axis, Set)> {
     ]
 }
 
-fn camera() -> Vec<(Axis, Set)> {
+fn camera(cameras: &[SightCamera]) -> Vec<(Axis, Set)> {
     let mut axes = Vec::new();
-    for (index, name) in CAMERA_NAMES.into_iter().enumerate() {
-        let (far, tilt) = (DISPLACED[index], TILTED[index]);
+    for (index, SightCamera { name, is_mounted }) in cameras.iter().enumerate() {
+        let (far, tilt) = (DISPLACED[usize::from(*is_mounted)], TILTED[usize::from(*is_mounted)]);
         for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
             let meaning =
                 format!("displacement of the camera `{name}` along the {axis} axis of what it is mounted on");
@@ -160,10 +176,10 @@ fn camera() -> Vec<(Axis, Set)> {
     axes
 }
 
-fn appearance(has_support: bool) -> Vec<(Axis, Set)> {
+fn appearance(parts: &[Part]) -> Vec<(Axis, Set)> {
     let mut axes = Vec::new();
     let bounds = [-RECOLORED, RECOLORED];
-    for (part, name) in Part::ALL.into_iter().filter(|(part, _)| has_support || *part != Part::Support) {
+    for (part, name) in Part::ALL.into_iter().filter(|(part, _)| parts.contains(part)) {
         for (i, color) in ["red", "green", "blue"].into_iter().enumerate() {
             let meaning = format!("change of the {color} of the {name}");
             axes.push((number(&format!("{name}_{color}"), "", bounds, 0.0, &meaning), Set::Color(part, i)));
@@ -241,7 +257,11 @@ fn clutter() -> Vec<(Axis, Set)> {
     axes
 }
 
-fn image() -> Vec<(Axis, Set)> {
+/// Patch and black rows are on the camera `first`.
+fn image(first: &str) -> Vec<(Axis, Set)> {
+    let patch_size =
+        format!("side of a dark patch on the lens of the camera `{first}`, as a fraction of the image");
+    let dead_rows = format!("black rows of the camera `{first}`, as a fraction of the image");
     let patch = || unless_nominal("image_patch_size", 0.0);
     vec![
         (
@@ -282,16 +302,7 @@ fn image() -> Vec<(Axis, Set)> {
             ),
             Set::Compression,
         ),
-        (
-            number(
-                "image_patch_size",
-                "",
-                [0.0, 0.35],
-                0.0,
-                "side of a dark patch on the lens of the camera `over`, as a fraction of the image",
-            ),
-            Set::PatchSize,
-        ),
+        (number("image_patch_size", "", [0.0, 0.35], 0.0, &patch_size), Set::PatchSize),
         (
             number("image_patch_x", "", [0.0, 1.0], 0.5, "center of the patch, from the left")
                 .only_if(patch()),
@@ -302,16 +313,7 @@ fn image() -> Vec<(Axis, Set)> {
                 .only_if(patch()),
             Set::PatchPlace(1),
         ),
-        (
-            number(
-                "image_dead_rows",
-                "",
-                [0.0, 0.15],
-                0.0,
-                "black rows of the camera `over`, as a fraction of the image",
-            ),
-            Set::DeadRows,
-        ),
+        (number("image_dead_rows", "", [0.0, 0.15], 0.0, &dead_rows), Set::DeadRows),
         (
             number("image_dead_row", "", [0.0, 0.95], 0.5, "where the black rows start, from the top")
                 .only_if(unless_nominal("image_dead_rows", 0.0)),
@@ -340,29 +342,33 @@ fn image() -> Vec<(Axis, Set)> {
     ]
 }
 
-/// Returns the disturbances of the images of both cameras: faults and late images. The number that
-/// each of them disturbs says which state a camera shows; see [`Feed`](super::Feed).
-pub(super) fn feed_disturbances() -> Vec<Disturbance> {
-    let channel = |(index, name): (usize, &str)| Channel { name: name.to_string(), entries: vec![index] };
+/// Returns the disturbances of the images of all cameras: faults and late images. The number that
+/// each of them disturbs says which state a camera shows; see [`Feed`](crate::Feed).
+pub(crate) fn feed_disturbances(
+    cameras: &[SightCamera],
+    control_dt: f64,
+    episode_steps: usize,
+) -> Vec<Disturbance> {
+    let channel =
+        |(index, camera): (usize, &SightCamera)| Channel { name: camera.name.clone(), entries: vec![index] };
     let site = FaultSite {
         side: Side::Sensing,
         name: "camera_fault".to_string(),
         number: 0,
-        channels: CAMERA_NAMES.into_iter().enumerate().map(channel).collect(),
-        ranges: vec![[0.0, EPISODE_STEPS as f64]; CAMERA_NAMES.len()],
+        channels: cameras.iter().enumerate().map(channel).collect(),
+        ranges: vec![[0.0, episode_steps as f64]; cameras.len()],
         // Images can be lost and exchanged. Nothing computes with them.
         has_numbers: false,
-        control_dt: CONTROL_DT,
-        episode_steps: EPISODE_STEPS,
+        control_dt,
+        episode_steps,
     };
-    let late =
-        number("camera_delay", "control steps", [0.0, 6.0], 0.0, "delay of the images of both cameras")
-            .with_values(AxisValues::Integer);
+    let late = number("camera_delay", "control steps", [0.0, 6.0], 0.0, "delay of the images of all cameras")
+        .with_values(AxisValues::Integer);
     let mut all = site.disturbances();
     all.push(Disturbance { axis: late, effect: Effect::ObservationDelay });
     all
 }
 
-fn faults() -> Vec<(Axis, Set)> {
-    feed_disturbances().into_iter().map(|disturbance| (disturbance.axis, Set::Feed)).collect()
+fn faults(disturbances: &[Disturbance]) -> Vec<(Axis, Set)> {
+    disturbances.iter().map(|disturbance| (disturbance.axis.clone(), Set::Feed)).collect()
 }

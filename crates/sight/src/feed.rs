@@ -2,8 +2,7 @@
 
 use mishandle_rollout::{ActiveInterface, Interface, RolloutError, Scenario, Seed, Space};
 
-use super::axes::feed_disturbances;
-use crate::cameras::CAMERA_NAMES;
+use crate::sight::Sight;
 
 /// The image that arrives from a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +21,8 @@ pub struct Frame {
 pub struct Feed {
     active: ActiveInterface,
     has_effects: bool,
+    numbers: Vec<f64>,
+    frames: Vec<Frame>,
 }
 
 impl Feed {
@@ -29,32 +30,39 @@ impl Feed {
     ///
     /// # Errors
     /// If two axes of the space have the same name.
-    pub fn new(space: &Space, scenario: &Scenario, seed: Seed) -> Result<Feed, RolloutError> {
-        let disturbances = feed_disturbances();
+    pub fn new(sight: &Sight, space: &Space, scenario: &Scenario, seed: Seed) -> Result<Feed, RolloutError> {
         let is_own = |index: &usize| {
-            disturbances.iter().any(|disturbance| disturbance.axis.name == space.axes()[*index].name)
+            sight.disturbances.iter().any(|disturbance| disturbance.axis.name == space.axes()[*index].name)
         };
         let own: Vec<usize> = (0..space.axes().len()).filter(is_own).collect();
         let axes = own.iter().map(|index| space.axes()[*index].clone()).collect();
         let values = own.iter().map(|index| scenario.get(*index)).collect();
         let space = Space::new("faults-camera", axes)?;
-        let interface = Interface::new(&space, &disturbances, 0)?;
+        let interface = Interface::new(&space, &sight.disturbances, 0)?;
         let active = interface.start(&Scenario::new(values), seed);
-        Ok(Feed { active, has_effects: interface.has_effects() })
+        let frames = vec![Frame { camera: 0, step: 0 }; sight.count()];
+        Ok(Feed { active, has_effects: interface.has_effects(), numbers: vec![0.0; frames.len()], frames })
+    }
+
+    /// Returns whether an image ever arrives in another step, or from another camera.
+    pub(crate) fn has_effects(&self) -> bool {
+        self.has_effects
     }
 
     /// Returns the image of each camera in a control step. Steps must come in order from 0.
-    pub fn next(&mut self, step: usize) -> [Frame; CAMERA_NAMES.len()] {
+    pub fn next(&mut self, step: usize) -> &[Frame] {
         // Image `step` of camera `c` has the number `step * cameras + c`.
-        let cameras = CAMERA_NAMES.len();
-        let mut numbers: [f64; CAMERA_NAMES.len()] =
-            std::array::from_fn(|camera| (step * cameras + camera) as f64);
-        if self.has_effects {
-            self.active.observe(step, &mut numbers);
+        let cameras = self.numbers.len();
+        for (camera, number) in self.numbers.iter_mut().enumerate() {
+            *number = (step * cameras + camera) as f64;
         }
-        numbers.map(|number| {
-            let number = number as usize;
-            Frame { camera: number % cameras, step: number / cameras }
-        })
+        if self.has_effects {
+            self.active.observe(step, &mut self.numbers);
+        }
+        for (frame, number) in self.frames.iter_mut().zip(&self.numbers) {
+            let number = *number as usize;
+            *frame = Frame { camera: number % cameras, step: number / cameras };
+        }
+        &self.frames
     }
 }

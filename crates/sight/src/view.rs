@@ -1,56 +1,76 @@
-//! The scene and the cameras of a task under a scenario.
+//! The scene and the cameras of a target under a scenario.
 
 use std::sync::Arc;
 
-use mishandle_camera::{Camera, CameraError, Effects, Form, Material, Pose, Poses, Scene, Shape, Size};
+use mishandle_camera::{
+    Ambient, Background, Camera, CameraError, Effects, Form, Material, Pose, Poses, Scene, Shape,
+};
 use mishandle_rollout::{Scenario, Space};
-use mishandle_world::{Body, ElementKind, Model, PANDA, WorldError};
+use mishandle_world::Model;
 
-use super::axes::{MOST_CLUTTER, SightAxis, sight_axes};
-use super::part::Part;
-use super::set::Distractor;
-use crate::cameras::CameraPlace;
-use crate::definition::Task;
-use crate::document::compose;
+use crate::axes::{MOST_CLUTTER, SightAxis};
+use crate::part::{Part, PartBodies};
+use crate::set::Distractor;
+use crate::sight::Sight;
 
 /// Height up to which distractors stand on a box, m: on tables and blocks, not on a door.
 const HIGHEST: f32 = 0.6;
 
-/// The scene and the cameras of a task in a scenario.
+/// The scene and the cameras of a target in a scenario.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Shapes, lamps and background.
     pub scene: Scene,
-    /// The cameras, in the order of [`Task::cameras`].
+    /// The cameras, in the order of those of the [`Sight`].
     pub cameras: Vec<Camera>,
     /// The part of each shape of the model; distractors follow them in the scene and have none.
     parts: Arc<[Part]>,
     axes: Arc<[SightAxis]>,
-    pub(super) clutter_count: usize,
-    pub(super) clutter: [Distractor; MOST_CLUTTER],
+    pub(crate) clutter_count: usize,
+    pub(crate) clutter: [Distractor; MOST_CLUTTER],
 }
 
 impl View {
-    /// Makes the nominal view of a task, with the model whose states it shows.
+    /// Makes the nominal view of a model by the cameras of a sight, in their order.
     ///
     /// # Errors
-    /// If the scene does not compile.
-    pub fn new(task: &dyn Task, size: Size) -> Result<(Model, View), WorldError> {
-        let model = Model::from_xml(&compose(task)?)?;
-        let too_many = |error: CameraError| WorldError::Model(error.to_string());
-        let scene = Scene::of_model(&model).map_err(too_many)?;
-        let cameras =
-            task.cameras().iter().map(|place| camera(place, &model, size)).collect::<Result<_, _>>()?;
-        let parts = parts(task, &model, &scene)?;
-        let view = View {
+    /// If the model has too many shapes.
+    pub fn new(
+        sight: &Sight,
+        model: &Model,
+        cameras: Vec<Camera>,
+        bodies: &PartBodies,
+    ) -> Result<View, CameraError> {
+        let scene = Scene::of_model(model)?;
+        let parts = scene.shapes.iter().map(|shape| bodies.part(shape)).collect();
+        Ok(View {
             scene,
             cameras,
             parts,
-            axes: sight_axes(task.definition()).into(),
+            axes: sight.axes.clone(),
             clutter_count: 0,
             clutter: std::array::from_fn(Distractor::nominal),
+        })
+    }
+
+    /// Makes the view of cameras without a scene, for images of other renderers.
+    pub(crate) fn without_scene(sight: &Sight, cameras: Vec<Camera>) -> View {
+        let scene = Scene {
+            shapes: Vec::new(),
+            meshes: Vec::new(),
+            cloths: Vec::new(),
+            lamps: Vec::new(),
+            ambient: Ambient::NOMINAL,
+            background: Background::NOMINAL,
         };
-        Ok((model, view))
+        View {
+            scene,
+            cameras,
+            parts: Arc::new([]),
+            axes: sight.axes.clone(),
+            clutter_count: 0,
+            clutter: std::array::from_fn(Distractor::nominal),
+        }
     }
 
     /// Returns the view under a scenario, whose simulation starts with bodies at `start`, where
@@ -75,14 +95,19 @@ impl View {
         self.parts.get(shape).copied()
     }
 
+    /// Returns whether the scene has an object.
+    pub fn has_object(&self) -> bool {
+        self.parts.contains(&Part::Object)
+    }
+
     /// Changes the materials of a part.
-    pub(super) fn materials(&mut self, part: Part, change: impl Fn(&mut Material)) {
+    pub(crate) fn materials(&mut self, part: Part, change: impl Fn(&mut Material)) {
         let shapes = self.scene.shapes.iter_mut().zip(self.parts.iter());
         shapes.filter(|(_, own)| **own == part).for_each(|(shape, _)| change(&mut shape.material));
     }
 
     /// Changes the effects of all cameras.
-    pub(super) fn effects(&mut self, change: impl Fn(&mut Effects)) {
+    pub(crate) fn effects(&mut self, change: impl Fn(&mut Effects)) {
         self.cameras.iter_mut().for_each(|camera| change(&mut camera.effects));
     }
 
@@ -109,32 +134,4 @@ impl View {
         };
         self.scene.shapes.iter().zip(self.parts.iter()).filter_map(height).fold(0.0, f32::max)
     }
-}
-
-fn camera(place: &CameraPlace, model: &Model, size: Size) -> Result<Camera, WorldError> {
-    let body = place.body.map_or(Ok(0), |name| model.body(name).map(Body::index))?;
-    let points = [place.from, place.to, place.up].map(|point| point.map(|v| v as f32));
-    Ok(Camera::looking(size, body, points, place.focal_length as f32))
-}
-
-/// Returns the part of each shape.
-fn parts(task: &dyn Task, model: &Model, scene: &Scene) -> Result<Arc<[Part]>, WorldError> {
-    let robot = Model::from_xml(PANDA)?;
-    let robot = robot.names(ElementKind::Body);
-    let is_robot: Vec<bool> =
-        model.names(ElementKind::Body).iter().skip(1).map(|name| robot.contains(name)).collect();
-    // A task without an object is about its target.
-    let definition = task.definition();
-    let object = definition.object.or(definition.variations.jump);
-    let of_object = object.map_or_else(Vec::new, |name| match model.flex(name) {
-        Ok(flex) => flex.bodies().map(Body::index).collect(),
-        Err(_) => model.body(name).map_or_else(|_| Vec::new(), |body| vec![body.index()]),
-    });
-    let part = |shape: &Shape| match shape.form {
-        Form::Plane { .. } => Part::Floor,
-        _ if of_object.contains(&shape.body) => Part::Object,
-        _ if shape.body > 0 && is_robot[shape.body - 1] => Part::Robot,
-        _ => Part::Support,
-    };
-    Ok(scene.shapes.iter().map(part).collect())
 }

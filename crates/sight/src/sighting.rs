@@ -2,8 +2,8 @@
 
 use mishandle_camera::{NO_SHAPE, Scene};
 
-use super::part::Part;
-use super::view::View;
+use crate::part::Part;
+use crate::view::View;
 
 /// The least contrast of an object that a person sees. A hundredth of white is one or two steps of
 /// the brightness of an image; this is a few of them.

@@ -2,9 +2,9 @@
 
 use mishandle_camera::{Form, Lamp, Material, Pattern};
 
-use super::axes::{CLUTTER_HALF, MOST_CLUTTER, clutter_place};
-use super::part::Part;
-use super::view::View;
+use crate::axes::{CLUTTER_HALF, MOST_CLUTTER, clutter_place};
+use crate::part::Part;
+use crate::view::View;
 
 /// Rays per pixel with a lens or a shutter.
 const BLUR_SAMPLES: u32 = 8;
@@ -26,7 +26,7 @@ const COLORS: [[f32; 3]; 6] = [
 /// A number of a view. Indices of lamps and cameras are those in the scene and the view, and those
 /// of colors are red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Set {
+pub(crate) enum Set {
     LampDirection(usize, usize),
     LampStrength(usize),
     LampColor(usize),
@@ -64,18 +64,18 @@ pub(super) enum Set {
 
 /// A distractor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Distractor {
+pub(crate) struct Distractor {
     shape: usize,
     color: usize,
     /// Place on what is there, m.
-    pub(super) place: [f32; 2],
+    pub(crate) place: [f32; 2],
     /// Half size, m.
-    pub(super) size: f32,
+    pub(crate) size: f32,
 }
 
 impl Distractor {
     /// The nominal distractor with this index.
-    pub(super) fn nominal(index: usize) -> Distractor {
+    pub(crate) fn nominal(index: usize) -> Distractor {
         Distractor {
             shape: 0,
             color: 0,
@@ -85,7 +85,7 @@ impl Distractor {
     }
 
     /// Returns its form and its material.
-    pub(super) fn look(&self) -> (Form, Material) {
+    pub(crate) fn look(&self) -> (Form, Material) {
         let size = self.size;
         let form = match self.shape {
             0 => Form::Box { half: [size; 3] },
@@ -99,7 +99,7 @@ impl Distractor {
 
 impl Set {
     /// Sets the number.
-    pub(super) fn apply(self, view: &mut View, value: f64) {
+    pub(crate) fn apply(self, view: &mut View, value: f64) {
         let v = value as f32;
         match self {
             Set::LampDirection(lamp, i) => lamp_of(view, lamp).direction[i] = v,

@@ -1,0 +1,243 @@
+//! Cameras of a file: the same images as those of a model, axes that change images and no physics,
+//! and errors that name what is wrong.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::path::Path;
+
+use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
+use mishandle_robots::{RobotFile, RobotPolicy};
+use mishandle_rollout::{Component, Environment, Noise, Request, Sample, Scenario, Seed, Space, Target};
+use mishandle_sight::{SIGHT_SPACES, Sight, Sighting, View};
+
+const MODEL: &str = r#"<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="3 3 0.1"/>
+    <geom name="wall" type="box" size="0.05 1 0.3" pos="-0.8 0 0.3"/>
+    <camera name="fixed" pos="1.5 0 1" xyaxes="0 1 0 -0.5547002 0 0.8320503" fovy="50"/>
+    <camera name="tracking" pos="1 0 1" mode="targetbody" target="arm"/>
+    <body name="arm" pos="0 0 0.5">
+      <joint name="hinge" axis="0 1 0" damping="0.5"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.04" rgba="0.2 0.3 0.7 1"/>
+    </body>
+    <body name="ball" pos="0.2 0.3 0.1"><freejoint/>
+      <geom type="sphere" size="0.1" rgba="0.9 0.4 0.1 1"/></body>
+  </worldbody>
+  <actuator><motor name="torque" joint="hinge"/></actuator>
+</mujoco>"#;
+
+const FILE: &str = r#"
+format = 1
+name = "seen"
+model.file = "seen.xml"
+control = { period = 0.02, steps = 50 }
+start = { hinge = "tilt" }
+observation = { angle = "qpos('hinge')" }
+policy = { expression = "-5 * angle", action = "action" }
+signals = { angle = "qpos('hinge')[0]" }
+axes = { tilt = { range = [-0.3, 0.3], unit = "rad" } }
+formulas = { small = "always(angle <= 2)" }
+sight = { object = "ball" }
+
+[cameras]
+desk = { position = [1.5, 0, 1], look_at = [0, 0, 0], fovy = 50 }
+model = { mjcf = "fixed" }
+hand = { body = "arm", position = [0.2, 0, 0.15], quaternion = [0.5, 0.5, -0.5, -0.5], fovy = 90 }
+"#;
+
+fn read(folder: &Path, file: &str) -> Result<RobotFile, String> {
+    std::fs::write(folder.join("seen.xml"), MODEL).unwrap();
+    std::fs::write(folder.join("target.toml"), file).unwrap();
+    RobotFile::read(&folder.join("target.toml")).map_err(|error| error.to_string())
+}
+
+fn target(file: &RobotFile) -> Target {
+    let RobotPolicy::Expression(policy) = file.policy() else { panic!("an expression") };
+    let component =
+        Component { role: "controller".into(), name: "-".into(), hash: "-".into(), file_hash: "".into() };
+    file.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+}
+
+/// The states of the first and the tenth control step.
+fn states(file: &RobotFile) -> [Vec<f64>; 2] {
+    let environment = file.starts().unwrap();
+    let (mut worker, mut state) = (environment.worker(), vec![0.0; environment.state_size()]);
+    let mut sizes =
+        [environment.observation_size(), environment.signals().len(), environment.reward_terms().len()]
+            .map(|size| vec![0.0; size]);
+    let mut observation = vec![0.0_f32; sizes[0].len()];
+    let [_, signals, rewards] = &mut sizes;
+    macro_rules! sample {
+        () => {
+            Sample { observation: &mut observation, signals, rewards }
+        };
+    }
+    worker.reset(&environment.space().nominal(), Seed(0), &mut state, sample!());
+    let first = state.clone();
+    for _ in 0..10 {
+        worker.step(&[0.3], &mut state, sample!());
+    }
+    [first, state]
+}
+
+struct Eyes {
+    renderer: Renderer,
+    poses: [Poses; 2],
+}
+
+impl Eyes {
+    fn new(file: &RobotFile, size: Size) -> (Eyes, View) {
+        let (model, view) = file.view(size).unwrap().unwrap();
+        let (mut reader, mut poses) = (PoseReader::new(&model), [Poses::default(), Poses::default()]);
+        states(file).iter().zip(&mut poses).for_each(|(state, poses)| reader.read(state, poses));
+        (Eyes { renderer: Renderer::new(), poses }, view)
+    }
+
+    fn image(&mut self, view: &View, camera: usize) -> (Vec<u8>, Vec<u16>) {
+        let camera = &view.cameras[camera];
+        let (mut rgb, mut segments) = (vec![0; 3 * camera.size.pixels()], vec![0; camera.size.pixels()]);
+        let [before, poses] = &self.poses;
+        let shot = Shot { scene: &view.scene, poses, before: Some(before), camera, seed: Seed(3), step: 4 };
+        self.renderer
+            .render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: Some(&mut segments) });
+        (rgb, segments)
+    }
+
+    fn images(&mut self, view: &View) -> Vec<u8> {
+        (0..view.cameras.len()).flat_map(|camera| self.image(view, camera).0).collect()
+    }
+}
+
+#[test]
+fn a_camera_of_the_file_sees_what_the_same_camera_of_the_model_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = read(folder.path(), FILE).unwrap();
+    assert_eq!(file.sight().unwrap().names().collect::<Vec<_>>(), ["desk", "model", "hand"]);
+    let (mut eyes, view) = Eyes::new(&file, Size::new(96, 64).unwrap());
+    let [desk, model, hand] = [0, 1, 2].map(|camera| eyes.image(&view, camera));
+    // The directions of the model are rounded to seven digits.
+    let differing = desk.1.iter().zip(&model.1).filter(|(a, b)| a != b).count();
+    assert!(differing < 20, "{differing} of {} pixels", desk.1.len());
+    // The ball is 0.3 m beside the middle, which is to the right of a camera that looks along -x.
+    let width = 96;
+    let mut only = view.clone();
+    only.scene = view.object_alone();
+    let alone = eyes.image(&only, 0).1;
+    let found = Sighting::new(&view, width, &desk.0, &desk.1, &alone);
+    assert!(found.is_visible() && found.visible_share == 1.0, "{found:?}");
+    let columns: Vec<usize> =
+        (0..alone.len()).filter(|pixel| alone[*pixel] == 0).map(|pixel| pixel % width).collect();
+    assert!(columns.iter().all(|column| *column > width / 2), "{columns:?}");
+    // The camera on the arm moves with it, and sees other things than those in the world.
+    let moved = |eyes: &mut Eyes, camera| {
+        let later = eyes.image(&view, camera).0;
+        eyes.poses.swap(0, 1);
+        let earlier = eyes.image(&view, camera).0;
+        eyes.poses.swap(0, 1);
+        later != earlier
+    };
+    assert!(moved(&mut eyes, 2));
+    assert_ne!(hand.0, desk.0);
+}
+
+#[test]
+fn axes_of_sight_change_images_and_neither_nominal_images_nor_physics() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = read(folder.path(), FILE).unwrap();
+    let target = target(&file);
+    let space = target.space(&SIGHT_SPACES.join("+")).unwrap();
+    let (mut eyes, view) = Eyes::new(&file, Size::new(64, 64).unwrap());
+    let (nominal, start) = (eyes.images(&view), eyes.poses[0].clone());
+    assert_eq!(eyes.images(&view.under(&space, &space.nominal(), &start)), nominal);
+    let mut unchanged = Vec::new();
+    for (index, axis) in space.axes().iter().enumerate() {
+        // Conditional axes need others, and faults change no image.
+        if !axis.conditions.is_empty() || axis.name.starts_with("camera_") {
+            continue;
+        }
+        let changes = |value: f64| {
+            let mut values = space.nominal().values().to_vec();
+            values[index] = Some(value);
+            eyes.images(&view.under(&space, &Scenario::new(values), &start)) != nominal
+        };
+        if ![axis.low, axis.high].map(changes).contains(&true) {
+            unchanged.push(axis.name.clone());
+        }
+    }
+    assert_eq!(unchanged, Vec::<String>::new());
+    assert!(space.axes().iter().any(|axis| axis.name == "hand_camera_pitch" && axis.high == 0.05));
+    assert!(space.axes().iter().any(|axis| axis.name == "desk_camera_pitch" && axis.high == 0.1));
+
+    let seen = target.space(&format!("starts+{}", SIGHT_SPACES.join("+"))).unwrap();
+    let starts = target.space("starts").unwrap();
+    assert!(target.space("all").unwrap().axes().iter().all(|axis| !axis.name.starts_with("lamp")));
+    let specification = mishandle_rollout::Specification::from_formulas(
+        &target.formulas,
+        mishandle_stl::Formula::parse(&target.formulas[0].text).unwrap(),
+    )
+    .unwrap();
+    let run = |space: &Space, scenario: Scenario| {
+        let mut system = target.system(space, &specification).unwrap();
+        system.rollout(&[Request::new(scenario, Seed(4))]).unwrap().remove(0).trace
+    };
+    for index in 0..3 {
+        let scenario = seen.sample(Seed(5), index);
+        let start = Scenario::new(vec![scenario.get(0)]);
+        assert_eq!(run(&starts, start), run(&seen, scenario));
+    }
+}
+
+#[test]
+fn a_part_that_the_scene_lacks_has_no_axes() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = |file: &str| -> Vec<String> {
+        let file = read(folder.path(), file).unwrap();
+        file.sight().into_iter().flat_map(Sight::axes).map(|(_, axis)| axis.name.clone()).collect()
+    };
+    let all = names(FILE);
+    for part in ["object", "support", "floor", "robot"] {
+        assert!(all.contains(&format!("{part}_red")), "{part}");
+    }
+    let without = names(&FILE.replace("sight = { object = \"ball\" }", ""));
+    assert!(!without.contains(&"object_red".to_string()));
+    let cameras = FILE.find("[cameras]").unwrap();
+    let blind = FILE[..cameras].replace("sight = { object = \"ball\" }", "");
+    assert_eq!(names(&blind), Vec::<String>::new());
+    assert!(read(folder.path(), &blind).unwrap().view(Size::new(8, 8).unwrap()).unwrap().is_none());
+}
+
+#[test]
+fn mistakes_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (old, new, message) in [
+        ("body = \"arm\"", "body = \"arn\"", "did you mean `arm`?"),
+        ("mjcf = \"fixed\"", "mjcf = \"fixd\"", "did you mean `fixed`?"),
+        ("mjcf = \"fixed\"", "mjcf = \"tracking\"", "the mode `fixed`"),
+        ("mjcf = \"fixed\"", "mjcf = \"fixed\", fovy = 3", "no key `fovy`"),
+        ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 1]", "is the position of the camera"),
+        ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 0]", "set `up` to a direction across it"),
+        ("look_at = [0, 0, 0]", "look_at = [0, 0]", "`look_at` has 3 numbers, not 2"),
+        ("look_at = [0, 0, 0], ", "", "exactly one of `look_at`"),
+        ("look_at = [0, 0, 0]", "lookat = [0, 0, 0]", "exactly one of `look_at`"),
+        ("[0.5, 0.5, -0.5, -0.5]", "[0, 0, 0, 0]", "`quaternion` has the length 0"),
+        ("fovy = 90", "fovy = 0", "from 1 to 170 degrees"),
+        ("fovy = 90", "fov = 90", "did you mean `fovy`?"),
+        ("hand =", "desk =", "duplicate key"),
+        ("hand =", "close =", "is a view of `mishandle render`"),
+        ("hand =", "\"a b\" =", "letters, digits and `_`"),
+        ("object = \"ball\"", "object = \"bal\"", "did you mean `ball`?"),
+        ("tilt = {", "lamp_x = {", "every robot with cameras has an axis `lamp_x`"),
+    ] {
+        let file = match new {
+            "lamp_x = {" => FILE.replace(old, new).replace("\"tilt\"", "\"lamp_x\""),
+            _ => FILE.replace(old, new),
+        };
+        let error = read(folder.path(), &file).err().unwrap_or_else(|| panic!("{new} is accepted"));
+        assert!(error.contains(message), "{new}: {error}");
+    }
+    let blind = &FILE[..FILE.find("[cameras]").unwrap()];
+    assert!(read(folder.path(), blind).err().unwrap().contains("[sight] needs cameras"));
+    // Looking straight down works with another direction that is up in images.
+    let down = FILE.replace("look_at = [0, 0, 0]", "look_at = [1.5, 0, 0], up = [1, 0, 0]");
+    read(folder.path(), &down).unwrap();
+}

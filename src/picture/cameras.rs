@@ -1,0 +1,209 @@
+//! Images that the cameras of a target see in a simulation, and what they show of its object.
+
+use mishandle_camera::{Camera, CameraError, Output, PoseReader, Poses, Scene, Size, StateShot, Studio};
+use mishandle_rollout::{RolloutError, Scenario, Seed, Space};
+use mishandle_sight::{Feed, Frame, Sight, Sighting, View};
+
+use crate::error::MishandleError;
+use crate::resolve::{TargetSight, target_sight};
+
+/// Cameras of a target.
+#[derive(Clone, Debug)]
+pub struct CameraSettings {
+    /// Their names.
+    pub names: Vec<String>,
+    /// Width and height of the images, pixels.
+    pub size: [u16; 2],
+}
+
+/// Cameras that draw states of a target.
+#[derive(Debug)]
+pub struct TargetCameras {
+    /// Indices of the requested cameras, in the order of their names.
+    cameras: Vec<usize>,
+    sight: Sight,
+    space: Space,
+    view: View,
+    reader: PoseReader,
+    start: Poses,
+    studio: Studio,
+}
+
+/// The view and the arriving images of the cameras in one simulation.
+#[derive(Debug)]
+pub struct SeenEpisode {
+    view: View,
+    /// For each camera, which image arrives in each control step.
+    frames: Vec<Vec<Frame>>,
+    seed: Seed,
+}
+
+/// The images of the cameras in an episode.
+pub(crate) struct Shown {
+    /// The images of the first camera, then those of the others.
+    pub images: Vec<Vec<u8>>,
+    /// For each camera, what each image shows of the object: pixels, visible share and contrast.
+    /// Empty if the target states no object.
+    pub sightings: Vec<Vec<f32>>,
+}
+
+impl TargetCameras {
+    /// Makes cameras of a target: the name of a task, or the path of a target file. Scenarios have
+    /// the axes of `space`.
+    ///
+    /// # Errors
+    /// If the target has no such camera, a camera is named twice, or the size is out of range.
+    pub fn new(
+        target: &str,
+        space: &Space,
+        settings: &CameraSettings,
+    ) -> Result<TargetCameras, MishandleError> {
+        let mut names = settings.names.clone();
+        names.sort_unstable();
+        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(MishandleError::InvalidValue {
+                what: "the list of cameras",
+                value: format!("one with {} twice", pair[0]),
+                expected: "a list with each camera once",
+            });
+        }
+        let [width, height] = settings.size;
+        let size = Size::new(width.into(), height.into()).map_err(|error: CameraError| {
+            let (what, expected) = ("the size of the images", "a size that the cameras can draw");
+            MishandleError::InvalidValue { what, value: error.to_string(), expected }
+        })?;
+        let TargetSight { sight, model, view } = target_sight(target, size)?;
+        let index = |name: &String| {
+            sight.names().position(|known| known == name).ok_or_else(|| MishandleError::UnknownName {
+                kind: "camera",
+                name: name.clone(),
+                known: sight.names().map(ToString::to_string).collect(),
+            })
+        };
+        let cameras = settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?;
+        // Images do not depend on the number of threads.
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Ok(TargetCameras {
+            cameras,
+            sight,
+            space: space.clone(),
+            view,
+            reader: PoseReader::new(&model),
+            start: Poses::default(),
+            studio: Studio::new(&model, threads),
+        })
+    }
+
+    /// Returns the names of the cameras.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.cameras.iter().filter_map(|camera| self.sight.names().nth(*camera))
+    }
+
+    /// Returns the width and the height of the images, pixels.
+    pub fn size(&self) -> [usize; 2] {
+        let size = self.view.cameras[self.cameras[0]].size;
+        [size.width(), size.height()]
+    }
+
+    /// Returns the names of the cameras, if what they show of an object is measured.
+    pub(crate) fn measured(&self) -> impl Iterator<Item = &str> {
+        self.names().filter(|_| self.view.has_object())
+    }
+
+    /// Prepares the images of an episode with these states. `None` without a state.
+    ///
+    /// # Errors
+    /// If two axes of the space have the same name.
+    pub fn start(
+        &mut self,
+        states: &[Vec<f64>],
+        scenario: &Scenario,
+        seed: Seed,
+    ) -> Result<Option<SeenEpisode>, RolloutError> {
+        let Some(first) = states.first() else { return Ok(None) };
+        self.reader.read(first, &mut self.start);
+        let view = self.view.under(&self.space, scenario, &self.start);
+        let mut feed = Feed::new(&self.sight, &self.space, scenario, seed)?;
+        let mut frames = vec![Vec::with_capacity(states.len()); self.cameras.len()];
+        for step in 0..states.len() {
+            let arrived = feed.next(step);
+            frames.iter_mut().zip(&self.cameras).for_each(|(own, camera)| own.push(arrived[*camera]));
+        }
+        Ok(Some(SeenEpisode { view, frames, seed }))
+    }
+
+    /// Returns the image that arrives from a camera in a control step.
+    ///
+    /// # Panics
+    /// If the camera is not one of [`names`](Self::names), or `states` are not those of the start.
+    pub fn image(
+        &mut self,
+        seen: &SeenEpisode,
+        states: &[Vec<f64>],
+        (camera, step): (usize, usize),
+    ) -> Vec<u8> {
+        let shots = [seen.frames[camera][step]];
+        self.draw(&seen.view.scene, &seen.view.cameras, states, &shots, seen.seed).0.remove(0)
+    }
+
+    /// Draws all states of an episode as they arrive from each camera: faults and delays of cameras
+    /// show earlier states.
+    pub(crate) fn show(
+        &mut self,
+        states: &[Vec<f64>],
+        scenario: &Scenario,
+        seed: Seed,
+    ) -> Result<Shown, RolloutError> {
+        let Some(seen) = self.start(states, scenario, seed)? else {
+            let sightings = vec![Vec::new(); self.measured().count()];
+            return Ok(Shown { images: Vec::new(), sightings });
+        };
+        let SeenEpisode { view, frames, seed } = seen;
+        let shots = frames.concat();
+        let (images, segments) = self.draw(&view.scene, &view.cameras, states, &shots, seed);
+        if !view.has_object() {
+            return Ok(Shown { images, sightings: Vec::new() });
+        }
+        let (_, alone) = self.draw(&view.object_alone(), &view.cameras, states, &shots, seed);
+        let sighting = |shot: usize| {
+            let width = view.cameras[shots[shot].camera].size.width();
+            let found = Sighting::new(&view, width, &images[shot], &segments[shot], &alone[shot]);
+            [found.pixels as f32, found.visible_share as f32, found.contrast as f32]
+        };
+        let of_camera =
+            |camera: usize| (camera * states.len()..(camera + 1) * states.len()).flat_map(sighting).collect();
+        let sightings = (0..self.cameras.len()).map(of_camera).collect();
+        Ok(Shown { images, sightings })
+    }
+
+    /// Draws images. Returns colors and segments.
+    fn draw(
+        &mut self,
+        scene: &Scene,
+        cameras: &[Camera],
+        states: &[Vec<f64>],
+        shots: &[Frame],
+        seed: Seed,
+    ) -> (Vec<Vec<u8>>, Vec<Vec<u16>>) {
+        let shot = |Frame { camera, step }: &Frame| StateShot {
+            state: &states[*step],
+            before: step.checked_sub(1).map(|before| states[before].as_slice()),
+            scene,
+            camera: &cameras[*camera],
+            seed: seed.child(*camera as u64),
+            step: *step as u64,
+        };
+        let shots: Vec<StateShot<'_>> = shots.iter().map(shot).collect();
+        let pixels = |shot: &StateShot<'_>| shot.camera.size.pixels();
+        let mut images: Vec<Vec<u8>> = shots.iter().map(|shot| vec![0; 3 * pixels(shot)]).collect();
+        let mut segments: Vec<Vec<u16>> = shots.iter().map(|shot| vec![0; pixels(shot)]).collect();
+        let mut outputs: Vec<Output<'_>> = images
+            .iter_mut()
+            .zip(&mut segments)
+            .map(|(rgb, segments)| Output { rgb, depth: None, segments: Some(segments) })
+            .collect();
+        self.studio.render(&shots, &mut outputs);
+        drop(outputs);
+        (images, segments)
+    }
+}
