@@ -7,6 +7,7 @@ from mishandle.bisections import Bisection, bisect
 from mishandle.checks import Check, check
 from mishandle.containment import register_child
 from mishandle.controllers import Controller, load_controller
+from mishandle.demonstrations import record
 from mishandle.errors import (
     InvalidScenario,
     InvalidStateError,
@@ -27,6 +28,7 @@ from mishandle.logs import Log, Topic, read_log, read_logs
 from mishandle.margins import Margin, margin
 from mishandle.guards import Guard, Guarded
 from mishandle.hardening import Hardening, harden
+from mishandle.image_axes import sight
 from mishandle.limits import TimeLimitExceeded
 from mishandle.objectives import Objective
 from mishandle.online import OnlineMonitor
@@ -134,6 +136,7 @@ __all__ = [
     "plot_trace",
     "read_log",
     "read_logs",
+    "record",
     "regress",
     "repeat",
     "replay",
@@ -143,6 +146,7 @@ __all__ = [
     "sample_size",
     "sb3",
     "search_names",
+    "sight",
     "simulate",
     "to_rerun",
     "verify_evidence",

@@ -121,8 +121,8 @@ def check_space(space: Sequence[Axis], is_environment: bool, has_steps: bool = T
     faulty = next((axis for axis in space if axis.kind == "fault" or isinstance(axis.apply, FaultParameter)), None)
     if faulty is not None and not has_steps:
         raise InvalidTypeError(
-            f"the axis `{faulty.name}` is a fault between an environment and its policy, but a function has no control steps between "
-            "which a fault could act; use an environment with a policy, or an axis of another kind that the function itself applies"
+            f"the axis `{faulty.name}` acts between an environment and its policy, but a function has no control steps between "
+            "which it could act; use an environment with a policy, or an axis of another kind that the function itself applies"
         )
     if faulty is not None and not isinstance(faulty.apply, FaultParameter):
         raise InvalidValueError(

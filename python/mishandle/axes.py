@@ -13,6 +13,7 @@ from mishandle.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from mishandle.fault_layouts import FaultSettings
+    from mishandle.image_lines import ImageSettings
 
 Value = Union[float, int, str]
 """Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical axes."""
@@ -47,9 +48,10 @@ class Attribute:
 
 @dataclass(frozen=True)
 class FaultParameter:
-    """Sets a parameter of a fault or delay between the environment and the policy: see :func:`mishandle.faults`."""
+    """Sets a parameter of what is between the environment and the policy: of a fault or delay (:func:`mishandle.faults`), or of the
+    images of an observation (:func:`mishandle.sight`)."""
 
-    settings: FaultSettings
+    settings: FaultSettings | ImageSettings
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.axes import Axis
 from mishandle.errors import InvalidStateError, InvalidValueError
 
 Floats = NDArray[np.float32]
@@ -62,7 +63,34 @@ class _Simulations:
         return values
 
 
-class TaskEnv(gymnasium.Env[Floats, Floats]):
+_OF_SCENES = ("light", "camera", "appearance", "clutter")
+"""Spaces of sight that change what cameras take. Those of images and camera faults act between environment and policy."""
+
+
+class _Eyes:
+    """The cameras of a task in its observation."""
+
+    def __init__(self, task: str, names: Sequence[str], size: tuple[int, int]) -> None:
+        if isinstance(names, str):
+            raise InvalidValueError(f"cameras is {names!r}; expected a list of names, such as ['over', 'wrist']")
+        self._names = list(names)
+        width, height = size
+        self._native = _native.TaskCameras(task, self._names, width, height)
+        self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}
+        self.axes = [(space, axis) for space, axis in _native.task_sight_axes(task) if space in _OF_SCENES]
+        self._known = {axis[1]: Axis.from_native(axis) for _, axis in self.axes}
+
+    def start(self, state: NDArray[np.float64], given: Mapping[str, Any], seed: int) -> None:
+        for name in given:
+            if name not in self._known:
+                raise InvalidValueError(f"there is no axis of sight `{name}`; the axes are {', '.join(self._known)}")
+        self._native.start(state, {name: self._known[name].number(value) for name, value in given.items()}, seed)
+
+    def images(self, state: NDArray[np.float64]) -> dict[str, NDArray[np.uint8]]:
+        return dict(zip(self._names, self._native.images(state)))
+
+
+class TaskEnv(gymnasium.Env[Any, Floats]):
     """One of the eight tasks.
 
     Parameters
@@ -78,10 +106,16 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
         libgl1-mesa-dri``), but no display and no GPU.
     width, height : int
         Size of a picture in pixels, both even.
+    cameras : sequence of str
+        Cameras in the observation: ``"over"`` the table, ``"wrist"``. The observation is then a dictionary with ``"state"`` and an image
+        of each camera, bytes of the shape (height, width, 3). They need no EGL and have the same bytes on every machine.
+    image_size : tuple of int
+        Width and height of these images, pixels.
 
     Notes
     -----
-    Actions change the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the initial state
+    ``options={"sight": {"lamp_strength": 0.3}}`` of a reset sets axes of the spaces ``light``, ``camera``, ``appearance`` and ``clutter``;
+    :func:`mishandle.sight` returns them. Actions change the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the initial state
     with ``seed``; ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its axes. ``info`` contains the dictionaries
     ``signals`` and ``reward_terms``. Gymnasium's wrapper ``TimeLimit`` truncates the episode.
     """
@@ -97,12 +131,22 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
+        cameras: Sequence[str] = (),
+        image_size: tuple[int, int] = (64, 64),
     ) -> None:
         self.render_mode = _checked_render_mode(render_mode)
         self._size = (width, height)
         self._simulations = _Simulations(task, 1, preset, reward, 1)
-        self.observation_space = self._simulations.observation_space
+        self.observation_space: Any = self._simulations.observation_space
         self.action_space = self._simulations.action_space
+        self._eyes = _Eyes(task, cameras, image_size) if cameras else None
+        if self._eyes is not None:
+            self.observation_space = Dict({"state": self.observation_space, **self._eyes.spaces})
+
+    @property
+    def sight_axes(self) -> list[tuple[str, Any]]:
+        """The axes of sight that a reset sets by the option ``"sight"``, each with the name of its space; none without cameras."""
+        return [] if self._eyes is None else self._eyes.axes
 
     @property
     def dt(self) -> float:
@@ -121,17 +165,26 @@ class TaskEnv(gymnasium.Env[Floats, Floats]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Floats, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
         scenario = self._simulations.scenario((options or {}).get("scenario"))
         seeds = self.np_random.integers(2**63, size=1, dtype=np.uint64)
         samples = self._simulations.native.reset(np.ones(1, dtype=bool), seeds, scenario[None])
-        return samples[0][0], self._info(samples)
+        given = (options or {}).get("sight", {})
+        if self._eyes is not None:
+            self._eyes.start(self._simulations.native.state(0), given, int(seeds[0]))
+        elif given:
+            raise InvalidValueError("the option `sight` has no effect without cameras; make the environment with cameras=['over', 'wrist']")
+        return self._observation(samples), self._info(samples)
 
-    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+    def _observation(self, samples: _native.Samples) -> Any:
+        state = samples[0][0]
+        return state if self._eyes is None else {"state": state, **self._eyes.images(self._simulations.native.state(0))}
+
+    def step(self, action: Floats) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         actions = np.asarray(action, dtype=np.float32).reshape(1, -1)
         samples = self._simulations.native.step(actions)
-        return samples[0][0], float(samples[1][0].sum()), bool(samples[3][0]), False, self._info(samples)
+        return self._observation(samples), float(samples[1][0].sum()), bool(samples[3][0]), False, self._info(samples)
 
     def render(self) -> Any:
         """Returns a picture of the current state: bytes of the shape (height, width, 3). The camera does not move."""

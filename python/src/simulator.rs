@@ -174,6 +174,17 @@ impl Simulator {
         pixels.into_pyarray(py).reshape([count, height as usize, width as usize, 3])
     }
 
+    /// Returns the state of a row, for cameras.
+    fn state<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let size = self.environment.state_size();
+        let state = self.pool.with(py, |Stage { batch, .. }| {
+            let mut state = vec![0.0; size];
+            batch.read_state(row, &mut state);
+            state
+        })?;
+        Ok(state.into_pyarray(py))
+    }
+
     #[getter]
     fn observation_size(&self) -> usize {
         self.environment.observation_size()

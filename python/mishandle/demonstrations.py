@@ -1,0 +1,121 @@
+"""Demonstrations of a controller as data sets for imitation learning."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+
+from mishandle import _native, results
+from mishandle.arguments import check_number, check_settings
+from mishandle.documents import read
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.files import PathLike
+from mishandle.guards import Guard, guard_text
+from mishandle.targets import TargetOptions, axis_settings
+from mishandle.targets import requirements as named_requirements
+
+RecordProgress = Callable[[int, int], None]
+
+
+def record(
+    system: PathLike,
+    *,
+    policy: PathLike | None = None,
+    out: PathLike,
+    episodes: int = 100,
+    format: str = "lerobot",
+    relabel: PathLike | None = None,
+    cameras: Sequence[str] = (),
+    size: tuple[int, int] = (64, 64),
+    successful: bool = False,
+    space: str = "starts",
+    axes: Mapping[str, float | tuple[float, float] | str] | None = None,
+    preset: str = "paper",
+    requirements: Mapping[str, str] | None = None,
+    stochastic: bool = False,
+    action_noise: float = 0.0,
+    observation_noise: float = 0.0,
+    guard: Guard | PathLike | None = None,
+    seed: int = 0,
+    progress: RecordProgress | None = None,
+) -> results.Demonstrations:
+    """Records what a controller sees and does as a data set to train a policy on.
+
+    The same as ``mishandle record``; ``docs/guide/record.md`` lists the columns. The scenarios are the random ones of :func:`evaluate`
+    with the same target, space, seed and number of episodes.
+
+    Parameters
+    ----------
+    system : str or path
+        Name of a task, or path of a target file.
+    policy : str or path, optional
+        Controller that acts: ``"expert"`` or another shipped one, or a file. By default the policy of the target file.
+    out : path
+        Folder of the data set; it must not exist. It appears when it is complete.
+    episodes : int
+        Number of simulations.
+    format : str
+        ``"lerobot"`` (LeRobot data set, version 3.0) or ``"npz"`` (NumPy arrays in ``data.npz``).
+    relabel : str or path, optional
+        Controller whose action in each state is recorded, while ``policy`` acts (DAgger).
+    cameras : sequence of str
+        Cameras whose images are recorded: ``"over"`` and ``"wrist"`` for tasks, and those that a target file states.
+    size : tuple of int
+        Width and height of the images, pixels, each from 1 to 1024.
+    successful : bool
+        Whether to keep only episodes that satisfy the success formula.
+    space, axes, preset, requirements, stochastic, action_noise, observation_noise, guard
+        As for a task in :func:`falsify`.
+    seed : int
+        Random seed.
+    progress : callable, optional
+        Gets the number of finished simulations and that of all after each batch. Its exceptions, and Ctrl-C, end the recording, and
+        nothing is written.
+
+    Raises
+    ------
+    MishandleError
+        If a name or a number is invalid, or ``out`` exists.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> out = os.path.join(tempfile.mkdtemp(), "demonstrations")
+    >>> found = record("point-reaching", policy="expert", out=out, episodes=2, format="npz", cameras=["over"], size=(16, 16))
+    >>> found.episodes, found.frames
+    (2, 600)
+    """
+    if not isinstance(system, (str, os.PathLike)):
+        raise InvalidTypeError(
+            f"a {type(system).__name__} is neither the name of a task nor the path of a target file, and only their controllers are recorded"
+        )
+    given = {} if axes is None else axes
+    options: TargetOptions = {"axes": given, "requirements": {} if requirements is None else requirements}
+    check_settings(given)
+    check_number("episodes", episodes, 1)
+    check_number("seed", seed, 0)
+    if isinstance(cameras, str) or not all(isinstance(name, str) for name in cameras):
+        raise InvalidTypeError(f"cameras is {cameras!r}; expected a list of names, such as ['over', 'wrist']")
+    sides = list(size) if isinstance(size, (tuple, list)) else []
+    if len(sides) != 2 or not all(isinstance(side, int) and 1 <= side <= 1024 for side in sides):
+        raise InvalidValueError(f"size is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)")
+    text = _native.record(
+        os.fspath(system),
+        "" if policy is None else os.fspath(policy),
+        preset=preset,
+        space=space,
+        axes=axis_settings(options),
+        noise=(stochastic, action_noise, observation_noise),
+        guard=guard_text(guard),
+        requirements=named_requirements(options),
+        seed=int(seed),
+        episodes=int(episodes),
+        format=format,
+        relabel=None if relabel is None else os.fspath(relabel),
+        cameras=list(cameras),
+        size=sides,
+        only_successful=successful,
+        out=os.fspath(out),
+        progress=progress,
+    )
+    return read(results.Demonstrations, text)
