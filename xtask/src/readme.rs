@@ -19,7 +19,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
-const PAGES: [&str; 14] = [
+const PAGES: [&str; 15] = [
     "README.md",
     "docs/guide/tour.md",
     "docs/reference/scenarios.md",
@@ -34,6 +34,7 @@ const PAGES: [&str; 14] = [
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
     "docs/guide/faults.md",
+    "docs/guide/record.md",
 ];
 /// Time limit for one command, s: long enough for a loaded machine.
 const LIMIT_SECS: u32 = 600;

@@ -1,7 +1,7 @@
 //! Cameras: where they are, what they see of a scene, and what they do to an image.
 
 use crate::material::Color;
-use crate::vector::{Pose, cross, sub, unit};
+use crate::vector::{Pose, cross, dot, sub, unit};
 
 /// Width and height of an image, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,9 +160,10 @@ impl Effects {
 
 impl Camera {
     /// Makes a nominal camera on a body, at `from` looking at `to`, both in the frame of the body,
-    /// m. `up` is nearly up in its images.
+    /// m, which is where a lens with a radius is sharp. `up` is nearly up in its images.
     pub fn looking(size: Size, body: usize, [from, to, up]: [[f32; 3]; 3], focal_length: f32) -> Camera {
-        let back = unit(sub(from, to));
+        let way = sub(from, to);
+        let back = unit(way);
         let right = unit(cross(up, back));
         let pose = Pose { position: from, axes: [right, cross(back, right), back] };
         Camera {
@@ -171,7 +172,7 @@ impl Camera {
             pose,
             tilt: [0.0; 3],
             focal_length,
-            optics: Optics::NOMINAL,
+            optics: Optics { focus: dot(way, way).sqrt(), ..Optics::NOMINAL },
             effects: Effects::NOMINAL,
         }
     }

@@ -6,7 +6,7 @@ use mishandle_camera::{
     Ambient, Background, Camera, CameraError, Effects, Form, Material, Pose, Poses, Scene, Shape,
 };
 use mishandle_rollout::{Scenario, Space};
-use mishandle_world::Model;
+use mishandle_world::{Body, Change, Model};
 
 use crate::axes::{MOST_CLUTTER, SightAxis};
 use crate::part::{Part, PartBodies};
@@ -26,8 +26,17 @@ pub struct View {
     /// The part of each shape of the model; distractors follow them in the scene and have none.
     parts: Arc<[Part]>,
     axes: Arc<[SightAxis]>,
+    sizes: Option<Arc<SizeAxes>>,
     pub(crate) clutter_count: usize,
     pub(crate) clutter: [Distractor; MOST_CLUTTER],
+}
+
+/// Axes of physics that change the sizes of bodies.
+#[derive(Debug)]
+struct SizeAxes {
+    model: Model,
+    /// Name of the axis, and the body whose size it scales.
+    axes: Vec<(String, Body)>,
 }
 
 impl View {
@@ -48,9 +57,17 @@ impl View {
             cameras,
             parts,
             axes: sight.axes.clone(),
+            sizes: None,
             clutter_count: 0,
             clutter: std::array::from_fn(Distractor::nominal),
         })
+    }
+
+    /// Draws bodies in the sizes that axes of physics give them: name of the axis and the body of
+    /// `model`, the one of this view, whose size it scales.
+    #[must_use]
+    pub fn with_sizes(self, model: &Model, axes: Vec<(String, Body)>) -> View {
+        View { sizes: Some(Arc::new(SizeAxes { model: model.clone(), axes })), ..self }
     }
 
     /// Makes the view of cameras without a scene, for images of other renderers.
@@ -68,6 +85,7 @@ impl View {
             cameras,
             parts: Arc::new([]),
             axes: sight.axes.clone(),
+            sizes: None,
             clutter_count: 0,
             clutter: std::array::from_fn(Distractor::nominal),
         }
@@ -77,9 +95,16 @@ impl View {
     /// distractors find what they stand on. Axes that are not of sight change nothing.
     pub fn under(&self, space: &Space, scenario: &Scenario, start: &Poses) -> View {
         let mut view = self.clone();
+        let value = |name: &str| scenario.get(space.axes().iter().position(|own| own.name == name)?);
+        if let Some(SizeAxes { model, axes }) = self.sizes.as_deref() {
+            let change = |(name, body): &(String, Body)| {
+                let factor = value(name).filter(|factor| *factor != 1.0)?;
+                Some(Change::Size(vec![*body], factor))
+            };
+            view.resize(model, &axes.iter().filter_map(change).collect::<Vec<_>>());
+        }
         for SightAxis { axis, set, .. } in self.axes.iter() {
-            let place = space.axes().iter().position(|own| own.name == axis.name);
-            let value = place.and_then(|place| scenario.get(place));
+            let value = value(&axis.name);
             if let Some(value) = value.filter(|value| Some(*value) != axis.nominal) {
                 set.apply(&mut view, value);
             }
@@ -88,6 +113,18 @@ impl View {
             view.put(index, start);
         }
         view
+    }
+
+    /// Gives the shapes the sizes that a model has after changes.
+    fn resize(&mut self, model: &Model, changes: &[Change]) {
+        if changes.is_empty() {
+            return;
+        }
+        // The nominal model has a scene, and so has this one with as many shapes.
+        let Ok(resized) = Scene::of_model(&model.changed(changes)) else { return };
+        for (shape, resized) in self.scene.shapes.iter_mut().zip(resized.shapes) {
+            (shape.form, shape.pose) = (resized.form, resized.pose);
+        }
     }
 
     /// Returns the part of a shape of the scene; `None` for a distractor.

@@ -1,5 +1,6 @@
 //! Writes pictures of each axis of sight at both bounds: `sight FOLDER TASK [SIZE]`. A row has four
-//! axes, each at its lower bound, at nominal and at its upper bound; the axes are printed in order.
+//! axes, each at its lower bound, at nominal and at its upper bound, seen by the camera whose image
+//! it changes more; the axes are printed in order, with this camera.
 
 #![allow(clippy::print_stdout)]
 
@@ -29,33 +30,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     let axes: Vec<Axis> = axes.flat_map(|space| space.axes().to_vec()).collect();
     let space = Space::new("sight", axes.clone())?;
     let (model, view) = view(task, size)?;
-    let (before, now) = states(task, &environment);
     let (mut reader, mut renderer) = (PoseReader::new(&model), Renderer::new());
-    let [mut first, mut poses] = [Poses::default(), Poses::default()];
-    reader.read(&before, &mut first);
-    reader.read(&now, &mut poses);
-    let mut images = Vec::new();
+    let [first, before, poses] = states(task, &environment)?.map(|state| {
+        let mut poses = Poses::default();
+        reader.read(&state, &mut poses);
+        poses
+    });
+    let (mut images, mut names) = (Vec::new(), Vec::new());
     for axis in &axes {
-        let camera = usize::from(axis.name.starts_with(CAMERA_NAMES[1]));
-        for value in [axis.low, axis.nominal.unwrap_or(axis.low), axis.high] {
-            let seen = view.under(&space, &scenario(&space, axis, value), &first);
-            let mut rgb = vec![0; 3 * size.pixels()];
-            let shot = Shot {
-                scene: &seen.scene,
-                poses: &poses,
-                before: Some(&first),
-                camera: &seen.cameras[camera],
-                seed: Seed(0),
-                step: 0,
-            };
-            renderer.render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: None });
-            images.push(rgb);
-        }
+        let values = [axis.low, axis.nominal.unwrap_or(axis.low), axis.high];
+        let views = values.map(|value| view.under(&space, &scenario(&space, axis, value), &first));
+        let seen = [0, 1].map(|camera| {
+            views.each_ref().map(|view| {
+                let mut rgb = vec![0; 3 * size.pixels()];
+                let (scene, camera) = (&view.scene, &view.cameras[camera]);
+                let shot =
+                    Shot { scene, poses: &poses, before: Some(&before), camera, seed: Seed(0), step: 0 };
+                renderer.render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: None });
+                rgb
+            })
+        });
+        let change = |[low, _, high]: &[Vec<u8>; 3]| {
+            low.iter().zip(high).map(|(a, b)| u64::from(a.abs_diff(*b))).sum::<u64>()
+        };
+        let camera = usize::from(change(&seen[1]) > change(&seen[0]));
+        names.push(format!("{} ({})", axis.name, CAMERA_NAMES[camera]));
+        images.extend(seen[camera].clone());
     }
     let path = Path::new(folder).join(format!("sight_{name}.png"));
     write(&path, &images, side, 3 * COLUMNS)?;
-    for row in axes.chunks(COLUMNS) {
-        println!("{}", row.iter().map(|axis| axis.name.as_str()).collect::<Vec<_>>().join(", "));
+    for row in names.chunks(COLUMNS) {
+        println!("{}", row.join(", "));
     }
     println!("{}", path.display());
     Ok(())
@@ -76,9 +81,9 @@ fn scenario(space: &Space, axis: &Axis, value: f64) -> Scenario {
     Scenario::new(values.collect())
 }
 
-/// Returns the start of a task and the state of its expert 40 control steps later.
-fn states(task: &dyn Task, environment: &TaskEnvironment) -> (Vec<f64>, Vec<f64>) {
-    let Ok(expert) = task.expert() else { return (Vec::new(), Vec::new()) };
+/// Returns the start of a task, and the states of its expert 39 and 40 control steps later.
+fn states(task: &dyn Task, environment: &TaskEnvironment) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
+    let expert = task.expert()?;
     let (mut worker, mut controller) = (environment.worker(), expert.worker());
     let mut memory = vec![0.0; expert.state_size()];
     let mut state = vec![0.0; environment.state_size()];
@@ -90,13 +95,15 @@ fn states(task: &dyn Task, environment: &TaskEnvironment) -> (Vec<f64>, Vec<f64>
     worker.reset(&environment.space().nominal(), Seed(0), &mut state, sample);
     controller.reset(&mut memory, Seed(0));
     let first = state.clone();
+    let mut before = first.clone();
     for _ in 0..40 {
+        before.clone_from(&state);
         controller.act(1, &observation, &mut memory, &mut output);
         let action: Vec<f64> = output.iter().map(|number| f64::from(*number)).collect();
         let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
         worker.step(&action, &mut state, sample);
     }
-    (first, state)
+    Ok([first, before, state])
 }
 
 /// Writes images with this side beside each other, `columns` in a row.

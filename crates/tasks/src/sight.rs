@@ -4,6 +4,7 @@ use mishandle_camera::{Camera, Size};
 use mishandle_sight::{Part, PartBodies, Sight, SightCamera, View};
 use mishandle_world::{Body, ElementKind, Model, PANDA, WorldError};
 
+use crate::axes::size_axis;
 use crate::cameras::{CAMERA_NAMES, CameraPlace};
 use crate::definition::{Definition, Task};
 use crate::document::compose;
@@ -29,6 +30,9 @@ pub fn view(task: &dyn Task, size: Size) -> Result<(Model, View), WorldError> {
     let bodies = part_bodies(task.definition(), &model)?;
     let view = View::new(&sight(task.definition()), &model, cameras, &bodies)
         .map_err(|error| WorldError::Model(error.to_string()))?;
+    let sizes = task.definition().variations.sizes.iter();
+    let sizes = sizes.map(|name| Ok((size_axis(name), model.body(name)?)));
+    let view = view.with_sizes(&model, sizes.collect::<Result<_, WorldError>>()?);
     Ok((model, view))
 }
 

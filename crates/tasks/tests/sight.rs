@@ -13,7 +13,7 @@ use mishandle_rollout::{
 use mishandle_sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
 use mishandle_tasks::sight::view;
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget};
-use mishandle_world::Model;
+use mishandle_world::{Change, Model};
 
 fn target(task: &'static dyn Task) -> Target {
     let name = task.definition().variant_of.unwrap_or(task.definition().name);
@@ -143,6 +143,37 @@ fn axes_of_sight_at_nominal_change_no_image_and_each_one_changes_some_at_a_bound
     }
     unchanged.retain(|found| !of_clutter(found));
     assert!(unchanged.is_empty(), "axes that change no image: {unchanged:?}");
+}
+
+/// An object is drawn in the size that it has in the physics of its scenario.
+#[test]
+fn objects_have_the_size_of_their_scenario() {
+    let mut sizes = 0;
+    for task in TASKS {
+        let (target, name) = (target(*task), task.definition().name);
+        let Ok(space) = target.space("dynamics") else { continue };
+        let (model, view) = view(*task, Size::new(64, 64).unwrap()).unwrap();
+        for (index, axis) in space.axes().iter().enumerate() {
+            let Some(body) = axis.name.strip_suffix("_size_scale") else { continue };
+            let body = model.body(body).unwrap();
+            let seen = |factor: f64| {
+                let mut values = space.nominal().values().to_vec();
+                values[index] = Some(factor);
+                view.under(&space, &Scenario::new(values), &Poses::default()).scene.shapes
+            };
+            let changed = model.changed(&[Change::Size(vec![body], 1.05)]);
+            for (shape, nominal) in seen(1.05).iter().zip(&seen(1.0)) {
+                let Some(geom) = shape.geom else { continue };
+                let is_own = shape.body == body.index();
+                assert_eq!(shape.form != nominal.form, is_own, "{name}: {}", axis.name);
+                let (large, small) = (changed.geoms()[geom].size, model.geoms()[geom].size);
+                let factor = if is_own { 1.05 } else { 1.0 };
+                assert!(large.iter().zip(small).all(|(a, b)| (a - factor * b).abs() < 1e-12), "{name}");
+                sizes += usize::from(is_own);
+            }
+        }
+    }
+    assert!(sizes >= 5, "{sizes}");
 }
 
 #[test]

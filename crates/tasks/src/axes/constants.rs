@@ -29,6 +29,11 @@ pub(crate) enum Constant {
 /// Largest tilt of gravity about each axis, rad.
 const MAX_TILT: f64 = 0.04;
 
+/// Returns the name of the axis of the size of a body.
+pub(crate) fn size_axis(body: &str) -> String {
+    format!("{body}_size_scale")
+}
+
 pub(super) fn constants(definition: &Definition) -> Vec<(Axis, Parameter)> {
     let scale = |name: &str, [low, high]: [f64; 2], meaning: &str| {
         let axis = Axis::new(AxisKind::Model, name, "", [low, high], Some(1.0));
@@ -45,7 +50,7 @@ pub(super) fn constants(definition: &Definition) -> Vec<(Axis, Parameter)> {
     }
     for (index, body) in definition.variations.sizes.iter().enumerate() {
         let meaning = format!("factor of the size of the {body}; its mass does not change");
-        axes.push((scale(&format!("{body}_size_scale"), [0.95, 1.05], &meaning), Constant::Size(index)));
+        axes.push((scale(&size_axis(body), [0.95, 1.05], &meaning), Constant::Size(index)));
     }
     let gain = "factor of the stiffness and damping of the arm servos; their velocity limits do not change";
     axes.push((scale("servo_gain_scale", [0.8, 1.25], gain), Constant::Gain));

@@ -10,7 +10,7 @@ use mishandle_rollout::fault::Side;
 use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space};
 use mishandle_sight::SIGHT_SPACES;
 
-pub(crate) use constants::{Constant, Elements};
+pub(crate) use constants::{Constant, Elements, size_axis};
 pub(crate) use disturbances::{disturbances, random_axes};
 pub(crate) use events::{JUMP_SIZE, PUSH_SIZE, Push, SLIP_SIZE, jump, slip};
 pub(crate) use faults::sites;
