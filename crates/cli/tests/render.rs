@@ -142,6 +142,12 @@ fn without_a_driver_the_error_names_the_packages() {
     let mut command = without_driver(bench.command("render --run run.sqlite --out strip.png"));
     let error = bench.refuses(&mut command, &packages);
     assert!(!error.contains("control steps"), "it simulated without need: {error}");
+    // The images of the target's own cameras need no driver.
+    let seen = "render --run run.sqlite --camera wrist,over --image-size 32x20 --size 32x20 --out seen.png";
+    let output = without_driver(bench.command(seen)).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    // Six frames in two rows, each with two images.
+    assert_eq!(size(&bench.path("seen.png")), (6 * 32, 2 * 20));
 }
 
 #[test]
@@ -220,6 +226,9 @@ fn invalid_arguments_of_render_are_errors() {
             ["no camera named `sde`", "auto, front, left, right, back, top, close, view"],
         ),
         ("door-opening --camera auto,top --size 3000x20 --out a.png", ["2 views of 3000 pixels", "4096"]),
+        ("door-opening --camera overs --out a.png", ["no camera named `overs`", "view, over, wrist"]),
+        ("door-opening --image-size 8x8 --out a.png", ["--image-size has no effect", "such as over"]),
+        ("door-opening --camera over --image-size 90x90 --size 80x90 --out a.png", ["do not fit", "80x90"]),
         ("--run run.sqlite --around 0 --out a.mp4", ["--around", "above 0"]),
         ("--run run.sqlite --speed 1000 --out a.mp4", ["--speed", "from 0.01 to 100"]),
     ] {

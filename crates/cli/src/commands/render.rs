@@ -96,8 +96,9 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
     /// Width and height of the images of cameras of the target, pixels, each from 1 to 1024
-    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = numbers::image_size)]
-    pub image_size: [u16; 2],
+    /// [default: 64x64]
+    #[arg(long, value_name = "WxH", value_parser = numbers::image_size)]
+    pub image_size: Option<[u16; 2]>,
     /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
     /// graphics card
     #[arg(long)]
@@ -120,7 +121,7 @@ impl Arguments {
 
     /// Draws what these cameras of the target see in the states of a simulation.
     fn seen_states(&self, names: Vec<String>, trajectory: &StateTrajectory) -> Result<Option<SeenStates>> {
-        let settings = CameraSettings { names, size: self.image_size };
+        let settings = CameraSettings { names, size: self.image_size.unwrap_or(IMAGE_SIZE) };
         Ok(if settings.names.is_empty() { None } else { trajectory.seen_by(&settings)? })
     }
 
@@ -155,6 +156,9 @@ const VIDEO_SIZE: (u32, u32) = (640, 480);
 
 /// Default size of a frame in a filmstrip, in pixels.
 const STRIP_SIZE: (u32, u32) = (480, 360);
+
+/// Default size of the images of cameras of the target, in pixels.
+const IMAGE_SIZE: [u16; 2] = [64, 64];
 
 /// Output format, from the extension of the output file.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -217,9 +221,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(status)
 }
 
-/// Checks that images of cameras of the target fit into frames.
+/// Checks that images of cameras of the target, which have these names, fit into frames.
 fn check_fits(command: &Arguments, names: &[String], size: Size) -> Result<()> {
-    let ([width, height], frame) = (command.image_size, [size.width(), size.height()]);
+    ensure!(
+        command.image_size.is_none() || !names.is_empty(),
+        "--image-size has no effect without a camera of the target in --camera, such as over for tasks"
+    );
+    let [width, height] = command.image_size.unwrap_or(IMAGE_SIZE);
+    let frame = [size.width(), size.height()];
     ensure!(
         names.is_empty() || u32::from(width) <= frame[0] && u32::from(height) <= frame[1],
         "images of {width}x{height} pixels do not fit into frames of {}x{}; set a larger --size",
