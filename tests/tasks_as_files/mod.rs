@@ -13,18 +13,26 @@ const FILES: [(&str, &str); 4] = [
     ("door-opening", include_str!("door-opening.toml")),
 ];
 
+/// Returns a task as a file with `more` at its end.
+///
+/// # Panics
+/// If it cannot be made.
+pub fn file(task: &str, more: &str) -> RobotFile {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, text) = FILES.iter().find(|(name, _)| *name == task).unwrap();
+    let scene = mishandle_tasks::compose(mishandle_tasks::task(task).unwrap()).unwrap();
+    std::fs::write(folder.path().join("scene.xml"), scene).unwrap();
+    std::fs::write(folder.path().join("task.toml"), format!("{text}\n{more}")).unwrap();
+    RobotFile::read(&folder.path().join("task.toml")).unwrap_or_else(|error| panic!("{error}"))
+}
+
 /// Returns a task as the built-in target and as a file.
 ///
 /// # Panics
 /// If one of them cannot be made.
 pub fn targets(task: &str) -> [Target; 2] {
-    let folder = tempfile::tempdir().unwrap();
     let built_in = task_target(&Plan::new(task, "ppo")).unwrap();
-    let (_, text) = FILES.iter().find(|(name, _)| *name == task).unwrap();
-    let scene = mishandle_tasks::compose(mishandle_tasks::task(task).unwrap()).unwrap();
-    std::fs::write(folder.path().join("scene.xml"), scene).unwrap();
-    std::fs::write(folder.path().join("task.toml"), text).unwrap();
-    let robot = RobotFile::read(&folder.path().join("task.toml")).unwrap_or_else(|error| panic!("{error}"));
+    let robot = file(task, "");
     let component = Component {
         role: "controller".to_string(),
         name: "ppo".to_string(),
