@@ -21,6 +21,9 @@ const FOVY_RANGE_DEG: std::ops::RangeInclusive<f64> = 1.0..=170.0;
 /// Lengths (m) and sines below this are 0: a camera without a direction.
 const DEGENERATE: f64 = 1e-6;
 
+/// Largest coordinate, m: images are computed with 24 bits.
+const FARTHEST: f64 = 1e6;
+
 /// A camera as a file states it.
 #[derive(Clone, Debug)]
 pub(crate) enum CameraTable {
@@ -101,6 +104,9 @@ pub(crate) fn camera(key: &Key, item: &Item) -> Result<CameraTable, Problem> {
 
 fn vector<const N: usize>(item: &Item, what: &str) -> Result<[f64; N], Problem> {
     let numbers = item.numbers(what)?;
+    if numbers.iter().any(|number| number.abs() > FARTHEST) {
+        return Err(Problem::new(&item.span, format!("the numbers of `{what}` are at most {FARTHEST}")));
+    }
     let message = format!("`{what}` has {N} numbers, not {}", numbers.len());
     numbers.try_into().map_err(|_| Problem::new(&item.span, message))
 }
@@ -111,7 +117,8 @@ fn norm(v: &[f64]) -> f64 {
 
 /// Checks that a camera that looks from one point to another has a direction, and an upper edge.
 fn check_direction(from: [f64; 3], to: [f64; 3], up: [f64; 3]) -> Result<(), String> {
-    let back = [0, 1, 2].map(|i| from[i] - to[i]);
+    // As the camera computes it.
+    let back = [0, 1, 2].map(|i| f64::from(from[i] as f32 - to[i] as f32));
     if norm(&back) < DEGENERATE {
         return Err("`look_at` is the position of the camera; it must be another point".to_string());
     }

@@ -216,6 +216,8 @@ fn mistakes_are_named() {
         ("mjcf = \"fixed\"", "mjcf = \"fixed\", fovy = 3", "no key `fovy`"),
         ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 1]", "is the position of the camera"),
         ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 0]", "set `up` to a direction across it"),
+        ("look_at = [0, 0, 0]", "look_at = [0, 0, 1e300]", "at most 1000000"),
+        ("[1.5, 0, 1], look_at = [0, 0, 0]", "[9e5, 0, 0], look_at = [900000.001, 0, 0]", "another point"),
         ("look_at = [0, 0, 0]", "look_at = [0, 0]", "`look_at` has 3 numbers, not 2"),
         ("look_at = [0, 0, 0], ", "", "exactly one of `look_at`"),
         ("look_at = [0, 0, 0]", "lookat = [0, 0, 0]", "exactly one of `look_at`"),
