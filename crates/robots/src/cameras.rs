@@ -179,15 +179,17 @@ fn placed(table: &CameraTable, model: &Model) -> Result<Camera, Problem> {
                 Problem::new(&name.span, missing("camera", &name.text, &known))
             })?;
             let mount = model.camera_at(index);
-            match mount.is_plain {
+            match mount.is_plain && FOVY_RANGE_DEG.contains(&mount.fovy_deg) {
                 true => Ok(Camera::of_model(&mount, no_size())),
-                false => Err(Problem::new(
-                    &name.span,
-                    format!(
-                        "the camera `{}` of the model follows a body or has no perspective; only cameras with the mode `fixed`                          and a perspective can be drawn",
+                false => {
+                    let (low, high) = (FOVY_RANGE_DEG.start(), FOVY_RANGE_DEG.end());
+                    let message = format!(
+                        "the camera `{}` of the model cannot be drawn: it needs the mode `fixed`, and a perspective with a `fovy` \
+                         from {low} to {high} degrees",
                         name.text
-                    ),
-                )),
+                    );
+                    Err(Problem::new(&name.span, message))
+                }
             }
         }
         CameraTable::Placed { body, direction, position, fovy_deg } => {

@@ -15,6 +15,7 @@ const MODEL: &str = r#"<mujoco>
     <geom name="floor" type="plane" size="3 3 0.1"/>
     <geom name="wall" type="box" size="0.05 1 0.3" pos="-0.8 0 0.3"/>
     <camera name="fixed" pos="1.5 0 1" xyaxes="0 1 0 -0.5547002 0 0.8320503" fovy="50"/>
+    <camera name="narrow" pos="1.5 0 1" fovy="0.5"/>
     <camera name="tracking" pos="1 0 1" mode="targetbody" target="arm"/>
     <body name="arm" pos="0 0 0.5">
       <joint name="hinge" axis="0 1 0" damping="0.5"/>
@@ -213,6 +214,7 @@ fn mistakes_are_named() {
         ("body = \"arm\"", "body = \"arn\"", "did you mean `arm`?"),
         ("mjcf = \"fixed\"", "mjcf = \"fixd\"", "did you mean `fixed`?"),
         ("mjcf = \"fixed\"", "mjcf = \"tracking\"", "the mode `fixed`"),
+        ("mjcf = \"fixed\"", "mjcf = \"narrow\"", "from 1 to 170 degrees"),
         ("mjcf = \"fixed\"", "mjcf = \"fixed\", fovy = 3", "no key `fovy`"),
         ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 1]", "is the position of the camera"),
         ("look_at = [0, 0, 0]", "look_at = [1.5, 0, 0]", "set `up` to a direction across it"),
