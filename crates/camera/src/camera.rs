@@ -56,6 +56,9 @@ pub enum CameraError {
     /// A model has too many shapes.
     #[error("{0} shapes: a scene has at most {max}", max = crate::NO_SHAPE)]
     Shapes(usize),
+    /// Only this crate draws something of a scene.
+    #[error("a GPU does not draw {0}")]
+    OtherDevice(&'static str),
 }
 
 /// A camera, as plain numbers.

@@ -1,11 +1,11 @@
 //! A compression as in JPEG: cosine transforms of blocks, whose coefficients are rounded.
 
 /// Side of a block, pixels.
-const SIDE: usize = 8;
+pub(crate) const SIDE: usize = 8;
 
 /// Row k, column x: the factor of pixel x in coefficient k, `c_k cos((2 x + 1) k π / 16)`, with
 /// which the transform keeps lengths.
-const COSINES: [[f32; SIDE]; SIDE] = {
+pub(crate) const COSINES: [[f32; SIDE]; SIDE] = {
     // Half of cos(k π / 16), k from 0 to 8.
     const HALF: [f32; 9] = [
         0.5,
@@ -38,7 +38,7 @@ const COSINES: [[f32; SIDE]; SIDE] = {
 ///
 /// # Reference
 /// ITU-T T.81 (1992), table K.1.
-const BRIGHTNESS: [[u8; SIDE]; SIDE] = [
+pub(crate) const BRIGHTNESS: [[u8; SIDE]; SIDE] = [
     [16, 11, 10, 16, 24, 40, 51, 61],
     [12, 12, 14, 19, 26, 58, 60, 55],
     [14, 13, 16, 24, 40, 57, 69, 56],
@@ -53,7 +53,7 @@ const BRIGHTNESS: [[u8; SIDE]; SIDE] = [
 ///
 /// # Reference
 /// ITU-T T.81 (1992), table K.2.
-const COLOR: [[u8; SIDE]; SIDE] = [
+pub(crate) const COLOR: [[u8; SIDE]; SIDE] = [
     [17, 18, 24, 47, 99, 99, 99, 99],
     [18, 21, 26, 66, 99, 99, 99, 99],
     [24, 26, 56, 99, 99, 99, 99, 99],

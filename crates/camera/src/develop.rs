@@ -1,8 +1,10 @@
 //! From light to bytes: what lens, sensor and processing do.
 
+use std::ops::Range;
+
 use mishandle_random::{Seed, Stream};
 
-use crate::camera::{Camera, Effects};
+use crate::camera::{Camera, DeadRows, Effects, Patch, Size};
 use crate::compression::compress;
 use crate::lanes::Lanes3;
 
@@ -61,11 +63,11 @@ impl Developer {
         let (width, height) = (camera.size.width(), camera.size.height());
         let effects = &camera.effects;
         self.darken_corners(effects.vignette, width);
-        self.cover(effects, width, height);
+        self.cover(&effects.patch, camera.size);
         self.blur(effects.blur, width);
         self.amplify(effects);
         self.add_noise(effects, seed, step);
-        self.cut_rows(effects, width, height);
+        self.cut_rows(&effects.dead_rows, camera.size);
         if effects.compression > 0.0 {
             compress(&mut self.planes, width, effects.compression);
         }
@@ -93,39 +95,22 @@ impl Developer {
         }
     }
 
-    fn cover(&mut self, effects: &Effects, width: usize, height: usize) {
-        let patch = &effects.patch;
-        if patch.size.iter().any(|size| *size <= 0.0) {
-            return;
-        }
-        let range = |axis: usize, count: usize| {
-            let edge = |side: f32| {
-                let edge = (patch.center[axis] + side * 0.5 * patch.size[axis]) * count as f32;
-                (edge + 0.5).clamp(0.0, count as f32) as usize
-            };
-            edge(-1.0)..edge(1.0)
-        };
+    fn cover(&mut self, patch: &Patch, size: Size) {
+        let [columns, rows] = patch.pixels(size);
         for (plane, color) in self.planes.iter_mut().zip(patch.color) {
-            for row in range(1, height) {
-                plane[row * width..][range(0, width)].fill(color);
+            for row in rows.clone() {
+                plane[row * size.width()..][columns.clone()].fill(color);
             }
         }
     }
 
     /// Blurs by passes of three pixels, whose variances add up to that of the Gaussian.
     fn blur(&mut self, deviation: f32, width: usize) {
-        if deviation <= 0.0 {
-            return;
-        }
-        let deviation = deviation.min(WIDEST_BLUR);
-        let variance = deviation * deviation;
-        let passes = (2.0 * variance).ceil().max(1.0);
-        // The variance of (w, 1 - 2 w, w) is 2 w.
-        let weight = 0.5 * variance / passes;
+        let (passes, weight) = blur_passes(deviation);
         let height = self.planes[0].len() / width;
         let scratch = &mut self.scratch;
         for plane in &mut self.planes {
-            for _ in 0..passes as usize {
+            for _ in 0..passes {
                 for pixels in plane.chunks_mut(width) {
                     let mut before = pixels[0];
                     for column in 0..width {
@@ -148,8 +133,7 @@ impl Developer {
     }
 
     fn amplify(&mut self, effects: &Effects) {
-        for (plane, cast) in self.planes.iter_mut().zip(effects.color_cast) {
-            let factor = effects.exposure * cast;
+        for (plane, factor) in self.planes.iter_mut().zip(effects.factors()) {
             if factor != 1.0 {
                 plane.iter_mut().for_each(|pixel| *pixel *= factor);
             }
@@ -177,17 +161,59 @@ impl Developer {
         }
     }
 
-    fn cut_rows(&mut self, effects: &Effects, width: usize, height: usize) {
-        let rows = &effects.dead_rows;
-        if rows.share <= 0.0 {
-            return;
-        }
-        let edge = |share: f32| (share * height as f32 + 0.5).clamp(0.0, height as f32) as usize;
-        let (first, last) = (edge(rows.first), edge(rows.first + rows.share));
+    fn cut_rows(&mut self, dead_rows: &DeadRows, size: Size) {
+        let rows = dead_rows.rows(size);
         for plane in &mut self.planes {
-            plane[first * width..last * width].fill(0.0);
+            plane[rows.start * size.width()..rows.end * size.width()].fill(0.0);
         }
     }
+}
+
+impl Effects {
+    /// Returns the factors of red, green and blue.
+    pub(crate) fn factors(&self) -> [f32; 3] {
+        self.color_cast.map(|cast| self.exposure * cast)
+    }
+}
+
+impl Patch {
+    /// Returns the columns and the rows that the patch covers.
+    pub(crate) fn pixels(&self, size: Size) -> [Range<usize>; 2] {
+        let sides = [size.width(), size.height()];
+        [0, 1].map(|axis| match self.size.iter().all(|size| *size > 0.0) {
+            true => {
+                let edge = |side: f32| self.center[axis] + side * 0.5 * self.size[axis];
+                whole(edge(-1.0), sides[axis])..whole(edge(1.0), sides[axis])
+            }
+            false => 0..0,
+        })
+    }
+}
+
+impl DeadRows {
+    /// Returns the rows without a signal.
+    pub(crate) fn rows(&self, size: Size) -> Range<usize> {
+        let edge = |share: f32| whole(share, size.height());
+        if self.share > 0.0 { edge(self.first)..edge(self.first + self.share) } else { 0..0 }
+    }
+}
+
+/// Returns the pixel at a place, a fraction of `count` pixels.
+fn whole(place: f32, count: usize) -> usize {
+    (place * count as f32 + 0.5).clamp(0.0, count as f32) as usize
+}
+
+/// Returns the number of passes of a blur with this standard deviation, pixels, and the weight of
+/// each neighbor of a pixel in a pass.
+pub(crate) fn blur_passes(deviation: f32) -> (usize, f32) {
+    if deviation <= 0.0 {
+        return (0, 0.0);
+    }
+    let deviation = deviation.min(WIDEST_BLUR);
+    let variance = deviation * deviation;
+    let passes = (2.0 * variance).ceil().max(1.0);
+    // The variance of (w, 1 - 2 w, w) is 2 w.
+    (passes as usize, 0.5 * variance / passes)
 }
 
 /// Returns two independent random numbers with mean 0 and variance 1: sums of eight random bytes

@@ -66,6 +66,28 @@ impl Mesh {
         &self.vertices
     }
 
+    /// Returns the corners of the triangles, in the order of the hierarchy.
+    pub(crate) fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// Returns the nodes, each before its children: its first triangle and the one after its last,
+    /// the node after its descendants, and 1 for a leaf.
+    pub(crate) fn preorder(&self) -> Vec<[u32; 4]> {
+        let mut out = vec![[0; 4]; self.nodes.len()];
+        for index in (0..self.nodes.len()).rev() {
+            let node = self.nodes[index];
+            out[index] = match node.count {
+                0 => {
+                    let [left, right] = [out[index + 1], out[node.next as usize]];
+                    [left[0], right[1], right[2], 0]
+                }
+                count => [node.next, node.next + count, index as u32 + 1, 1],
+            };
+        }
+        out
+    }
+
     /// Moves the vertices; the triangles stay those of the same vertices.
     ///
     /// # Panics

@@ -13,7 +13,7 @@ use crate::sight::SightCamera;
 pub const SIGHT_SPACES: [&str; 6] = ["light", "camera", "appearance", "clutter", "image", "faults-camera"];
 
 /// Largest number of distractors.
-pub(crate) const MOST_CLUTTER: usize = 3;
+pub const MOST_CLUTTER: usize = 3;
 
 /// Largest displacement (m) and tilt (rad) of a camera in the world and of one on a body.
 const DISPLACED: [f64; 2] = [0.05, 0.01];

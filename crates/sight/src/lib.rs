@@ -15,7 +15,7 @@ mod sight;
 mod sighting;
 mod view;
 
-pub use axes::SIGHT_SPACES;
+pub use axes::{MOST_CLUTTER, SIGHT_SPACES};
 pub use feed::{Feed, Frame};
 pub use images::ImageFeed;
 pub use part::{Part, PartBodies};
