@@ -132,7 +132,7 @@ impl EnvironmentWorker for WatchedWorker {
 /// All axes of a task, without faults that show NaN.
 fn scenarios_of(environment: &TaskEnvironment) -> TrainingScenarios {
     let disturbances = environment.disturbances(true);
-    let (axes, spaces) = environment.axes_and_spaces(&disturbances).unwrap();
+    let (axes, spaces) = environment.axes_and_spaces(&disturbances, &[]).unwrap();
     let all = named_space("all", &axes, &spaces).unwrap();
     let whole = TrainingScenarios {
         space: all,
@@ -242,7 +242,7 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     let task = mishandle::tasks::task("point-reaching").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let disturbances = environment.disturbances(true);
-    let (axes, spaces) = environment.axes_and_spaces(&disturbances).unwrap();
+    let (axes, spaces) = environment.axes_and_spaces(&disturbances, &[]).unwrap();
     let delay = named_space("starts+delay", &axes, &spaces).unwrap();
     // Actions are two control steps late.
     let late = |axis: &Axis| match axis.name.as_str() {

@@ -52,6 +52,14 @@ impl PyController {
 
     fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
         let policy = mishandle::resolve::onnx_policy(Path::new(name), task).map_err(raised)?;
+        if let Some(image) = policy.sees().first() {
+            let message = format!(
+                "the model sees through the camera `{}`, so its action is no function of an observation; run it \
+                 with a task, for instance mishandle.evaluate(TASK, policy={name:?})",
+                image.camera
+            );
+            return Err(InvalidValueError::new_err(message));
+        }
         let task = task.or(policy.task()).unwrap_or_default().to_string();
         Ok(Self::of(&policy, task, policy.hash().to_string(), None))
     }

@@ -239,7 +239,7 @@ impl Sights {
             let shots: Vec<StateShot<'_>> = (0..states.len()).flat_map(shot).collect();
             let size = shots.first().map_or(0, |shot| 3 * shot.camera.size.pixels());
             let mut images = vec![0; size * shots.len()];
-            let output = |rgb| Output { rgb, depth: None, segments: None };
+            let output = |rgb| Output { rgb: Some(rgb), depth: None, segments: None };
             let mut outputs: Vec<Output<'_>> = images.chunks_mut(size.max(1)).map(output).collect();
             workers.studio.render(&shots, &mut outputs);
             drop(outputs);

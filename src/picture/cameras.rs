@@ -1,7 +1,9 @@
 //! Images that the cameras of a target see in a simulation, and what they show of its object.
 
+use std::ops::Range;
+
 use mishandle_camera::{Camera, CameraError, Output, PoseReader, Poses, Scene, Size, StateShot, Studio};
-use mishandle_rollout::{RolloutError, Scenario, Seed, Space};
+use mishandle_rollout::{Image, RolloutError, Scenario, Seed, Space};
 use mishandle_sight::{Feed, Frame, Sight, Sighting, View};
 
 use crate::error::MishandleError;
@@ -21,6 +23,11 @@ pub struct CameraSettings {
 pub struct TargetCameras {
     /// Indices of the requested cameras, in the order of their names.
     cameras: Vec<usize>,
+    /// For each of them, where its image is in what the controller saw in a control step; `None` if
+    /// the controller does not see it with this size.
+    seen: Vec<Option<Range<usize>>>,
+    /// Bytes that the controller sees in a control step.
+    seen_bytes: usize,
     sight: Sight,
     space: Space,
     view: View,
@@ -80,10 +87,13 @@ impl TargetCameras {
                 known: sight.names().map(ToString::to_string).collect(),
             })
         };
-        let cameras = settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?;
+        let cameras: Vec<usize> =
+            settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?;
         // Images do not depend on the number of threads.
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(TargetCameras {
+            seen: vec![None; cameras.len()],
+            seen_bytes: 0,
             cameras,
             sight,
             space: space.clone(),
@@ -92,6 +102,26 @@ impl TargetCameras {
             start: Poses::default(),
             studio: Studio::new(&model, threads),
         })
+    }
+
+    /// Takes the images that a controller saw where they are the same. `sees` are all of them.
+    pub(crate) fn seen_by(mut self, sees: &[Image]) -> TargetCameras {
+        let [width, height] = self.size();
+        let same_image = |name: &str| {
+            let expected = Image { camera: name.to_string(), width, height };
+            let place = sees.iter().position(|image| *image == expected)?;
+            let first = sees[..place].iter().map(Image::bytes).sum();
+            Some(first..first + expected.bytes())
+        };
+        self.seen = self.names().map(same_image).collect();
+        self.seen_bytes = sees.iter().map(Image::bytes).sum();
+        self
+    }
+
+    /// Returns how many bytes the controller saw in a control step, if some are images of these
+    /// cameras.
+    pub(crate) fn kept_bytes(&self) -> Option<usize> {
+        self.seen.iter().any(Option::is_some).then_some(self.seen_bytes)
     }
 
     /// Returns the names of the cameras.
@@ -142,17 +172,20 @@ impl TargetCameras {
         states: &[Vec<f64>],
         (camera, step): (usize, usize),
     ) -> Vec<u8> {
-        let shots = [seen.frames[camera][step]];
-        self.draw(&seen.view.scene, &seen.view.cameras, states, &shots, seen.seed).0.remove(0)
+        let (shots, mut images) = ([seen.frames[camera][step]], [Vec::new()]);
+        let scene = (&seen.view.scene, &seen.view.cameras[..]);
+        self.draw(scene, states, &shots, seen.seed, Some(&mut images));
+        let [image] = images;
+        image
     }
 
     /// Draws all states of an episode as they arrive from each camera: faults and delays of cameras
-    /// show earlier states.
+    /// show earlier states. Images that the controller `saw` are not drawn again.
     pub(crate) fn show(
         &mut self,
         states: &[Vec<f64>],
-        scenario: &Scenario,
-        seed: Seed,
+        (scenario, seed): (&Scenario, Seed),
+        saw: &[u8],
     ) -> Result<Shown, RolloutError> {
         let Some(seen) = self.start(states, scenario, seed)? else {
             let sightings = vec![Vec::new(); self.measured().count()];
@@ -160,11 +193,16 @@ impl TargetCameras {
         };
         let SeenEpisode { view, frames, seed } = seen;
         let shots = frames.concat();
-        let (images, segments) = self.draw(&view.scene, &view.cameras, states, &shots, seed);
+        let image_of = |shot: usize| match &self.seen[shot / states.len()] {
+            Some(place) => saw[shot % states.len() * self.seen_bytes..][place.clone()].to_vec(),
+            None => Vec::new(),
+        };
+        let mut images: Vec<Vec<u8>> = (0..shots.len()).map(image_of).collect();
+        let segments = self.draw((&view.scene, &view.cameras), states, &shots, seed, Some(&mut images));
         if !view.has_object() {
             return Ok(Shown { images, sightings: Vec::new() });
         }
-        let (_, alone) = self.draw(&view.object_alone(), &view.cameras, states, &shots, seed);
+        let alone = self.draw((&view.object_alone(), &view.cameras), states, &shots, seed, None);
         let sighting = |shot: usize| {
             let width = view.cameras[shots[shot].camera].size.width();
             let found = Sighting::new(&view, width, &images[shot], &segments[shot], &alone[shot]);
@@ -176,34 +214,31 @@ impl TargetCameras {
         Ok(Shown { images, sightings })
     }
 
-    /// Draws images. Returns colors and segments.
+    /// Draws shots and returns their segments. Fills those of `images` that are empty.
     fn draw(
         &mut self,
-        scene: &Scene,
-        cameras: &[Camera],
+        (scene, cameras): (&Scene, &[Camera]),
         states: &[Vec<f64>],
         shots: &[Frame],
         seed: Seed,
-    ) -> (Vec<Vec<u8>>, Vec<Vec<u16>>) {
-        let shot = |Frame { camera, step }: &Frame| StateShot {
-            state: &states[*step],
-            before: step.checked_sub(1).map(|before| states[before].as_slice()),
-            scene,
-            camera: &cameras[*camera],
-            seed: seed.child(*camera as u64),
-            step: *step as u64,
+        images: Option<&mut [Vec<u8>]>,
+    ) -> Vec<Vec<u16>> {
+        let shot = |frame: &Frame| {
+            let state = |step: usize| states[step].as_slice();
+            frame.shot((scene, &cameras[frame.camera]), state, seed)
         };
         let shots: Vec<StateShot<'_>> = shots.iter().map(shot).collect();
         let pixels = |shot: &StateShot<'_>| shot.camera.size.pixels();
-        let mut images: Vec<Vec<u8>> = shots.iter().map(|shot| vec![0; 3 * pixels(shot)]).collect();
         let mut segments: Vec<Vec<u16>> = shots.iter().map(|shot| vec![0; pixels(shot)]).collect();
-        let mut outputs: Vec<Output<'_>> = images
-            .iter_mut()
-            .zip(&mut segments)
-            .map(|(rgb, segments)| Output { rgb, depth: None, segments: Some(segments) })
-            .collect();
+        let outputs = segments.iter_mut().map(|own| Output { rgb: None, depth: None, segments: Some(own) });
+        let mut outputs: Vec<Output<'_>> = outputs.collect();
+        let images = images.into_iter().flatten().zip(&shots).zip(&mut outputs);
+        for ((rgb, shot), output) in images.filter(|((rgb, _), _)| rgb.is_empty()) {
+            rgb.resize(3 * pixels(shot), 0);
+            output.rgb = Some(rgb);
+        }
         self.studio.render(&shots, &mut outputs);
         drop(outputs);
-        (images, segments)
+        segments
     }
 }

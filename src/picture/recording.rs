@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mishandle_rollout::{Environment, EnvironmentWorker, Sample, Scenario, Seed, Space, StepStatus};
+use mishandle_rollout::{
+    Environment, EnvironmentWorker, Eyes, Image, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
+};
 
 use crate::resolve::SceneEnvironment;
 
@@ -93,6 +95,11 @@ impl Environment for RecordingEnvironment {
 
     fn episode_steps(&self) -> usize {
         self.environment.episode_steps()
+    }
+
+    fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
+        // The state of the environment comes first in a row.
+        self.environment.eyes(images)
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {

@@ -20,7 +20,15 @@ pub(super) fn labeler(resolved: &ResolvedPlan, name: &str) -> Result<Arc<dyn Con
         });
     }
     let plan = Plan { controller: name.to_string(), guard: None, stochastic: false, ..plan.clone() };
-    Ok(scene_target(&ResolvedPlan::new(&plan)?)?.controller().clone())
+    let controller = scene_target(&ResolvedPlan::new(&plan)?)?.controller().clone();
+    match controller.sees().is_empty() {
+        true => Ok(controller),
+        false => Err(MishandleError::InvalidValue {
+            what: "the controller of the labels",
+            value: name.to_string(),
+            expected: "one that sees no images: a label is a function of the state",
+        }),
+    }
 }
 
 /// Returns the actions of a controller in states with these observations. It is reset before each

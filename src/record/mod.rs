@@ -29,6 +29,9 @@ use crate::run::evaluate::{TRIAL, with_requests};
 use self::labels::{labeler, labels};
 use self::recorder::{Decisions, RecordedController, SharedDecisions};
 
+/// Bytes of the images of controllers that are in memory until they are written.
+const KEPT_BYTES: usize = 1 << 28;
+
 /// Settings of a recording besides the plan of an evaluation.
 #[derive(Clone, Debug)]
 pub struct RecordSettings {
@@ -74,9 +77,10 @@ pub fn record(
     let target = recordable(resolved)?;
     check_rate(resolved, settings.format)?;
     let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
-    let cameras = settings.cameras.as_ref();
-    let cameras = cameras.map(|cameras| TargetCameras::new(&resolved.plan.target, &resolved.space, cameras));
-    let mut cameras = cameras.transpose()?;
+    let named = settings.cameras.as_ref();
+    let named = named.map(|named| TargetCameras::new(&resolved.plan.target, &resolved.space, named));
+    let mut cameras = named.transpose()?.map(|cameras| cameras.seen_by(target.controller().sees()));
+    let kept_bytes = cameras.as_ref().and_then(TargetCameras::kept_bytes);
     let failed = |source: std::io::Error| match source.kind() {
         ErrorKind::AlreadyExists => MishandleError::InvalidValue {
             what: "the folder of the data set",
@@ -88,7 +92,7 @@ pub fn record(
     let folder = AtomicFolder::create_new(out).map_err(failed)?;
     let contents = contents(resolved, &target, cameras.as_ref(), labeler.is_some());
     let mut writer = settings.format.writer(contents, folder.path()).map_err(failed)?;
-    let mut recorder = Recorder::new(resolved, &target, labeler, cameras.is_some())?;
+    let mut recorder = Recorder::new(resolved, &target, labeler, (cameras.is_some(), kept_bytes.is_some()))?;
     let mut found = Demonstrations {
         subject: resolved.subject(),
         folder: path_text(out),
@@ -106,6 +110,10 @@ pub fn record(
         .evaluate
         .as_ref()
         .map_or((0, 1), |evaluate| (evaluate.episodes, u64::from(evaluate.batch.max(1))));
+    // Images that are kept until they are written have a limit.
+    let steps = resolved.target.episode_steps;
+    let fitting = kept_bytes.map_or(batch, |bytes| (KEPT_BYTES / (bytes * steps).max(1)).max(1) as u64);
+    let batch = batch.min(fitting);
     while found.simulations < episodes {
         let last = episodes.min(found.simulations + batch);
         let requests: Vec<Request> = with_requests(resolved, |requests| {
@@ -214,7 +222,7 @@ impl<'a> Recorder<'a> {
         resolved: &'a ResolvedPlan,
         target: &SceneTarget,
         labeler: Option<Arc<dyn Controller>>,
-        is_drawn: bool,
+        (is_drawn, keeps_images): (bool, bool),
     ) -> Result<Recorder<'a>, MishandleError> {
         let (space, specification) = (&resolved.space, &resolved.specification);
         let scene = target.environment(space, specification, false)?;
@@ -227,9 +235,9 @@ impl<'a> Recorder<'a> {
             recordings = Some(shared);
         }
         let decisions = SharedDecisions::default();
-        let system = target
-            .system_in(environment, space, specification)?
-            .map_controller(|controller| Arc::new(RecordedController::new(controller, decisions.clone())));
+        let system = target.system_in(environment, space, specification)?.map_controller(|controller| {
+            Arc::new(RecordedController::new(controller, decisions.clone(), keeps_images))
+        });
         let controller = target.controller();
         let sizes = [controller.observation_size(), controller.action_size()];
         Ok(Recorder {
@@ -270,7 +278,7 @@ impl<'a> Recorder<'a> {
         // An episode that failed has an action of the step that failed, too.
         let frames = episode.steps;
         let [observation_size, action_size] = self.sizes;
-        let Decisions { seed, mut observations, mut actions } = decisions;
+        let Decisions { seed, mut observations, mut actions, images } = decisions;
         observations.truncate(frames * observation_size);
         actions.truncate(frames * action_size);
         let clip = |action: &mut f32| *action = action.clamp(-self.action_limit, self.action_limit);
@@ -286,7 +294,8 @@ impl<'a> Recorder<'a> {
         }
         let is_success = episode.is_success();
         let scenario = episode.request.scenario.clone();
-        Ok(Recorded { seed, scenario, frames, states, vectors, is_success, facts: self.facts(episode) })
+        let facts = self.facts(episode);
+        Ok(Recorded { seed, scenario, frames, states, images, vectors, is_success, facts })
     }
 
     /// Returns the facts of an episode that its frames do not contain.
@@ -313,6 +322,8 @@ struct Recorded {
     frames: usize,
     /// State of each frame, if the states are drawn.
     states: Vec<Vec<f64>>,
+    /// Images that the controller saw, if they are in the data set.
+    images: Vec<u8>,
     vectors: Vec<Vec<f32>>,
     is_success: bool,
     facts: Vec<(String, Fact)>,
@@ -322,7 +333,7 @@ impl Recorded {
     /// Draws what the cameras show, adds what it shows of the object, and returns the images.
     fn show(&mut self, cameras: Option<&mut TargetCameras>) -> Result<Vec<Vec<u8>>, MishandleError> {
         let Some(cameras) = cameras else { return Ok(Vec::new()) };
-        let shown = cameras.show(&self.states, &self.scenario, self.seed)?;
+        let shown = cameras.show(&self.states, (&self.scenario, self.seed), &self.images)?;
         self.vectors.extend(shown.sightings);
         Ok(shown.images)
     }

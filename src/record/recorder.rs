@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Seed, Signal};
+use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Image, Seed, Signal};
 
 /// Observations and actions of a controller in a simulation.
 #[derive(Debug)]
@@ -12,6 +12,8 @@ pub(super) struct Decisions {
     pub observations: Vec<f32>,
     /// Actions of all control steps, before noise and disturbances.
     pub actions: Vec<f32>,
+    /// Images of all control steps, as the controller saw them; empty if they are not kept.
+    pub images: Vec<u8>,
 }
 
 /// The decisions of all simulations, in any order.
@@ -34,11 +36,16 @@ impl SharedDecisions {
 pub(super) struct RecordedController {
     controller: Arc<dyn Controller>,
     decisions: SharedDecisions,
+    keeps_images: bool,
 }
 
 impl RecordedController {
-    pub fn new(controller: Arc<dyn Controller>, decisions: SharedDecisions) -> RecordedController {
-        RecordedController { controller, decisions }
+    pub fn new(
+        controller: Arc<dyn Controller>,
+        decisions: SharedDecisions,
+        keeps_images: bool,
+    ) -> RecordedController {
+        RecordedController { controller, decisions, keeps_images }
     }
 }
 
@@ -59,12 +66,18 @@ impl Controller for RecordedController {
         self.controller.signals()
     }
 
+    fn sees(&self) -> &[Image] {
+        self.controller.sees()
+    }
+
     fn worker(&self) -> Box<dyn ControllerWorker> {
         Box::new(RecordedWorker {
             worker: self.controller.worker(),
             decisions: self.decisions.clone(),
             state_size: self.controller.state_size(),
             states: Vec::new(),
+            keeps_images: self.keeps_images,
+            images: Vec::new(),
         })
     }
 }
@@ -75,15 +88,27 @@ struct RecordedWorker {
     state_size: usize,
     /// States of the controller that decides, without the indices.
     states: Vec<f64>,
+    keeps_images: bool,
+    /// Images of the next control step of all rows, if they are kept.
+    images: Vec<u8>,
 }
 
 impl ControllerWorker for RecordedWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
         let mut decisions = self.decisions.lock();
         state[0] = decisions.len() as f64;
-        decisions.push(Decisions { seed, observations: Vec::new(), actions: Vec::new() });
+        let (observations, actions, images) = (Vec::new(), Vec::new(), Vec::new());
+        decisions.push(Decisions { seed, observations, actions, images });
         drop(decisions);
         self.worker.reset(&mut state[1..], seed);
+    }
+
+    fn look(&mut self, rows: usize, images: &[u8]) {
+        if self.keeps_images {
+            self.images.clear();
+            self.images.extend_from_slice(images);
+        }
+        self.worker.look(rows, images);
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
@@ -92,12 +117,14 @@ impl ControllerWorker for RecordedWorker {
         states.chunks_exact(width).for_each(|state| self.states.extend_from_slice(&state[1..]));
         self.worker.act(rows, observations, &mut self.states, actions);
         let (seen, done) = (observations.len() / rows.max(1), actions.len() / rows.max(1));
+        let bytes = self.images.len() / rows.max(1);
         let mut decisions = self.decisions.lock();
         for (row, state) in states.chunks_exact_mut(width).enumerate() {
             state[1..].copy_from_slice(&self.states[row * self.state_size..][..self.state_size]);
             let decisions = &mut decisions[state[0] as usize];
             decisions.observations.extend_from_slice(&observations[row * seen..][..seen]);
             decisions.actions.extend_from_slice(&actions[row * done..][..done]);
+            decisions.images.extend_from_slice(&self.images[row * bytes..][..bytes]);
         }
     }
 

@@ -92,6 +92,13 @@ pub(crate) fn guard(
                 }
                 MishandleError::Fallback { fallback: name.to_string(), source: Box::new(source) }
             })?;
+            if !controller.sees().is_empty() {
+                return Err(MishandleError::InvalidValue {
+                    what: "the fallback",
+                    value: name.to_string(),
+                    expected: "a controller that sees no images",
+                });
+            }
             let component = (!components.is_empty()).then(|| components.swap_remove(0));
             (Fallback::Controller(controller), component)
         }

@@ -207,7 +207,7 @@ impl TrainingTarget for TaskToTrain {
         let environment = TaskEnvironment::new(self.0, Preset::Paper, reward(name)?)?;
         let environment = with_terms(environment, settings);
         let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
-        let named = environment.axes_and_spaces(&disturbances)?;
+        let named = environment.axes_and_spaces(&disturbances, &[])?;
         let starts = of_task(environment.clone());
         let over = move |space: &Space| Ok(of_task(environment.with_scene_axes(space)?));
         Ok(TrainingScene::new(named, disturbances, starts, over))

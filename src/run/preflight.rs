@@ -94,7 +94,7 @@ fn rollout(system: &mut dyn System, requests: Vec<Request>) -> Result<Vec<Episod
     Ok(system.rollout(&requests)?)
 }
 
-/// Returns whether an axis changes images, which the controllers of this target do not see.
+/// Returns whether an axis changes images that the controller of this target does not see.
 fn is_unseen(axis: &Axis, resolved: &ResolvedPlan) -> bool {
     let named = |known: &Axis| known.name == axis.name;
     let has_space = resolved.target.spaces.iter().any(|space| space.axes().iter().any(named));
@@ -106,7 +106,7 @@ fn unseen_axes(resolved: &ResolvedPlan, warnings: &mut Vec<String>) {
     let names: Vec<String> = unseen.map(|axis| format!("`{}`", axis.name)).collect();
     if !names.is_empty() {
         warnings.push(format!(
-            "the controller sees no images, so axes of sight change nothing: {}",
+            "these axes of sight change nothing that the controller sees: {}",
             names.join(", ")
         ));
     }

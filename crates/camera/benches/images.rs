@@ -74,7 +74,7 @@ fn own_rate(model: &Model, scene: &Scene, camera: &Camera, states: &[&[f64]]) ->
     let mut rgb = vec![0; 3 * camera.size.pixels()];
     rate(REPETITIONS, states, |state| {
         let shot = StateShot { state, before: None, scene, camera, seed: Seed(0), step: 0 };
-        studio.render(&[shot], &mut [Output { rgb: &mut rgb, depth: None, segments: None }]);
+        studio.render(&[shot], &mut [Output { rgb: Some(&mut rgb), depth: None, segments: None }]);
     })
 }
 

@@ -49,7 +49,7 @@ fn render(model: &Model, states: &[Vec<f64>], step: usize, scene: &Scene, camera
     let mut rgb = vec![0; 3 * camera.size.pixels()];
     let before = Some(&states[step.saturating_sub(1)][..]);
     let shot = StateShot { state: &states[step], before, scene, camera, seed: Seed(0), step: step as u64 };
-    Studio::new(model, 1).render(&[shot], &mut [Output { rgb: &mut rgb, depth: None, segments: None }]);
+    Studio::new(model, 1).render(&[shot], &mut [Output { rgb: Some(&mut rgb), depth: None, segments: None }]);
     rgb
 }
 

@@ -60,7 +60,7 @@ impl Developer {
     }
 
     fn finish(&mut self, camera: &Camera, seed: Seed, step: u64, rgb: &mut [u8]) {
-        let (width, height) = (camera.size.width(), camera.size.height());
+        let width = camera.size.width();
         let effects = &camera.effects;
         self.darken_corners(effects.vignette, width);
         self.cover(&effects.patch, camera.size);

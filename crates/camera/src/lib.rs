@@ -43,5 +43,5 @@ pub use of_model::{PoseReader, focal_length};
 pub use renderer::{Output, Renderer, Shot};
 pub use rows::{ClothRows, MAX_RAYS, SightRow, compression_tables};
 pub use scene::{Ambient, Background, Lamp, NO_SHAPE, Poses, Scene, Shape};
-pub use studio::{StateShot, Studio};
+pub use studio::{StateRenderer, StateShot, Studio};
 pub use vector::Pose;

@@ -36,8 +36,8 @@ pub struct Shot<'a> {
 /// Where an image goes: rows from the top, pixels from the left.
 #[derive(Debug)]
 pub struct Output<'a> {
-    /// Red, green and blue of each pixel.
-    pub rgb: &'a mut [u8],
+    /// Red, green and blue of each pixel. Without them, nothing is lit.
+    pub rgb: Option<&'a mut [u8]>,
     /// Distance along the camera's axis of the first shape, m; infinite without a shape. It is
     /// that of the center of the pixel at the state, without lens and shutter.
     pub depth: Option<&'a mut [f32]>,
@@ -95,6 +95,16 @@ impl Renderer {
     /// If a slice of `out` has another length than the image has pixels, or `poses` have fewer
     /// bodies or vertices than the scene refers to.
     pub fn render(&mut self, shot: &Shot<'_>, out: &mut Output<'_>) {
+        if let Some(rgb) = out.rgb.as_deref_mut() {
+            self.light(shot, rgb);
+        }
+        if out.depth.is_some() || out.segments.is_some() {
+            self.measure(shot, out);
+        }
+    }
+
+    /// Renders the colors of an image.
+    fn light(&mut self, shot: &Shot<'_>, rgb: &mut [u8]) {
         let (camera, optics) = (shot.camera, &shot.camera.optics);
         let samples = optics.samples.max(1);
         pattern::disk_points(samples, &mut self.lens);
@@ -115,10 +125,7 @@ impl Renderer {
             let share = Lanes::all(1.0 / samples as f32);
             self.sum.iter_mut().for_each(|sum| *sum = sum.map(|v| v * share));
         }
-        self.developer.develop(&self.sum, self.frame.packets, camera, shot.seed, shot.step, out.rgb);
-        if out.depth.is_some() || out.segments.is_some() {
-            self.measure(shot, out);
-        }
+        self.developer.develop(&self.sum, self.frame.packets, camera, shot.seed, shot.step, rgb);
     }
 
     /// Computes the light of each pixel for one ray per pixel.

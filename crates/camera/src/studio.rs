@@ -30,11 +30,12 @@ pub struct StateShot<'a> {
 /// the number of threads.
 #[derive(Debug)]
 pub struct Studio {
-    workers: Vec<Worker>,
+    workers: Vec<StateRenderer>,
 }
 
+/// Renders images of states on one thread.
 #[derive(Debug)]
-struct Worker {
+pub struct StateRenderer {
     reader: PoseReader,
     renderer: Renderer,
     poses: Poses,
@@ -44,13 +45,7 @@ struct Worker {
 impl Studio {
     /// Makes a studio for states of a model.
     pub fn new(model: &Model, threads: usize) -> Studio {
-        let worker = |_| Worker {
-            reader: PoseReader::new(model),
-            renderer: Renderer::new(),
-            poses: Poses::default(),
-            before: Poses::default(),
-        };
-        Studio { workers: (0..threads.max(1)).map(worker).collect() }
+        Studio { workers: (0..threads.max(1)).map(|_| StateRenderer::new(model)).collect() }
     }
 
     /// Renders an image per shot, each into its own output.
@@ -69,8 +64,28 @@ impl Studio {
     }
 }
 
-impl Worker {
-    fn render(&mut self, shot: &StateShot<'_>, output: &mut Output<'_>) {
+impl StateRenderer {
+    /// Makes a renderer of states of a model.
+    pub fn new(model: &Model) -> StateRenderer {
+        StateRenderer {
+            reader: PoseReader::new(model),
+            renderer: Renderer::new(),
+            poses: Poses::default(),
+            before: Poses::default(),
+        }
+    }
+
+    /// Returns the poses of a state.
+    pub fn poses(&mut self, state: &[f64]) -> &Poses {
+        self.reader.read(state, &mut self.poses);
+        &self.poses
+    }
+
+    /// Renders an image.
+    ///
+    /// # Panics
+    /// As [`Renderer::render`], or if a state is too short.
+    pub fn render(&mut self, shot: &StateShot<'_>, output: &mut Output<'_>) {
         let StateShot { state, before, scene, camera, seed, step } = *shot;
         self.reader.read(state, &mut self.poses);
         let before = before.filter(|_| camera.optics.shutter > 0.0).map(|before| {

@@ -63,7 +63,8 @@ fn an_image_after_the_first_does_not_allocate() {
                 seed: Seed(0),
                 step: step as u64,
             };
-            let mut output = Output { rgb: &mut rgb, depth: Some(&mut depth), segments: Some(&mut segments) };
+            let mut output =
+                Output { rgb: Some(&mut rgb), depth: Some(&mut depth), segments: Some(&mut segments) };
             renderer.render(&shot, &mut output);
             allocated.push(ALLOCATIONS.with(Cell::get) - first);
         }

@@ -43,7 +43,8 @@ fn render(scene: &Scene, poses: &Poses, before: Option<&Poses>, camera: &Camera,
     let mut images = Images { rgb: vec![0; 3 * pixels], depth: vec![0.0; pixels], segments: vec![0; pixels] };
     let shot = Shot { scene, poses, before, camera, seed: Seed(11), step };
     let Images { rgb, depth, segments } = &mut images;
-    Renderer::new().render(&shot, &mut Output { rgb, depth: Some(depth), segments: Some(segments) });
+    Renderer::new()
+        .render(&shot, &mut Output { rgb: Some(rgb), depth: Some(depth), segments: Some(segments) });
     images
 }
 
@@ -121,7 +122,7 @@ fn images_do_not_depend_on_threads_or_on_other_images() {
             let mut images = vec![vec![0; 3 * 40 * 40]; shots.len()];
             let mut studio = Studio::new(&model, threads);
             for (shots, images) in shots.chunks(batch).zip(images.chunks_mut(batch)) {
-                let output = |rgb| Output { rgb, depth: None, segments: None };
+                let output = |rgb| Output { rgb: Some(rgb), depth: None, segments: None };
                 let mut outputs: Vec<Output<'_>> =
                     images.iter_mut().map(|image| output(&mut image[..])).collect();
                 studio.render(shots, &mut outputs);

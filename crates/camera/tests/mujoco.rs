@@ -31,7 +31,7 @@ fn render(model: &Model, state: &[f64], scene: &Scene, camera: &Camera) -> Image
     let pixels = camera.size.pixels();
     let (mut rgb, mut depth, mut segments) = (vec![0; 3 * pixels], vec![0.0; pixels], vec![0; pixels]);
     let shot = StateShot { state, before: None, scene, camera, seed: Seed(0), step: 0 };
-    let output = Output { rgb: &mut rgb, depth: Some(&mut depth), segments: Some(&mut segments) };
+    let output = Output { rgb: Some(&mut rgb), depth: Some(&mut depth), segments: Some(&mut segments) };
     Studio::new(model, 1).render(&[shot], &mut [output]);
     Images { rgb, depth, segments }
 }

@@ -1,7 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Controller, ControllerFailure, ControllerWorker, Seed, Signal, Supervised, Supervisor, SupervisorWorker,
+    Controller, ControllerFailure, ControllerWorker, Image, Seed, Signal, Supervised, Supervisor,
+    SupervisorWorker,
 };
 
 use crate::Guard;
@@ -40,6 +41,10 @@ impl Controller for Guarded {
         self.guard.signals()
     }
 
+    fn sees(&self) -> &[Image] {
+        self.controller.sees()
+    }
+
     fn worker(&self) -> Box<dyn ControllerWorker> {
         Box::new(Worker {
             controller: self.controller.worker(),
@@ -48,6 +53,8 @@ impl Controller for Guarded {
             size: self.controller.state_size(),
             rows: Vec::new(),
             usable: Vec::new(),
+            images: Vec::new(),
+            seen: Vec::new(),
             observations: Vec::new(),
             states: Vec::new(),
             actions: Vec::new(),
@@ -64,6 +71,9 @@ struct Worker {
     /// Rows in which the controller acts, and whether it has an action in each row.
     rows: Vec<usize>,
     usable: Vec<bool>,
+    /// Images of all rows, and of these rows.
+    images: Vec<u8>,
+    seen: Vec<u8>,
     /// Observations, states and actions of these rows.
     observations: Vec<f32>,
     states: Vec<f64>,
@@ -75,6 +85,11 @@ impl ControllerWorker for Worker {
         let (guard, own) = state.split_at_mut(self.guard_size);
         self.guard.reset(guard, seed);
         self.controller.reset(own, seed);
+    }
+
+    fn look(&mut self, _rows: usize, images: &[u8]) {
+        self.images.clear();
+        self.images.extend_from_slice(images);
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
@@ -94,6 +109,14 @@ impl ControllerWorker for Worker {
         }
         self.actions.clear();
         self.actions.resize(self.rows.len() * action_size, 0.0);
+        let bytes = self.images.len() / rows;
+        if bytes > 0 {
+            self.seen.clear();
+            for row in &self.rows {
+                self.seen.extend_from_slice(&self.images[row * bytes..][..bytes]);
+            }
+            self.controller.look(self.rows.len(), &self.seen);
+        }
         if !self.rows.is_empty() {
             self.controller.act(self.rows.len(), &self.observations, &mut self.states, &mut self.actions);
         }

@@ -4,6 +4,7 @@
 //!
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
+//! - [`images`]: the inputs that get images of cameras.
 //! - [`interface`]: which input is the observation, which output the action.
 //! - [`meaning`]: operators that the runtime computes in another way than the standard says.
 //! - [`names`]: the values that a control step reads and writes.
@@ -24,6 +25,8 @@ mod dry_run;
 mod export;
 #[cfg(feature = "onnx")]
 mod fields;
+#[cfg(feature = "onnx")]
+mod images;
 #[cfg(feature = "onnx")]
 mod interface;
 #[cfg(feature = "onnx")]

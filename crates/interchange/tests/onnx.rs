@@ -4,6 +4,9 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod graph;
+
+use graph::{bytes, integer, integers, node, value};
 use mishandle_controllers::{ControllerFile, Entry, Header, Layout, Policy, TrainingRecord};
 use mishandle_interchange::{OnnxPolicy, onnx_bytes};
 use mishandle_network::{Activation, Mlp};
@@ -175,46 +178,6 @@ fn nested_messages_and_lengths_beyond_the_file_are_errors() {
     whole.push(length as u8);
     whole.extend(nested);
     assert!(message(&whole).contains("subgraph"), "{}", message(&whole));
-}
-
-/// A field of a message of protocol buffers: bytes, or a number.
-fn bytes(number: u8, content: &[u8]) -> Vec<u8> {
-    [&[number << 3 | 2][..], &varint(content.len() as u64), content].concat()
-}
-
-fn integer(number: u8, value: i64) -> Vec<u8> {
-    [&[number << 3][..], &varint(value as u64)].concat()
-}
-
-fn varint(mut value: u64) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    while value >= 0x80 {
-        bytes.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    bytes.push(value as u8);
-    bytes
-}
-
-fn node(operator: &str, inputs: &[&str], outputs: &[&str]) -> Vec<u8> {
-    let names =
-        |number, names: &[&str]| names.iter().flat_map(|name| bytes(number, name.as_bytes())).collect();
-    let (inputs, outputs): (Vec<u8>, Vec<u8>) = (names(1, inputs), names(2, outputs));
-    bytes(1, &[inputs, outputs, bytes(4, operator.as_bytes())].concat())
-}
-
-/// A tensor of integers with one dimension.
-fn integers(name: &str, values: &[i64]) -> Vec<u8> {
-    let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-    let size = integer(1, values.len() as i64);
-    bytes(5, &[size, integer(2, 7), bytes(8, name.as_bytes()), bytes(9, &raw)].concat())
-}
-
-/// A tensor of 32-bit numbers as input (11) or output (12).
-fn value(number: u8, name: &str, shape: &[i64]) -> Vec<u8> {
-    let shape: Vec<u8> = shape.iter().flat_map(|size| bytes(1, &integer(1, *size))).collect();
-    let tensor = [integer(1, 1), bytes(2, &shape)].concat();
-    bytes(number, &[bytes(1, name.as_bytes()), bytes(2, &bytes(1, &tensor))].concat())
 }
 
 /// Loads a model of opset 13 with the input `o` and the output `a`, one number each, these parts of

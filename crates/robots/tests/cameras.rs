@@ -100,7 +100,7 @@ impl Eyes {
         let [before, poses] = &self.poses;
         let shot = Shot { scene: &view.scene, poses, before: Some(before), camera, seed: Seed(3), step: 4 };
         self.renderer
-            .render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: Some(&mut segments) });
+            .render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: Some(&mut segments) });
         (rgb, segments)
     }
 

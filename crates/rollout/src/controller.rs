@@ -1,4 +1,4 @@
-use crate::{EpisodeEnd, Seed, Signal};
+use crate::{EpisodeEnd, Image, Seed, Signal};
 
 /// A policy: computes actions from observations.
 ///
@@ -16,6 +16,10 @@ pub trait Controller: Send + Sync {
     fn signals(&self) -> &[Signal] {
         &[]
     }
+    /// Returns the images that the controller gets in each control step; none by default.
+    fn sees(&self) -> &[Image] {
+        &[]
+    }
     /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn ControllerWorker>;
 }
@@ -28,6 +32,10 @@ pub trait ControllerWorker: Send {
     ///
     /// Random draws must come from [`Stream::Policy`](crate::Stream::Policy) of `seed`.
     fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
+
+    /// Shows a controller that [sees](Controller::sees) the images of the next call of
+    /// [`act`](Self::act): those of each row, one row after another.
+    fn look(&mut self, _rows: usize, _images: &[u8]) {}
 
     /// Computes the actions of `rows` simulations and updates the controller's states.
     ///

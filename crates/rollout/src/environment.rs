@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use crate::{Scenario, Seed, Space};
+use crate::{Eyes, Image, RolloutError, Scenario, Seed, Space};
 
 /// An environment in which a controller acts.
 ///
@@ -34,6 +34,14 @@ pub trait Environment: Send + Sync {
     /// event has no effect. By default, there are none.
     fn events(&self) -> Vec<Vec<usize>> {
         Vec::new()
+    }
+    /// Returns the cameras of these images.
+    ///
+    /// # Errors
+    /// If the environment has no such camera; by default, it has none.
+    fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
+        let camera = images.first().map(|image| image.camera.clone()).unwrap_or_default();
+        Err(RolloutError::NoCamera { environment: self.name().to_string(), camera, known: Vec::new() })
     }
     /// Makes a worker for one thread.
     fn worker(&self) -> Box<dyn EnvironmentWorker>;

@@ -122,6 +122,27 @@ pub enum RolloutError {
         /// The monitor's error.
         source: mishandle_stl::MonitorError,
     },
+    /// A controller asks for an image of a camera that the environment does not have.
+    #[error(
+        "the controller sees through the camera `{camera}`, but {environment} has {}",
+        if known.is_empty() { "no cameras".to_string() } else { format!("only {}", known.join(", ")) }
+    )]
+    NoCamera {
+        /// Name of the environment.
+        environment: String,
+        /// Name of the camera.
+        camera: String,
+        /// Names of the cameras of the environment.
+        known: Vec<String>,
+    },
+    /// An image cannot be rendered.
+    #[error("the controller sees through the camera `{camera}`: {what}")]
+    Image {
+        /// Name of the camera.
+        camera: String,
+        /// The problem.
+        what: String,
+    },
     /// Another physics engine than that of the system failed.
     #[error("the physics engine of the worlds failed: {0}")]
     Engine(String),

@@ -218,6 +218,11 @@ impl Lane {
         }
     }
 
+    /// Shows the controller the images of the next control step of each row.
+    pub(crate) fn look(&mut self, rows: usize, images: &[u8]) {
+        self.controller.look(rows, images);
+    }
+
     /// Computes the actions of the next control step of each row. Ends the simulations with an
     /// invalid input or action.
     pub(crate) fn act(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &mut [Progress]) {

@@ -17,6 +17,9 @@
 //! so any worker can step any simulation, and the results do not depend on the number of threads.
 //! This crate contains no physics.
 //!
+//! A controller that sees gets [`Image`]s in each control step, besides its observation. [`Eyes`]
+//! of the environment render them.
+//!
 //! A [`Steering`] chooses disturbances of the actions while a simulation runs. The episode is that
 //! of the scenario with the chosen values, so it can be repeated without the steering.
 //!
@@ -50,6 +53,7 @@ mod request;
 mod rollout;
 mod scenario_part;
 mod screening;
+mod sight;
 mod space;
 mod specification;
 mod steering;
@@ -82,6 +86,7 @@ pub use scenario_part::ScenarioPart;
 pub use screening::{
     BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, Screen, ScreenedEpisode, Screening,
 };
+pub use sight::{Eyes, EyesWorker, Image};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use steering::{Seen, Steerable, SteeredAxis, SteeredEpisode, Steering};

@@ -6,10 +6,11 @@ use rayon::prelude::*;
 
 use crate::disturbance::AxisRouting;
 use crate::lane::{Lane, LaneRows, Progress, ROWS, SteeredRow};
+use crate::sight::Sight;
 use crate::{
-    AdversaryEnvironment, Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd,
+    AdversaryEnvironment, Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Eyes,
     Noise, PerThread, Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, Steerable,
-    SteeredEpisode, Steering, System, Verdict,
+    SteeredEpisode, Steering, StepStatus, System, Verdict,
 };
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
@@ -20,6 +21,8 @@ use crate::{
 pub struct Rollout {
     pub(crate) environment: Arc<dyn Environment>,
     pub(crate) controller: Arc<dyn Controller>,
+    /// Cameras of the controller; `None` if it sees nothing.
+    pub(crate) eyes: Option<Arc<dyn Eyes>>,
     pub(crate) specification: Specification,
     pub(crate) noise: Noise,
     pub(crate) space: Space,
@@ -33,7 +36,8 @@ impl Rollout {
     /// Makes a system from its parts.
     ///
     /// # Errors
-    /// If the controller's sizes differ from the environment's, a formula does not fit the signals,
+    /// If the controller's sizes differ from the environment's, the environment does not have the
+    /// cameras that the controller sees through, a formula does not fit the signals,
     /// or a noise level is not from 0 to [`Noise::MAX_STD`].
     pub fn new(
         environment: Arc<dyn Environment>,
@@ -57,12 +61,15 @@ impl Rollout {
         let signals = environment.signals().iter().cloned().chain(own).collect();
         SpecificationMonitor::new(&specification, &signals, environment.control_dt())?;
         let space = environment.space().clone();
+        let seen = controller.sees();
+        let eyes = if seen.is_empty() { None } else { Some(environment.eyes(seen)?) };
         Ok(Rollout {
             routing: AxisRouting::new(&space, &space, &[])?,
             space,
             signals,
             environment,
             controller,
+            eyes,
             specification,
             noise,
             workers: PerThread::new(),
@@ -96,6 +103,7 @@ impl Rollout {
         Rollout {
             environment: Arc::clone(&self.environment),
             controller: Arc::clone(&self.controller),
+            eyes: self.eyes.clone(),
             specification: self.specification.clone(),
             noise: self.noise,
             space: self.space.clone(),
@@ -220,6 +228,7 @@ impl SteeredValues {
 /// Environment and lane of one thread.
 pub(crate) struct RolloutWorker {
     environment: Box<dyn EnvironmentWorker>,
+    sight: Option<Sight>,
     pub lane: Lane,
     pub rows: LaneRows,
     states: Vec<f64>,
@@ -228,8 +237,10 @@ pub(crate) struct RolloutWorker {
 
 impl RolloutWorker {
     pub(crate) fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
+        let sees = rollout.controller.sees();
         Ok(RolloutWorker {
             environment: rollout.environment.worker(),
+            sight: rollout.eyes.as_deref().map(|eyes| Sight::new(eyes, sees, ROWS)),
             lane: Lane::new(rollout)?,
             rows: LaneRows::new(rollout),
             states: vec![0.0; ROWS * rollout.environment.state_size()],
@@ -278,6 +289,7 @@ impl RolloutWorker {
         if !self.progress.iter().any(Progress::is_running) {
             return false;
         }
+        self.look(rollout);
         self.lane.act(rollout, &mut self.rows, &mut self.progress);
         for (row, episode) in episodes.iter_mut().enumerate() {
             if self.progress[row].is_running() {
@@ -288,6 +300,16 @@ impl RolloutWorker {
             }
         }
         true
+    }
+
+    /// Shows the controller the images of the rows whose episodes run.
+    fn look(&mut self, rollout: &Rollout) {
+        let Some(sight) = &mut self.sight else { return };
+        let size = rollout.environment.state_size();
+        for (row, progress) in self.progress.iter().enumerate().filter(|(_, row)| row.is_running()) {
+            sight.look(row, progress.steps, &self.states[row * size..][..size]);
+        }
+        self.lane.look(self.progress.len(), sight.images(self.progress.len()));
     }
 
     /// Sets an axis of an event, an index of the environment's space, in the state of a row.
@@ -316,6 +338,9 @@ impl RolloutWorker {
         let state = &mut self.states[row * state_size..][..state_size];
         let scenario = rollout.environment_scenario(request);
         let status = self.environment.reset(&scenario, request.seed, state, self.lane.sample(row));
+        if let (Some(sight), StepStatus::Running | StepStatus::Terminated) = (&mut self.sight, status) {
+            sight.start(row, &scenario, request.seed, state);
+        }
         self.lane.start(rollout, &mut self.rows, row, request);
         if is_steered {
             self.lane.watch(&mut self.rows, row);

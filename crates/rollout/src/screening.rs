@@ -133,6 +133,10 @@ impl Screen for Screening {
         watch: &(dyn Fn(usize) -> bool + Sync),
     ) -> Result<Vec<Option<ScreenedEpisode>>, RolloutError> {
         let Screening { rollout, flights, threads } = self;
+        if rollout.eyes.is_some() {
+            let what = "the controller sees images, which only simulations on the CPU render";
+            return Err(RolloutError::Engine(what.to_string()));
+        }
         for request in requests {
             rollout.space.check(&request.scenario)?;
         }

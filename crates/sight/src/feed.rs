@@ -1,5 +1,6 @@
 //! Which image arrives from each camera in a control step: faults and delays of cameras.
 
+use mishandle_camera::{Camera, Scene, StateShot};
 use mishandle_rollout::{ActiveInterface, Interface, RolloutError, Scenario, Seed, Space};
 
 use crate::sight::Sight;
@@ -11,6 +12,56 @@ pub struct Frame {
     pub camera: usize,
     /// The control step in which it was taken.
     pub step: usize,
+}
+
+impl Frame {
+    /// Returns the shot of this image by `camera`, which is that of the frame. `states` has the
+    /// state of each control step so far, and `seed` is that of the simulation.
+    pub fn shot<'a>(
+        self,
+        (scene, camera): (&'a Scene, &'a Camera),
+        state: impl Fn(usize) -> &'a [f64],
+        seed: Seed,
+    ) -> StateShot<'a> {
+        StateShot {
+            state: state(self.step),
+            before: self.step.checked_sub(1).map(state),
+            scene,
+            camera,
+            seed: seed.child(self.camera as u64),
+            step: self.step as u64,
+        }
+    }
+}
+
+/// The axes of a space that change which images arrive.
+#[derive(Clone, Debug)]
+pub(crate) struct FeedAxes {
+    /// Their places in the space.
+    places: Vec<usize>,
+    interface: Interface,
+    cameras: usize,
+}
+
+impl FeedAxes {
+    pub(crate) fn new(sight: &Sight, space: &Space) -> Result<FeedAxes, RolloutError> {
+        let is_own = |index: &usize| {
+            sight.disturbances.iter().any(|disturbance| disturbance.axis.name == space.axes()[*index].name)
+        };
+        let places: Vec<usize> = (0..space.axes().len()).filter(is_own).collect();
+        let axes = places.iter().map(|index| space.axes()[*index].clone()).collect();
+        let interface = Interface::new(&Space::new("faults-camera", axes)?, &sight.disturbances, 0)?;
+        Ok(FeedAxes { places, interface, cameras: sight.count() })
+    }
+
+    /// Starts a simulation of a scenario.
+    pub(crate) fn start(&self, scenario: &Scenario, seed: Seed) -> Feed {
+        let values = self.places.iter().map(|index| scenario.get(*index)).collect();
+        let active = self.interface.start(&Scenario::new(values), seed);
+        let frames = vec![Frame { camera: 0, step: 0 }; self.cameras];
+        let has_effects = self.interface.has_effects();
+        Feed { active, has_effects, numbers: vec![0.0; frames.len()], frames }
+    }
 }
 
 /// The images of the cameras in one simulation.
@@ -31,17 +82,7 @@ impl Feed {
     /// # Errors
     /// If two axes of the space have the same name.
     pub fn new(sight: &Sight, space: &Space, scenario: &Scenario, seed: Seed) -> Result<Feed, RolloutError> {
-        let is_own = |index: &usize| {
-            sight.disturbances.iter().any(|disturbance| disturbance.axis.name == space.axes()[*index].name)
-        };
-        let own: Vec<usize> = (0..space.axes().len()).filter(is_own).collect();
-        let axes = own.iter().map(|index| space.axes()[*index].clone()).collect();
-        let values = own.iter().map(|index| scenario.get(*index)).collect();
-        let space = Space::new("faults-camera", axes)?;
-        let interface = Interface::new(&space, &sight.disturbances, 0)?;
-        let active = interface.start(&Scenario::new(values), seed);
-        let frames = vec![Frame { camera: 0, step: 0 }; sight.count()];
-        Ok(Feed { active, has_effects: interface.has_effects(), numbers: vec![0.0; frames.len()], frames })
+        Ok(FeedAxes::new(sight, space)?.start(scenario, seed))
     }
 
     /// Returns whether an image ever arrives in another step, or from another camera.

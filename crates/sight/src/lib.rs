@@ -2,11 +2,12 @@
 //!
 //! A [`Sight`] names the cameras of a target and has its axes of sight, which change images and no
 //! physics: environments ignore them. A [`View`] is the scene with the cameras under a scenario, a
-//! [`Feed`] says which state each camera shows in a control step, and [`Sighting`] whether anyone
-//! could see the object. An [`ImageFeed`] does to images of other renderers what axes of images and
-//! camera faults do.
+//! [`Feed`] says which state each camera shows in a control step, [`SightEyes`] render both for a
+//! controller that sees, and [`Sighting`] measures whether anyone could see the object. An
+//! [`ImageFeed`] does to images of other renderers what axes of images and camera faults do.
 
 mod axes;
+mod eyes;
 mod feed;
 mod images;
 mod part;
@@ -16,6 +17,7 @@ mod sighting;
 mod view;
 
 pub use axes::{MOST_CLUTTER, SIGHT_SPACES};
+pub use eyes::{SightEyes, image_size};
 pub use feed::{Feed, Frame};
 pub use images::ImageFeed;
 pub use part::{Part, PartBodies};

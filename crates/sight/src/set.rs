@@ -98,6 +98,15 @@ impl Distractor {
 }
 
 impl Set {
+    /// Returns the only camera that the number belongs to; `None` for one of all cameras.
+    pub(super) fn camera(self) -> Option<usize> {
+        match self {
+            Set::CameraPosition(camera, _) | Set::CameraTilt(camera, _) | Set::Focal(camera) => Some(camera),
+            Set::PatchSize | Set::PatchPlace(_) | Set::DeadRows | Set::DeadRow => Some(0),
+            _ => None,
+        }
+    }
+
     /// Sets the number.
     pub(crate) fn apply(self, view: &mut View, value: f64) {
         let v = value as f32;

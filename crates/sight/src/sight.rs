@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Disturbance, RolloutError, Space};
+use mishandle_rollout::{Axis, Disturbance, Image, RolloutError, Space};
 
 use crate::axes::{SIGHT_SPACES, SightAxis, feed_disturbances, image_axes, sight_axes};
 use crate::part::Part;
@@ -23,6 +23,8 @@ pub struct Sight {
     cameras: Vec<SightCamera>,
     pub(crate) axes: Arc<[SightAxis]>,
     pub(crate) disturbances: Vec<Disturbance>,
+    /// Control steps of an episode.
+    pub(crate) episode_steps: usize,
 }
 
 impl Sight {
@@ -31,7 +33,7 @@ impl Sight {
     pub fn new(cameras: Vec<SightCamera>, parts: &[Part], control_dt: f64, episode_steps: usize) -> Sight {
         let disturbances = feed_disturbances(&cameras, control_dt, episode_steps);
         let axes = sight_axes(&cameras, parts, &disturbances).into();
-        Sight { cameras, axes, disturbances }
+        Sight { cameras, axes, disturbances, episode_steps }
     }
 
     /// Makes the sight of an environment with images of its own: axes of images that do not need
@@ -41,7 +43,7 @@ impl Sight {
         let cameras: Vec<SightCamera> = names.into_iter().map(camera).collect();
         let disturbances = feed_disturbances(&cameras, control_dt, episode_steps);
         let axes = image_axes(&cameras, &disturbances).into();
-        Sight { cameras, axes, disturbances }
+        Sight { cameras, axes, disturbances, episode_steps }
     }
 
     /// Returns the names of the axes that make images depend on the seed.
@@ -64,6 +66,16 @@ impl Sight {
     /// Returns all axes, with the index of their space in [`SIGHT_SPACES`].
     pub fn axes(&self) -> impl Iterator<Item = (usize, &Axis)> {
         self.axes.iter().map(|own| (own.space, &own.axis))
+    }
+
+    /// Returns the names of the axes that change nothing of these images.
+    pub fn unseen_axes(&self, images: &[Image]) -> Vec<String> {
+        let is_seen = |index: usize| images.iter().any(|image| image.camera == self.cameras[index].name);
+        let is_unseen = |own: &&SightAxis| match own.set.camera() {
+            Some(camera) => !is_seen(camera),
+            None => images.is_empty(),
+        };
+        self.axes.iter().filter(is_unseen).map(|own| own.axis.name.clone()).collect()
     }
 
     /// Returns the spaces of sight.

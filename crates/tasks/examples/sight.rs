@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let side = words.get(2).map_or(Ok(96), |word| word.parse())?;
     let size = Size::new(side, side)?;
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original)?;
-    let (_, spaces) = environment.axes_and_spaces(&[])?;
+    let (_, spaces) = environment.axes_and_spaces(&[], &[])?;
     let axes = spaces.iter().filter(|space| SIGHT_SPACES[..5].contains(&space.name()));
     let axes: Vec<Axis> = axes.flat_map(|space| space.axes().to_vec()).collect();
     let space = Space::new("sight", axes.clone())?;
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let (scene, camera) = (&view.scene, &view.cameras[camera]);
                 let shot =
                     Shot { scene, poses: &poses, before: Some(&before), camera, seed: Seed(0), step: 0 };
-                renderer.render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: None });
+                renderer.render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: None });
                 rgb
             })
         });

@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Axis, Disturbance, Environment, EnvironmentWorker, RolloutError, Sample, Scenario, Seed, Space,
-    StepStatus, Stream,
+    Axis, Disturbance, Environment, EnvironmentWorker, Eyes, Image, RolloutError, Sample, Scenario, Seed,
+    Space, StepStatus, Stream,
 };
 use mishandle_stl::Formula;
 use mishandle_world::{BatchLayout, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError};
@@ -15,6 +15,7 @@ use crate::manner::{MANNER, MEMORY, Manner, probe};
 use crate::manner_reward::{MannerReward, MannerWeights};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
 use crate::row_world::RowWorld;
+use crate::sight::{eyes, sight};
 
 /// Bound to which observations are clipped.
 const OBSERVATION_LIMIT: f64 = 5.0;
@@ -165,16 +166,17 @@ impl TaskEnvironment {
     }
 
     /// Returns all axes of the scene and of these disturbances, and the named spaces, `starts`
-    /// first.
+    /// first. Axes that change nothing of the images `seen` are only in the spaces of sight.
     ///
     /// # Errors
     /// If two axes have the same name.
     pub fn axes_and_spaces(
         &self,
         disturbances: &[Disturbance],
+        seen: &[Image],
     ) -> Result<(Vec<Axis>, Vec<Space>), TaskError> {
-        // No controller of these tasks sees, so the axes of sight are not among those of all axes.
-        let own = self.parameters.iter().filter(|(_, parameter)| !matches!(parameter, Parameter::Sight(_)));
+        let unseen = sight(self.definition).unseen_axes(seen);
+        let own = self.parameters.iter().filter(|(axis, _)| !unseen.contains(&axis.name));
         let axes = own.map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
         let spaces =
             axes::spaces(&self.parameters, disturbances).map_err(|source| self.data_error(source))?;
@@ -367,6 +369,10 @@ impl Environment for TaskEnvironment {
             has_time.then(|| axes.into_iter().map(|(_, axis)| axis).collect())
         };
         kinds.iter().filter_map(axes_of).collect()
+    }
+
+    fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
+        Ok(Arc::new(eyes(self.definition, &self.space, images)?))
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {

@@ -138,7 +138,7 @@ mod tests {
         const ROWS: usize = 40;
         let environment =
             TaskEnvironment::new(task("point-reaching").unwrap(), Preset::Paper, Reward::Shaped).unwrap();
-        let (_, spaces) = environment.axes_and_spaces(&[]).unwrap();
+        let (_, spaces) = environment.axes_and_spaces(&[], &[]).unwrap();
         let dynamics = spaces.into_iter().find(|space| space.name() == "dynamics").unwrap();
         let environment = environment.with_space(dynamics).unwrap();
         let mut world = environment.row_world(ROWS);

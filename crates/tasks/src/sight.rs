@@ -1,7 +1,8 @@
 //! The sight of the cameras of a task.
 
 use mishandle_camera::{Camera, Size};
-use mishandle_sight::{Part, PartBodies, Sight, SightCamera, View};
+use mishandle_rollout::{Image, RolloutError, Space};
+use mishandle_sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View, image_size};
 use mishandle_world::{Body, ElementKind, Model, PANDA, WorldError};
 
 use crate::axes::size_axis;
@@ -34,6 +35,20 @@ pub fn view(task: &dyn Task, size: Size) -> Result<(Model, View), WorldError> {
     let sizes = sizes.map(|name| Ok((size_axis(name), model.body(name)?)));
     let view = view.with_sizes(&model, sizes.collect::<Result<_, WorldError>>()?);
     Ok((model, view))
+}
+
+/// Makes the cameras of a controller that sees `images` of a task.
+pub(crate) fn eyes(
+    definition: &Definition,
+    space: &Space,
+    images: &[Image],
+) -> Result<SightEyes, RolloutError> {
+    let name = definition.name;
+    let failed = |what: String| RolloutError::System(format!("the cameras of {name}: {what}"));
+    let task = crate::task(name).ok_or_else(|| failed("there is no such task".to_string()))?;
+    let first = images.first().ok_or_else(|| failed("the controller sees no image".to_string()))?;
+    let scene = view(task, image_size(first)?).map_err(|error| failed(error.to_string()))?;
+    SightEyes::new(name, &sight(definition), scene, space, images)
 }
 
 fn camera(place: &CameraPlace, model: &Model, size: Size) -> Result<Camera, WorldError> {

@@ -56,7 +56,7 @@ impl TaskTarget {
         let definition = self.task.definition();
         let error = |source| TaskError::Data { task: definition.name, source };
         let disturbances = self.disturbances();
-        let (axes, spaces) = self.starts.axes_and_spaces(&disturbances)?;
+        let (axes, spaces) = self.starts.axes_and_spaces(&disturbances, self.controller.sees())?;
         let signal = |q: &Quantity| Signal { name: q.name.to_string(), unit: q.unit.to_string() };
         let target = Target {
             identity: self.identity()?,

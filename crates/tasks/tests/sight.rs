@@ -75,7 +75,7 @@ impl Studio {
         let (mut rgb, mut segments) = (vec![0; 3 * camera.size.pixels()], vec![0; camera.size.pixels()]);
         let (poses, before) = (&self.poses[moment], Some(&self.poses[0]));
         let shot = Shot { scene, poses, before, camera, seed: Seed(3), step: 12 };
-        let mut output = Output { rgb: &mut rgb, depth: None, segments: Some(&mut segments) };
+        let mut output = Output { rgb: Some(&mut rgb), depth: None, segments: Some(&mut segments) };
         self.renderer.render(&shot, &mut output);
         (rgb, segments)
     }

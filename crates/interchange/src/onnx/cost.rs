@@ -5,6 +5,7 @@
 //! as 1, since a reduction over it makes 1.
 
 use rten::{OpRegistry, Value, op_registry};
+use rten_onnx::onnx::{AttributeProto, NodeProto};
 use rten_tensor::Layout;
 
 /// How an operator's number of outputs follows from its inputs.
@@ -30,6 +31,10 @@ pub(super) enum Cost {
     Shape,
     /// A recurrent layer.
     Recurrent,
+    /// A convolution.
+    Conv,
+    /// A pool of the windows of an image.
+    Pool,
 }
 
 /// Declares the table of operators and the registry of the runtime from one list.
@@ -55,6 +60,7 @@ operators! {
     And: Broadcast,
     Asin: First,
     Atan: First,
+    AveragePool: Pool,
     BatchNormalization: First,
     Cast: First,
     CastLike: First,
@@ -62,6 +68,7 @@ operators! {
     Clip: First,
     Concat: Sum,
     ConstantOfShape: Shape,
+    Conv: Conv,
     Cos: First,
     CumSum: First,
     Div: Broadcast,
@@ -76,6 +83,7 @@ operators! {
     Gather: Product,
     Gelu: First,
     Gemm: Gemm,
+    GlobalAveragePool: First,
     Greater: Broadcast,
     GreaterOrEqual: Broadcast,
     HardSigmoid: First,
@@ -90,6 +98,7 @@ operators! {
     LogSoftmax: First,
     MatMul: MatMul,
     Max: Broadcast,
+    MaxPool: Pool,
     Mean: Broadcast,
     Min: Broadcast,
     Mod: Broadcast,
@@ -158,9 +167,8 @@ pub(super) const MAX_PRODUCTS: usize = 1 << 28;
 pub(super) const MAX_HELD: usize = 1 << 26;
 
 /// Returns bounds of the numbers in an operator's outputs and of its multiplications, given its
-/// inputs; `None` if they overflow or the inputs have no such shape. `transposed` says which
-/// factors of `Gemm` are.
-pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]) -> Option<(usize, usize)> {
+/// inputs; `None` if they overflow or the inputs have no such shape.
+pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], node: &NodeProto) -> Option<(usize, usize)> {
     let shapes: Vec<Vec<usize>> = inputs
         .iter()
         .flatten()
@@ -179,9 +187,29 @@ pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]
         Cost::MatMul => return matmul(first?, shapes.get(1)?),
         Cost::Gemm => {
             let [&[a, b], &[c, d]] = [&first?[..], &shapes.get(1)?[..]] else { return None };
-            let (rows, inner) = if transposed[0] { (b, a) } else { (a, b) };
-            let outputs = rows.checked_mul(if transposed[1] { c } else { d })?;
+            let is_transposed = |name| attribute(node, name).and_then(|own| own.i).unwrap_or(0) != 0;
+            let (rows, inner) = if is_transposed("transA") { (b, a) } else { (a, b) };
+            let outputs = rows.checked_mul(if is_transposed("transB") { c } else { d })?;
             return Some((outputs, outputs.checked_mul(inner)?));
+        }
+        Cost::Conv => {
+            let ([batch, channels, image @ ..], [outputs, group_channels, kernel @ ..]) =
+                (&first?[..], &shapes.get(1)?[..])
+            else {
+                return None;
+            };
+            let windows = windows(node, image, kernel)?;
+            let groups = attribute(node, "group").map_or(Some(1), |own| usize::try_from(own.i?).ok())?;
+            let fits = group_channels.checked_mul(groups)? == *channels && outputs.checked_rem(groups)? == 0;
+            let outputs = product(&[*batch, *outputs, windows]).filter(|_| fits)?;
+            return Some((outputs, product(&[outputs, *group_channels, product(kernel)?])?));
+        }
+        Cost::Pool => {
+            let [batch, channels, image @ ..] = &first?[..] else { return None };
+            let kernel = &attribute(node, "kernel_shape")?.ints;
+            let kernel: Vec<usize> = kernel.iter().filter_map(|size| usize::try_from(*size).ok()).collect();
+            let outputs = product(&[*batch, *channels, windows(node, image, &kernel)?])?;
+            return Some((outputs, outputs.checked_mul(product(&kernel)?)?));
         }
         Cost::Recurrent => {
             // X is [steps, batch, inputs], W [directions, gates, inputs], R [directions, gates,
@@ -197,6 +225,47 @@ pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], transposed: [bool; 2]
         }
     };
     Some((numbers, numbers.checked_add(sum()?)?))
+}
+
+/// Returns an attribute of an operator.
+pub(super) fn attribute<'n>(node: &'n NodeProto, name: &str) -> Option<&'n AttributeProto> {
+    node.attribute.iter().find(|attribute| attribute.name.as_deref() == Some(name))
+}
+
+/// Largest side of an image, and largest stride, dilation, pad and kernel: the runtime computes
+/// places in an image in 32 bits.
+const MAX_SIDE: usize = 4096;
+const MAX_STEP: usize = 256;
+
+/// Returns the number of the windows of an image with one or two sides; `None` if an attribute
+/// does not fit the image.
+fn windows(node: &NodeProto, image: &[usize], kernel: &[usize]) -> Option<usize> {
+    let dims = image.len();
+    let of = |name: &str, count: usize, default: usize| -> Option<Vec<usize>> {
+        let Some(found) = attribute(node, name) else { return Some(vec![default; count]) };
+        let numbers: Vec<usize> = found
+            .ints
+            .iter()
+            .filter_map(|number| usize::try_from(*number).ok().filter(|number| *number <= MAX_STEP))
+            .collect();
+        (found.ints.len() == count && numbers.len() == count).then_some(numbers)
+    };
+    let (strides, dilations, pads) =
+        (of("strides", dims, 1)?, of("dilations", dims, 1)?, of("pads", 2 * dims, 0)?);
+    let is_small = image.iter().all(|side| *side <= MAX_SIDE) && kernel.iter().all(|side| *side <= MAX_STEP);
+    let has_kernel = attribute(node, "kernel_shape").is_some_and(|own| {
+        own.ints.iter().eq(kernel.iter().map(|side| *side as i64).collect::<Vec<_>>().iter())
+    });
+    if !matches!(dims, 1 | 2) || kernel.len() != dims || !is_small || !has_kernel {
+        return None;
+    }
+    let count = |i: usize| {
+        let whole = image[i] + pads[i] + pads[dims + i];
+        let window = dilations[i] * kernel[i].checked_sub(1)? + 1;
+        (dilations[i] > 0).then_some(())?;
+        Some(whole.checked_sub(window)?.checked_div(strides[i])? + 1)
+    };
+    (0..dims).try_fold(1_usize, |product, i| product.checked_mul(count(i)?))
 }
 
 fn product(shape: &[usize]) -> Option<usize> {

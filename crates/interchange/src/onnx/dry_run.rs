@@ -8,7 +8,7 @@ use rten_tensor::Layout;
 
 use super::cost::{MAX_HELD, MAX_NUMBERS, MAX_PRODUCTS, bound, cost_of, determines_shape};
 use super::meaning::Context;
-use super::policy::{one_thread, without_panic, zeros};
+use super::policy::{one_thread, without_panic};
 use crate::OnnxProblem;
 
 /// Computes all operators one by one on an observation of zeros, each only after a bound of its
@@ -20,13 +20,12 @@ pub(super) fn dry_run(
     model: &Model,
     graph: &GraphProto,
     opset: i64,
-    inputs: &HashMap<String, Vec<usize>>,
+    inputs: HashMap<String, Value>,
     kept: &[String],
 ) -> Result<HashMap<String, Value>, OnnxProblem> {
     let run_problem = |reason: String| OnnxProblem::Run { reason };
     let mut depends_on_input: HashSet<String> = inputs.keys().cloned().collect();
-    let mut values: HashMap<String, Value> =
-        inputs.iter().map(|(name, shape)| (name.clone(), zeros(shape))).collect();
+    let mut values = inputs;
     let options = one_thread();
     let constants = graph.initializer.iter().filter_map(|tensor| tensor.name.as_deref());
     let nodes = graph.node.iter().filter(|node| node.op_type.as_deref() == Some("Constant"));
@@ -81,12 +80,7 @@ pub(super) fn dry_run(
                 label(node.output.first())
             ),
         };
-        let transposed = ["transA", "transB"].map(|name| {
-            let mut attributes = node.attribute.iter();
-            attributes
-                .any(|attribute| attribute.name.as_deref() == Some(name) && attribute.i.unwrap_or(0) != 0)
-        });
-        let (numbers, own) = bound(cost, &arguments, transposed).ok_or_else(too_large)?;
+        let (numbers, own) = bound(cost, &arguments, node).ok_or_else(too_large)?;
         products = products.saturating_add(own);
         if numbers > MAX_NUMBERS || products > MAX_PRODUCTS || held.saturating_add(numbers) > MAX_HELD {
             return Err(too_large());

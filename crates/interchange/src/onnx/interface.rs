@@ -1,9 +1,9 @@
 //! Which input of a model is the observation, which output the action, and which pairs are the
 //! state.
 //!
-//! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.action`,
-//! `mishandle.state` and `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the
-//! same keys without the prefix and replaces them.
+//! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.parts`,
+//! `mishandle.images`, `mishandle.action`, `mishandle.state` and `mishandle.layout`. A file
+//! `NAME.onnx.json` beside `NAME.onnx` has the same keys without the prefix and replaces them.
 
 use mishandle_controllers::Layout;
 use rten_onnx::onnx::ModelProto;
@@ -27,8 +27,15 @@ use crate::OnnxProblem;
 pub struct Interface {
     /// The name of the task; without it, the model is accepted for every task that its shapes fit.
     pub task: Option<String>,
-    /// The input for the observation; the first input that is not a state by default.
+    /// The input for the observation; the first input that is neither a state nor an image by
+    /// default.
     pub observation: Option<String>,
+    /// The parts of an observation that the policy gets, in their order; all by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parts: Option<Vec<String>>,
+    /// Pairs of an input and the camera whose image it gets.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub images: Vec<(String, String)>,
     /// The output with the action. By default, of the outputs that are not a state: the only one,
     /// the one with the name `action` or `actions`, or the only one with the size of an action.
     pub action: Option<String>,
@@ -63,13 +70,15 @@ impl Interface {
             match key {
                 "task" => interface.task = Some(value),
                 "observation" => interface.observation = Some(value),
+                "parts" => interface.parts = Some(serde_json::from_str(&value).map_err(json)?),
+                "images" => interface.images = serde_json::from_str(&value).map_err(json)?,
                 "action" => interface.action = Some(value),
                 "state" => interface.state = serde_json::from_str(&value).map_err(json)?,
                 "layout" => interface.layout = Some(serde_json::from_str(&value).map_err(json)?),
                 _ if PROVENANCE.contains(&key) => {}
                 _ => {
                     return Err(invalid(format!(
-                        "there is no key `{PREFIX}{key}`; known keys: task, observation, action, state, layout"
+                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, action, state, layout"
                     )));
                 }
             }

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 
 use rten_onnx::onnx::{DataType, GraphProto, NodeProto, TensorProto};
 
-use super::cost::determines_shape;
+use super::cost::{attribute as attribute_of, determines_shape};
 
 /// The first opset in which `Softmax` reduces its axis alone, and not all from its axis on.
 const SOFTMAX_OPSET: i64 = 13;
@@ -48,10 +48,7 @@ impl<'g> Context<'g> {
 
     /// Returns the difference for an operator whose first input has `rank` dimensions.
     pub(super) fn difference(&self, node: &NodeProto, rank: usize) -> Option<Difference> {
-        let attribute = |name: &str| {
-            let mut attributes = node.attribute.iter();
-            attributes.find(|attribute| attribute.name.as_deref() == Some(name))?.i
-        };
+        let attribute = |name: &str| attribute_of(node, name)?.i;
         let has_input = |index: usize| node.input.get(index).is_some_and(|name| !name.is_empty());
         // Sizes and the ends of slices have limits of their own.
         let is_size = |index: usize| determines_shape(operator(node), index);
@@ -81,6 +78,14 @@ impl<'g> Context<'g> {
                     .into_iter()
                     .any(is)
                     .then_some(("rounds to 8 or 16 bits", "export the policy with 32-bit numbers"))
+            }
+            "Conv" | "AveragePool" | "MaxPool" => {
+                let text = |name: &str| attribute_of(node, name).and_then(|own| own.s.as_deref());
+                if !matches!(text("auto_pad"), None | Some("NOTSET")) {
+                    return Some(("pads an image by `auto_pad`", "export the policy with explicit pads"));
+                }
+                (attribute("ceil_mode").unwrap_or(0) != 0)
+                    .then_some(("rounds the number of windows up (ceil_mode)", "export it without ceil_mode"))
             }
             "LSTM" | "GRU" if has_input(4) => {
                 Some(("reads a part of the sequence (sequence_lens)", "export one control step per call"))

@@ -13,12 +13,18 @@ use crate::OnnxProblem;
 /// Largest number of tensors of the state.
 const MAX_STATES: usize = 100;
 
+/// Largest number of images.
+const MAX_IMAGES: usize = 4;
+
 /// Names by which exporters call the output with the action.
 const ACTION_NAMES: [&str; 2] = ["action", "actions"];
 
 /// The names of the values that a control step reads and writes.
 pub(super) struct Names {
-    pub observation: String,
+    /// `None` if the policy gets images only.
+    pub observation: Option<String>,
+    /// Pairs of an input and a camera.
+    pub images: Vec<(String, String)>,
     /// The outputs that may be the action: the one that the description names, or all that are not
     /// a state.
     pub actions: Vec<String>,
@@ -45,17 +51,22 @@ impl Names {
             true => recurrent(&inputs, &outputs),
             false => interface.state.clone(),
         };
-        let observation = interface.observation.clone();
-        let free = inputs.iter().find(|name| states.iter().all(|(input, _)| input != *name));
-        let observation = observation.or_else(|| free.cloned());
+        let images = interface.images.clone();
+        if images.len() > MAX_IMAGES {
+            return Err(invalid(format!("{} inputs are images; the limit is {MAX_IMAGES}", images.len())));
+        }
+        let free = inputs.iter().find(|name| states.iter().chain(&images).all(|(input, _)| input != *name));
+        let observation = interface.observation.clone().or_else(|| free.cloned());
         let free = outputs.iter().filter(|name| states.iter().all(|(_, output)| output != *name));
         let actions = interface.action.clone().map_or_else(|| free.cloned().collect(), |action| vec![action]);
-        let Some(observation) = observation.filter(|_| !actions.is_empty()) else {
+        if observation.is_none() && images.is_empty() || actions.is_empty() {
             return Err(invalid(
-                "the model needs an input for the observation and an output for the action".into(),
+                "the model needs an input for the observation or an image, and an output for the action"
+                    .into(),
             ));
-        };
-        let read: Vec<&String> = std::iter::once(&observation).chain(states.iter().map(|(i, _)| i)).collect();
+        }
+        let read: Vec<&String> =
+            observation.iter().chain(states.iter().chain(&images).map(|(input, _)| input)).collect();
         let written: Vec<&String> = actions.iter().chain(states.iter().map(|(_, o)| o)).collect();
         for (kind, used, known) in [("input", &read, &inputs), ("output", &written, &outputs)] {
             if let Some(missing) = used.iter().find(|name| !known.contains(name)) {
@@ -65,15 +76,15 @@ impl Names {
         }
         if let Some(unused) = inputs.iter().find(|name| !read.contains(name)) {
             return Err(invalid(format!(
-                "nothing says what the input `{unused}` is; name the observation, and the pairs of inputs and outputs of the \
-                 state, in the metadata or in a side file (docs/guide/onnx.md); a task has one vector of observations, so join \
+                "nothing says what the input `{unused}` is; name the observation, the pairs of inputs and outputs of the \
+                 state, and those of inputs and cameras, in the metadata or in a side file (docs/guide/onnx.md); a task has one vector of observations, so join \
                  the inputs of a dictionary in the model"
             )));
         }
         if read.iter().collect::<HashSet<_>>().len() != read.len() {
             return Err(invalid("an input has two roles".into()));
         }
-        Ok(Names { observation, actions, states })
+        Ok(Names { observation, images, actions, states })
     }
 
     /// Returns the output with the action: the one that the description names, the only one, the

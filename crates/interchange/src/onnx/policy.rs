@@ -8,7 +8,7 @@ use std::thread::current;
 
 use mishandle_controllers::{Layout as TaskLayout, bytes_hash};
 use mishandle_files::{limits, read_bounded};
-use mishandle_rollout::{Controller, ControllerWorker, Seed};
+use mishandle_rollout::{Controller, ControllerWorker, Image, Seed};
 use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView};
 use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
 use rten_tensor::Layout;
@@ -16,6 +16,7 @@ use rten_tensor::Layout;
 use super::check::{self, Weights};
 use super::cost;
 use super::dry_run::dry_run;
+use super::images::ImageInput;
 use super::interface::Interface;
 use super::names::{Names, check_outputs};
 use super::order;
@@ -43,14 +44,25 @@ pub struct OnnxPolicy {
 #[derive(Debug)]
 struct Core {
     model: Model,
-    observation: NodeId,
-    observation_shape: Vec<usize>,
+    /// The input for the observation; `None` if the policy gets images only.
+    observation: Option<ObservationInput>,
+    images: Vec<(NodeId, ImageInput)>,
+    /// The images, in the order of their inputs.
+    sees: Vec<Image>,
     /// The values that a control step asks for; see [`order`].
     asked: Vec<NodeId>,
     /// The place of the action in `asked`.
     action: usize,
     states: Vec<State>,
     sizes: (usize, usize),
+}
+
+#[derive(Debug)]
+struct ObservationInput {
+    input: NodeId,
+    shape: Vec<usize>,
+    /// Places of its numbers in the observation of the task.
+    places: Vec<usize>,
 }
 
 /// A tensor that an output of one control step gives to an input of the next.
@@ -162,17 +174,22 @@ impl OnnxPolicy {
         interface.observation = observation.map(String::from).or(interface.observation);
         interface.action = action.map(String::from).or(interface.action);
         let described = is_described.then(|| serde_json::to_string(&interface).unwrap_or_default());
+        let places = places(&interface, environment.map(|(_, layout)| layout))?;
         let expected = match environment {
             Some((tasks, layout)) => {
                 check_task(&interface, tasks, layout)?;
                 let task = tasks.first().copied().unwrap_or_default();
-                Some(Expected { task, sizes: (layout.observation_size(), layout.action_size()) })
+                Some(Expected { task, sizes: (places.len(), layout.action_size()) })
             }
             None => None,
         };
         let names = Names::new(&proto, &interface)?;
         prepare(&mut proto, &names, expected)?;
-        let core = Core::new(&proto, &names, expected)?;
+        let images = ImageInput::prepare(&mut proto, &names)?;
+        let mut core = Core::new(&proto, &names, (images, places), expected)?;
+        if let Some((_, layout)) = environment {
+            core.sizes.0 = layout.observation_size();
+        }
         let file_hash = bytes_hash(bytes);
         let weights_hash = weights.map(|(_, content)| bytes_hash(content));
         let hash = match (described, weights_hash) {
@@ -236,6 +253,31 @@ pub(super) struct Expected<'a> {
     pub sizes: (usize, usize),
 }
 
+/// Returns the places in the observation of a task of the numbers that the policy gets; nothing for
+/// a model without a task, which gets all.
+fn places(interface: &Interface, layout: Option<&TaskLayout>) -> Result<Vec<usize>, OnnxProblem> {
+    let invalid = |reason: String| OnnxProblem::Interface { place: "its parts".to_string(), reason };
+    let Some(layout) = layout else {
+        return match interface.parts {
+            None => Ok(Vec::new()),
+            Some(_) => Err(invalid("only a task has parts of an observation: name the task".to_string())),
+        };
+    };
+    let Some(parts) = &interface.parts else { return Ok((0..layout.observation_size()).collect()) };
+    let mut places = Vec::new();
+    for (index, part) in parts.iter().enumerate() {
+        let known = layout.observation.iter().position(|own| own.name == *part);
+        let Some(known) = known.filter(|_| !parts[..index].contains(part)) else {
+            let names: Vec<&str> = layout.observation.iter().map(|own| own.name.as_str()).collect();
+            let problem = if known.is_some() { "is named twice" } else { "is unknown" };
+            return Err(invalid(format!("the part `{part}` {problem}; the parts: {}", names.join(", "))));
+        };
+        let first: usize = layout.observation[..known].iter().map(|own| own.size).sum();
+        places.extend(first..first + layout.observation[known].size);
+    }
+    Ok(places)
+}
+
 fn check_task(interface: &Interface, tasks: &[&str], layout: &TaskLayout) -> Result<(), OnnxProblem> {
     let task = tasks.first().copied().unwrap_or_default().to_string();
     if let Some(found) = interface.task.as_ref().filter(|found| !tasks.contains(&found.as_str())) {
@@ -255,7 +297,7 @@ fn prepare(proto: &mut ModelProto, names: &Names, expected: Option<Expected<'_>>
     graph.output.iter_mut().for_each(|output| output.r#type = None);
     for input in &mut graph.input {
         let name = input.name.clone().unwrap_or_default();
-        let is_observation = name == names.observation;
+        let is_observation = names.observation.as_ref() == Some(&name);
         if !is_observation && names.states.iter().all(|(state, _)| *state != name) {
             continue;
         }
@@ -319,14 +361,19 @@ pub(super) fn wrong_shape(
 }
 
 /// Returns a shape as text, with N for sizes that are free.
-fn shape_text(dims: &[Option<i64>]) -> String {
+pub(super) fn shape_text(dims: &[Option<i64>]) -> String {
     let dims: Vec<String> =
         dims.iter().map(|dim| dim.map_or("N".to_string(), |size| size.to_string())).collect();
     format!("[{}]", dims.join(", "))
 }
 
 impl Core {
-    fn new(proto: &ModelProto, names: &Names, expected: Option<Expected<'_>>) -> Result<Core, OnnxProblem> {
+    fn new(
+        proto: &ModelProto,
+        names: &Names,
+        (images, places): (Vec<ImageInput>, Vec<usize>),
+        expected: Option<Expected<'_>>,
+    ) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
         // Without optimization, loading a model computes nothing, and what is checked below is what
@@ -356,11 +403,13 @@ impl Core {
             let reason = format!("its state has more than {MAX_STATE_NUMBERS} numbers");
             return Err(OnnxProblem::Size { reason });
         }
-        let observation_shape = shape(&names.observation);
-        let inputs = std::iter::once((&names.observation, &observation_shape))
-            .chain(states.iter().map(|(shape, (input, _))| (input, shape)));
-        let inputs: HashMap<String, Vec<usize>> =
-            inputs.map(|(name, shape)| (name.clone(), shape.clone())).collect();
+        let observation = names.observation.as_ref().map(|name| (name, shape(name)));
+        let inputs = || -> HashMap<String, Value> {
+            let vectors = observation.iter().map(|(name, shape)| (*name, shape));
+            let vectors = vectors.chain(states.iter().map(|(shape, (input, _))| (input, shape)));
+            let vectors = vectors.map(|(name, shape)| (name.clone(), zeros(shape)));
+            vectors.chain(images.iter().filter_map(|own| Some((own.name.clone(), own.black()?)))).collect()
+        };
         let graph = proto.graph.as_ref().ok_or_else(|| format("it has no graph".to_string()))?;
         let outputs: Vec<&str> = names
             .actions
@@ -370,7 +419,7 @@ impl Core {
             .collect();
         let opset = check::opset(proto).unwrap_or_default();
         let kept = order::asked_values(graph, &outputs);
-        let values = dry_run(&model, graph, opset, &inputs, &kept)?;
+        let values = dry_run(&model, graph, opset, inputs(), &kept)?;
         let action = names.action(&values, expected.map(|expected| expected.sizes.1))?;
         let used: Vec<&str> =
             std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
@@ -378,16 +427,26 @@ impl Core {
         let asked = order::asked_values(graph, &used);
         if asked != kept {
             // Other values are held, so that other bounds hold.
-            dry_run(&model, graph, opset, &inputs, &asked)?;
+            dry_run(&model, graph, opset, inputs(), &asked)?;
         }
         let place = |name: &str| {
             let place = asked.iter().position(|asked| asked == name);
             place.ok_or_else(|| format(format!("it has no value `{name}`")))
         };
+        let observation_size = observation.as_ref().map_or(0, |(_, shape)| shape.iter().product());
+        let observation_input = |(name, shape): (&String, Vec<usize>)| {
+            let all = || (0..observation_size).collect();
+            let places = if expected.is_some() { places } else { all() };
+            Ok(ObservationInput { input: id(name)?, shape, places })
+        };
         let core = Core {
-            observation: id(&names.observation)?,
-            sizes: (observation_shape.iter().product(), action_size),
-            observation_shape,
+            sizes: (observation_size, action_size),
+            sees: images.iter().map(|own| own.image.clone()).collect(),
+            images: images
+                .into_iter()
+                .map(|own| Ok((id(&own.name)?, own)))
+                .collect::<Result<_, OnnxProblem>>()?,
+            observation: observation.map(observation_input).transpose()?,
             action: place(action)?,
             asked: asked.iter().map(|name| id(name)).collect::<Result<_, OnnxProblem>>()?,
             states: states
@@ -406,21 +465,27 @@ impl Core {
     fn step(
         &self,
         options: &RunOptions,
-        observation: &[f32],
+        (observation, mut images): (&[f32], &[u8]),
         state: &mut [f64],
         action: &mut [f32],
     ) -> Option<()> {
-        let view = |shape: &[usize], numbers: &[f32]| -> Option<Value> {
-            Value::from_shape(shape, numbers.to_vec()).ok()
-        };
-        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> =
-            vec![(self.observation, view(&self.observation_shape, observation)?.into())];
+        let value = |shape: &[usize], numbers: Vec<f32>| Value::from_shape(shape, numbers).ok();
+        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> = Vec::new();
+        if let Some(ObservationInput { input, shape, places }) = &self.observation {
+            let numbers = places.iter().map(|place| observation[*place]).collect();
+            inputs.push((*input, value(shape, numbers)?.into()));
+        }
+        for (id, input) in &self.images {
+            let (own, others) = images.split_at_checked(input.image.bytes())?;
+            images = others;
+            inputs.push((*id, input.value(own)?.into()));
+        }
         let mut rest = &state[..];
         for part in &self.states {
             let (own, others) = rest.split_at_checked(part.size())?;
             rest = others;
-            let numbers: Vec<f32> = own.iter().map(|x| *x as f32).collect();
-            inputs.push((part.input, view(&part.shape, &numbers)?.into()));
+            let numbers = own.iter().map(|x| *x as f32).collect();
+            inputs.push((part.input, value(&part.shape, numbers)?.into()));
         }
         let values = without_panic(|| {
             self.model.run(inputs, &self.asked, Some(options.clone())).map_err(|e| e.to_string())
@@ -452,7 +517,7 @@ fn copy<'a, T: 'a>(
     Some(())
 }
 
-pub(super) fn zeros(shape: &[usize]) -> Value {
+fn zeros(shape: &[usize]) -> Value {
     rten_tensor::Tensor::<f32>::zeros(shape).into()
 }
 
@@ -494,10 +559,14 @@ impl Controller for OnnxPolicy {
         self.core.states.iter().map(State::size).sum()
     }
 
+    fn sees(&self) -> &[Image] {
+        &self.core.sees
+    }
+
     fn worker(&self) -> Box<dyn ControllerWorker> {
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
-        Box::new(OnnxWorker { core: self.core.clone(), pool, options })
+        Box::new(OnnxWorker { core: self.core.clone(), pool, options, images: Vec::new() })
     }
 }
 
@@ -505,6 +574,8 @@ struct OnnxWorker {
     core: Arc<Core>,
     pool: Arc<ThreadPool>,
     options: RunOptions,
+    /// Images of all rows.
+    images: Vec<u8>,
 }
 
 impl ControllerWorker for OnnxWorker {
@@ -512,8 +583,14 @@ impl ControllerWorker for OnnxWorker {
         state.fill(0.0);
     }
 
+    fn look(&mut self, _rows: usize, images: &[u8]) {
+        self.images.clear();
+        self.images.extend_from_slice(images);
+    }
+
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
         let (core, options) = (&self.core, &self.options);
+        let bytes = self.images.len() / rows.max(1);
         let (inputs, outputs) = core.sizes;
         let state_size: usize = core.states.iter().map(State::size).sum();
         // One change of threads for all rows, instead of one per row.
@@ -522,7 +599,8 @@ impl ControllerWorker for OnnxWorker {
                 let observation = &observations[row * inputs..][..inputs];
                 let state = &mut states[row * state_size..][..state_size];
                 let action = &mut actions[row * outputs..][..outputs];
-                if core.step(options, observation, state, action).is_none() {
+                let images = &self.images[row * bytes..][..bytes];
+                if core.step(options, (observation, images), state, action).is_none() {
                     action.fill(f32::NAN);
                 }
             }

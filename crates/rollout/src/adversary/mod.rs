@@ -81,6 +81,11 @@ impl AdversaryEnvironment {
     /// # Errors
     /// If the adversary has nothing to decide.
     pub(crate) fn new(rollout: &Rollout) -> Result<AdversaryEnvironment, RolloutError> {
+        if rollout.eyes.is_some() {
+            // The states that a training run saves do not contain what cameras showed before.
+            let what = "the controller sees images; search with the other falsifiers";
+            return Err(RolloutError::NoAdversary { what });
+        }
         let rollout = rollout.without_workers();
         let decisions = Decisions::new(&rollout);
         if decisions.channels() == 0 {
