@@ -172,11 +172,13 @@ impl TargetCameras {
         states: &[Vec<f64>],
         (camera, step): (usize, usize),
     ) -> Vec<u8> {
-        let (shots, mut images) = ([seen.frames[camera][step]], [Vec::new()]);
-        let scene = (&seen.view.scene, &seen.view.cameras[..]);
-        self.draw(scene, states, &shots, seen.seed, Some(&mut images));
-        let [image] = images;
-        image
+        let SeenEpisode { view, frames, seed } = seen;
+        let frame = frames[camera][step];
+        let scene = (&view.scene, &view.cameras[frame.camera]);
+        let shot = frame.shot(scene, |step| states[step].as_slice(), *seed);
+        let mut rgb = vec![0; 3 * shot.camera.size.pixels()];
+        self.studio.render(&[shot], &mut [Output { rgb: Some(&mut rgb), depth: None, segments: None }]);
+        rgb
     }
 
     /// Draws all states of an episode as they arrive from each camera: faults and delays of cameras

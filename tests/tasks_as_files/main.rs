@@ -70,7 +70,7 @@ fn cameras_of_a_file_see_what_those_of_the_task_see() {
         PoseReader::new(model).read(state, &mut poses);
         let (scene, camera) = (&view.scene, &view.cameras[camera]);
         let shot = Shot { scene, poses: &poses, before: None, camera, seed: Seed(0), step: 0 };
-        Renderer::new().render(&shot, &mut Output { rgb: &mut rgb, depth: None, segments: None });
+        Renderer::new().render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: None });
         rgb
     };
     for camera in [0, 1] {

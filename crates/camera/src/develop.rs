@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn an_image_of_another_camera_keeps_its_bytes_at_nominal_and_gets_darker_by_half() {
-        let size = crate::Size::new(16, 16).unwrap();
+        let size = Size::new(16, 16).unwrap();
         let points = [[0.0, 0.0, 1.0], [0.0; 3], [0.0, 1.0, 0.0]];
         let mut camera = Camera::looking(size, 0, points, 1.0);
         let bytes: Vec<u8> = (0..3 * 256).map(|index| (index / 3) as u8).collect();
