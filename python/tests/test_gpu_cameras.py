@@ -1,8 +1,10 @@
 """Tests of the cameras on the device ``gpu``, with the kernels on the CPU."""
 
 import os
+import re
 import types
 import unittest
+from pathlib import Path
 
 import numpy as np
 
@@ -101,6 +103,13 @@ class CamerasTest(unittest.TestCase):
         expected = cameras.render(states, sights, rows=rows).numpy().astype(int)
         # Quaternions in single precision move edges by less than a pixel.
         self.assertLess((np.abs(found - expected).max(axis=-1) > 2).mean(), 0.005)
+
+    def test_the_example_of_the_guide_runs(self):
+        page = (Path(__file__).parents[2] / "docs/guide/gpu.md").read_text()
+        (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+        found = {}
+        exec(example, found)
+        self.assertEqual(found["images"].shape, (4, 64, 64, 3))
 
     def test_what_cannot_be_rendered_is_an_error(self):
         with self.assertRaisesRegex(InvalidValueError, "no camera `top`; choose from: over, wrist"):
