@@ -79,7 +79,8 @@ impl Sights {
         let cameras = cameras.iter().map(index).collect::<PyResult<Vec<usize>>>()?;
         let size = Size::new(size[0], size[1]).map_err(unseen)?;
         let scene_error = |source| TaskError::Scene { task: definition.definition().name, source };
-        let (model, view) = mishandle::tasks::sight::view(definition, size).map_err(scene_error).map_err(raised)?;
+        let (model, view) =
+            mishandle::tasks::sight::view(definition, size).map_err(scene_error).map_err(raised)?;
         let pool = Pool::new(threads, || {
             let threads = rayon::current_num_threads();
             let readers = (0..threads).map(|_| PoseReader::new(&model)).collect();

@@ -87,8 +87,7 @@ impl TargetCameras {
                 known: sight.names().map(ToString::to_string).collect(),
             })
         };
-        let cameras: Vec<usize> =
-            settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?;
+        let cameras: Vec<usize> = settings.names.iter().map(index).collect::<Result<_, MishandleError>>()?;
         // Images do not depend on the number of threads.
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(TargetCameras {

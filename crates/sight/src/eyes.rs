@@ -57,10 +57,8 @@ impl SightEyes {
 /// # Errors
 /// If it is out of range.
 pub fn image_size(image: &Image) -> Result<Size, RolloutError> {
-    Size::new(image.width, image.height).map_err(|error| RolloutError::Image {
-        camera: image.camera.clone(),
-        what: error.to_string(),
-    })
+    Size::new(image.width, image.height)
+        .map_err(|error| RolloutError::Image { camera: image.camera.clone(), what: error.to_string() })
 }
 
 impl Eyes for SightEyes {
