@@ -12,7 +12,8 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
 
 /// Returns whether a file may be larger: weights of controllers, and what tests compare with.
 fn may_be_large(path: &str) -> bool {
-    path.starts_with("controllers/") || path.split('/').any(|folder| folder == "tests")
+    let weights = ["controllers/", "experiments/vision/policies/"];
+    weights.iter().any(|folder| path.starts_with(folder)) || path.split('/').any(|folder| folder == "tests")
 }
 
 fn problem(file: &File) -> Problem {
@@ -35,6 +36,7 @@ mod tests {
             ("experiments/paper/allowed.csv", &allowed),
             ("experiments/paper/rows.csv", &large),
             ("controllers/cube-stacking/ppo.safetensors", &large),
+            ("experiments/vision/policies/cube-stacking.onnx", &large),
             ("crates/stl/tests/golden/values.json", &large),
             ("tests/golden/bits.json", &large),
             ("docs/attests.html", &large),
