@@ -21,6 +21,9 @@ _GUIDE = "(docs/guide/onnx.md)"
 
 _KEYS = ("task", "observation", "action", "state", "layout")
 
+_SEEING = ("images", "parts")
+"""Keys of a policy that gets images of the cameras of a task, which the Rust core renders."""
+
 _UNREAD = ("algorithm", "controller_hash", "version")
 """Keys that describe where a model comes from."""
 
@@ -164,6 +167,9 @@ class OnnxPolicy:
             unknown = sorted(set(found) - set(_KEYS))
         except (ValueError, TypeError) as error:
             raise self._problem(f"has an invalid description of its inputs and outputs {_GUIDE}", error) from error
+        if seeing := sorted(set(found) & set(_SEEING)):
+            how = 'name a task and one of its spaces, as in evaluate("cube-stacking", space="starts", policy="policy.onnx")'
+            raise self._problem(f"has the key `{seeing[0]}`: it sees through cameras of a task; {how} {_GUIDE}")
         if unknown:
             raise self._problem(f"has the key `{unknown[0]}` in its description; known keys: {', '.join(_KEYS)} {_GUIDE}")
         return {key: value for key, value in found.items() if value is not None}

@@ -11,7 +11,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 
-def seeing(path):
+def seeing(path, camera="over"):
     """Writes a policy whose action is a product of the mean color and the joints."""
     nodes = [
         helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
@@ -41,7 +41,7 @@ def seeing(path):
     helper.set_model_props(made, {
         "mishandle.task": "point-reaching",
         "mishandle.parts": json.dumps(["joint_positions"]),
-        "mishandle.images": json.dumps([["image", "over"]]),
+        "mishandle.images": json.dumps([["image", camera]]),
     })
     onnx.save(made, path)
 
@@ -57,6 +57,16 @@ class Seeing(unittest.TestCase):
         run = lambda at: mishandle.simulate("point-reaching", space="starts+light", policy=str(self.path), at=at)[0].robustness
         self.assertEqual(run({}), run({}))
         self.assertNotEqual(run({}), run({"lamp_strength": 0.3}))
+
+    def test_a_task_without_a_named_space_says_how_to_run_it(self):
+        seeing(self.path)
+        with self.assertRaisesRegex(mishandle.InvalidValueError, 'sees through cameras of a task; .* space="starts"'):
+            mishandle.evaluate("point-reaching", policy=str(self.path), episodes=1)
+
+    def test_an_unknown_camera_is_named(self):
+        seeing(self.path, camera="ovre")
+        with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovre`, but point-reaching has only over, wrist"):
+            mishandle.evaluate("point-reaching", space="starts", policy=str(self.path), episodes=1)
 
     def test_a_policy_that_sees_is_not_a_function_of_an_observation(self):
         seeing(self.path)
