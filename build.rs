@@ -10,8 +10,9 @@ use std::{env, fs, io};
 /// the commit as changed.
 const SOURCES: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crates"];
 
-/// Folders with a subfolder for each task, and the extension of the files that are embedded.
-const EMBEDDED: [(&str, &str); 2] = [("controllers", "safetensors"), ("experiments/training", "toml")];
+/// Folders with a subfolder for each task, and the extensions of the files that are embedded.
+const EMBEDDED: [(&str, &[&str]); 2] =
+    [("controllers", &["safetensors", "onnx"]), ("experiments/training", &["toml"])];
 
 fn main() -> io::Result<()> {
     // `git status` must run again after every change of a source.
@@ -39,11 +40,11 @@ fn main() -> io::Result<()> {
 fn embed() -> io::Result<()> {
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let mut files = Vec::new();
-    for (folder, extension) in EMBEDDED {
+    for (folder, extensions) in EMBEDDED {
         for task in entries(&root.join(folder))?.into_iter().filter(|path| path.is_dir()) {
             let found: Vec<PathBuf> = entries(&task)?
                 .into_iter()
-                .filter(|path| path.extension().is_some_and(|found| found == extension))
+                .filter(|path| extensions.iter().any(|known| path.extension().is_some_and(|found| found == *known)))
                 .collect();
             if !found.is_empty() {
                 println!("cargo::rerun-if-changed={}", task.display());

@@ -1,13 +1,15 @@
 """Trains a policy that sees: behavior cloning of a task's expert, then DAgger, as an ONNX controller.
 
-Round 0 records the expert with images. Each later round records the student, with the expert's action as the
-label of each state, and trains on all that was recorded. The student gets joint positions and velocities and
+Round 0 records the expert with images. Each later round records the student, with the expert's actions as the
+labels of each state, and trains on all that was recorded. The student gets joint positions and velocities and
 the images; while it trains, an auxiliary head learns the rest of the observation from the images.
 
-    python train.py ball-pushing --out policies/ball-pushing --rounds 30 --epochs 15 --minutes 8
+    python train.py ball-pushing --out policies/ball-pushing --rounds 30 --minutes 25
+    python train.py ball-pushing --out policies/ball-pushing-dr --randomize appearance+light+camera+clutter
 
-Needs torch, numpy and onnx. The folder has policy.onnx, the student with the highest success rate in its round;
-log.jsonl, a line for each round; and evaluation.sqlite, the run of the last evaluation with seeds of its own.
+Needs torch, numpy and onnx. The folder has round-N.onnx, the student of each round; policy.onnx, the best of them;
+log.jsonl, a line for each round; and evaluation.sqlite, the run of the last evaluation. Five disjoint ranges of
+seeds: 1,000 for the expert, 2,000 for rounds, 8,000,000 for the choice, 9,000,000 for the last evaluation.
 """
 
 import argparse
@@ -18,12 +20,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
+from students import PROPRIOCEPTION_SIZE, export, load, make
 from torch import nn
-
-PROPRIOCEPTION = ["joint_positions", "joint_velocities"]
-PROPRIOCEPTION_SIZE = 18
 
 
 def arguments():
@@ -31,96 +30,30 @@ def arguments():
     parser.add_argument("task")
     parser.add_argument("--out", type=Path, required=True, help="new folder of the policy and its log")
     parser.add_argument("--mishandle", default="mishandle", help="the program")
-    parser.add_argument("--cameras", default="over", help="cameras of the policy, joined by commas")
+    parser.add_argument("--cameras", default="over,wrist", help="cameras of the policy, joined by commas")
     parser.add_argument("--size", type=int, default=64, help="width and height of the images, pixels")
-    parser.add_argument("--space", default="starts", help="space of the recorded scenarios, such as starts+light")
+    parser.add_argument("--randomize", metavar="SPACE", help="record half of the episodes in this space, such as light+camera")
+    parser.add_argument("--start", type=Path, help="begin with the weights of this policy.onnx")
+    parser.add_argument("--chunk", type=int, default=1, help="actions that the policy predicts, by attention if more than 1")
+    parser.add_argument("--decay", type=float, default=0.01, help="decay of the weights in the ensemble of chunks")
     parser.add_argument("--rounds", type=int, default=8, help="rounds of DAgger after the first one")
     parser.add_argument("--episodes", type=int, default=200, help="episodes of the expert")
     parser.add_argument("--student-episodes", type=int, default=100, help="episodes of the student in each round")
-    parser.add_argument("--expert-noise", type=float, default=0.0, help="action noise of the expert's episodes")
+    parser.add_argument("--every", type=int, default=2, help="train on every so many frames")
     parser.add_argument("--epochs", type=float, default=8.0, help="passes over the data in each round")
-    parser.add_argument("--batch", type=int, default=256)
-    parser.add_argument("--learning-rate", type=float, default=1e-3)
+    parser.add_argument("--most-steps", type=int, default=2000, help="training steps of a round at most")
+    parser.add_argument("--batch", type=int, default=512)
+    parser.add_argument("--learning-rate", type=float, default=1e-3, help="of the first round; it falls to a fifth")
     parser.add_argument("--channels", type=int, default=32)
     parser.add_argument("--hidden", type=int, default=256)
     parser.add_argument("--auxiliary", type=float, default=1.0, help="weight of the auxiliary loss")
     parser.add_argument("--minutes", type=float, default=30.0, help="time limit")
     parser.add_argument("--threads", type=int, help="threads of the program")
-    parser.add_argument("--evaluate", type=int, default=500, help="episodes of the last evaluation")
+    parser.add_argument("--choose", type=int, default=100, help="episodes by which each of the three best rounds is compared")
+    parser.add_argument("--evaluate", type=int, default=500, help="episodes of the last evaluation; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     return parser.parse_args()
-
-
-class Eye(nn.Module):
-    """Points in an image: a spatial softmax of each channel (Levine et al., JMLR 2016), and means."""
-
-    def __init__(self, size, channels):
-        super().__init__()
-        self.layers = nn.Sequential(
-            nn.Conv2d(3, channels, 5, stride=2, padding=2), nn.ReLU(),
-            nn.Conv2d(channels, channels, 3, padding=1), nn.ReLU(),
-            nn.Conv2d(channels, channels, 3, padding=1),
-        )
-        self.temperature = nn.Parameter(torch.ones(channels, 1))
-        line = torch.linspace(-1, 1, size // 2)
-        y, x = torch.meshgrid(line, line, indexing="ij")
-        self.register_buffer("places", torch.stack([x.flatten(), y.flatten()], 1))
-
-    def forward(self, image):
-        # Bytes, as the program gives them: [N, height, width, 3].
-        found = self.layers(image.permute(0, 3, 1, 2).float() / 127.5 - 1).flatten(2)
-        weights = torch.softmax(found * self.temperature, 2)
-        return torch.cat([(weights @ self.places).flatten(1), (weights * found).sum(2)], 1)
-
-
-class Student(nn.Module):
-    def __init__(self, options, state_size, statistics):
-        super().__init__()
-        cameras = options.cameras.split(",")
-        self.eyes = nn.ModuleList(Eye(options.size, options.channels) for _ in cameras)
-        features = 3 * options.channels * len(cameras) + PROPRIOCEPTION_SIZE
-        wide = options.hidden
-        self.trunk = nn.Sequential(nn.Linear(features, wide), nn.ReLU())
-        self.auxiliary = nn.Linear(wide, state_size)
-        self.head = nn.Sequential(
-            nn.Linear(wide + state_size + PROPRIOCEPTION_SIZE, wide), nn.ReLU(),
-            nn.Linear(wide, wide), nn.ReLU(), nn.Linear(wide, 9),
-        )
-        self.register_buffer("mean", statistics[0][:PROPRIOCEPTION_SIZE])
-        self.register_buffer("scale", statistics[1][:PROPRIOCEPTION_SIZE])
-
-    def all(self, proprioception, *images):
-        """Returns the action and the estimate of the rest of the observation, normalized."""
-        body = (proprioception - self.mean) / self.scale
-        seen = [eye(image) for eye, image in zip(self.eyes, images)]
-        trunk = self.trunk(torch.cat([*seen, body], 1))
-        state = self.auxiliary(trunk)
-        return self.head(torch.cat([trunk, state, body], 1)), state
-
-    def forward(self, proprioception, *images):
-        return self.all(proprioception, *images)[0]
-
-
-def export(student, options, path):
-    """Writes the student as a controller: its metadata says what it gets."""
-    cameras = options.cameras.split(",")
-    size = options.size
-    example = (torch.zeros(1, PROPRIOCEPTION_SIZE), *(torch.zeros(1, size, size, 3, dtype=torch.uint8) for _ in cameras))
-    copy = Student(options, student.auxiliary.out_features, (student.mean.cpu(), student.scale.cpu()))
-    copy.load_state_dict({key: value.cpu() for key, value in student.state_dict().items()})
-    torch.onnx.export(
-        copy.eval(), example, str(path), input_names=["proprioception", *cameras], output_names=["action"],
-        opset_version=17, dynamo=False,
-    )
-    model = onnx.load(path)
-    onnx.helper.set_model_props(model, {
-        "mishandle.task": options.task,
-        "mishandle.observation": "proprioception",
-        "mishandle.parts": json.dumps(PROPRIOCEPTION),
-        "mishandle.images": json.dumps([[camera, camera] for camera in cameras]),
-    })
-    onnx.save(model, path)
 
 
 def program(options, *words, seed):
@@ -132,41 +65,60 @@ def program(options, *words, seed):
     return json.loads(done.stdout)
 
 
+def spaces(options):
+    """Returns the spaces whose episodes a round records, in equal numbers."""
+    return ["starts"] + ([f"starts+{options.randomize}"] if options.randomize else [])
+
+
+def chunks(actions, starts, every, chunk):
+    """Returns the rows of the kept frames, and the actions of the `chunk` steps from each on; the last one repeats."""
+    rows = np.concatenate([np.arange(start, end, every) for start, end in zip(starts, starts[1:])])
+    last = np.concatenate([np.full(end - start, end - 1) for start, end in zip(starts, starts[1:])])[rows]
+    ahead = np.minimum(rows[:, None] + np.arange(chunk), last[:, None])
+    return rows, actions[ahead]
+
+
 class Data:
-    """All frames so far, on the device: proprioception, the rest of the observation, actions and images."""
+    """All kept frames so far, on the device: proprioception, the rest of the observation, actions and images."""
 
     def __init__(self, options):
         self.options = options
         self.parts = []
 
-    def record(self, name, controller, episodes, seed, *more):
+    def record(self, controller, episodes, seed, *more):
+        """Records in random starts, and half of the episodes in the randomized space. Returns the two success rates."""
+        found = spaces(self.options)
+        return [self.record_in(space, controller, episodes // len(found), seed, *more) for space in found]
+
+    def record_in(self, space, controller, episodes, seed, *more):
         options, folder = self.options, self.options.out / "record"
         shutil.rmtree(folder, ignore_errors=True)
         found = program(
             options, "record", options.task, "--controller", controller, "--episodes", episodes,
-            "--space", options.space, "--cameras", options.cameras, "--size", f"{options.size}x{options.size}",
+            "--space", space, "--cameras", options.cameras, "--size", f"{options.size}x{options.size}",
             "--format", "npz", "--out", folder, *more, seed=seed,
         )
         with np.load(folder / "data.npz") as data:
-            columns = ["observation.state", "action"]
-            columns += [f"observation.images.{camera}" for camera in options.cameras.split(",")]
-            arrays = [torch.from_numpy(data[column]) for column in columns]
+            rows, actions = chunks(data["action"], data["episode_starts"], options.every, options.chunk)
+            arrays = [data["observation.state"][rows], actions]
+            arrays += [data[f"observation.images.{camera}"][rows] for camera in options.cameras.split(",")]
         shutil.rmtree(folder)
-        self.parts.append([array.to(options.device) for array in arrays])
-        return found["successes"] / found["simulations"], found["frames"]
+        self.parts.append([torch.from_numpy(array).to(options.device) for array in arrays])
+        return round(found["successes"] / found["simulations"], 4)
 
     def merge(self):
         self.parts = [[torch.cat(arrays) for arrays in zip(*self.parts)]]
         return self.parts[0]
 
 
-def train(student, data, statistics, options, end):
-    """Trains on all frames, until the epochs or the time are over. Returns the last mean losses."""
+def train(student, data, statistics, options, progress, end):
+    """Trains on all frames, until the steps or the time are over. Returns the steps and the last mean losses."""
     states, actions, *images = data.merge()
     frames = len(states)
-    steps = max(1, int(options.epochs * frames / options.batch))
-    optimizer = torch.optim.AdamW(student.parameters(), lr=options.learning_rate, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, options.learning_rate, total_steps=steps + 1, pct_start=0.1)
+    steps = max(1, min(options.most_steps, int(options.epochs * frames / options.batch)))
+    rate = options.learning_rate * (1 - 0.8 * min(1.0, progress))
+    optimizer = torch.optim.AdamW(student.parameters(), lr=rate, weight_decay=1e-4)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps + 1, pct_start=0.1)
     student.train()
     sums = torch.zeros(2, device=options.device)
     for step in range(steps):
@@ -185,7 +137,24 @@ def train(student, data, statistics, options, end):
         sums = 0.98 * sums + 0.02 * torch.stack([error.detach(), estimate.detach()])
         if step % 50 == 0 and time.time() > end:
             break
-    return step + 1, sums.tolist()
+    return step + 1, [round(value, 5) for value in sums.tolist()]
+
+
+def choose(options, rates, note):
+    """Returns the best of the three rounds with the highest rates, by seeds of their own."""
+    found = {}
+    for number in sorted(rates, key=lambda number: (rates[number], number))[-3:]:
+        answers = [
+            program(
+                options, "record", options.task, "--controller", options.out / f"round-{number}.onnx", "--space", space,
+                "--episodes", options.choose, "--format", "npz", "--out", options.out / f"choice-{number}-{space}",
+                seed=8_000_000 + options.seed,
+            )
+            for space in spaces(options)
+        ]
+        found[number] = [round(answer["successes"] / answer["simulations"], 4) for answer in answers]
+        note(choice=number, success=found[number])
+    return max(found, key=lambda number: (sum(found[number]), number))
 
 
 def main():
@@ -204,38 +173,44 @@ def main():
         print(line, file=log, flush=True)
 
     data = Data(options)
-    noise = ["--action-noise", options.expert_noise] if options.expert_noise else []
-    rate, frames = data.record("expert", "expert", options.episodes, 1000 + options.seed, *noise)
-    note(round=0, expert=rate, frames=frames)
+    rates = data.record("expert", options.episodes, 1000 + options.seed)
     states = data.merge()[0]
+    note(round=0, expert=rates, frames=len(states))
     scale = states.std(0)
     # What never changes is not magnified.
     statistics = (states.mean(0), torch.where(scale > 1e-3, scale, torch.ones_like(scale)))
-    student = Student(options, states.shape[1] - PROPRIOCEPTION_SIZE, statistics).to(options.device)
+    student = make(options, states.shape[1] - PROPRIOCEPTION_SIZE, statistics).to(options.device)
+    if options.start:
+        load(student, options.start)
     note(parameters=sum(own.numel() for own in student.parameters()))
-    best, length = -1.0, 0.0
-    latest, policy = options.out / "latest.onnx", options.out / "policy.onnx"
-    # The last evaluation needs its time.
-    limit = lambda: end - 1.5 * length - 20
+    success, length = {}, 0.0
+    # The choice takes three times as many episodes as it names.
+    limit = lambda: end - length - 20
     for number in range(1, options.rounds + 2):
-        steps, losses = train(student, data, statistics, options, limit())
-        export(student, options, latest)
+        steps, losses = train(student, data, statistics, options, (time.time() - begin) / (end - begin), limit())
+        export(student, options, options.out / f"round-{number}.onnx")
         start = time.time()
-        rate, frames = data.record("student", latest, options.student_episodes, 2000 + 100 * options.seed + number, "--relabel", "expert")
-        length = max(length, (time.time() - start) * options.evaluate / options.student_episodes / 2)
-        note(round=number, steps=steps, action_loss=losses[0], state_loss=losses[1], student=rate)
-        if rate >= best:
-            best = rate
-            shutil.copy(latest, policy)
+        rates = data.record(
+            options.out / f"round-{number}.onnx", options.student_episodes, 2000 + 100 * options.seed + number,
+            "--relabel", "expert",
+        )
+        episodes = 3 * options.choose * len(rates) + options.evaluate
+        length = max(length, (time.time() - start) * episodes / options.student_episodes)
+        note(round=number, steps=steps, action_loss=losses[0], state_loss=losses[1], student=rates)
+        success[number] = sum(rates)
         if time.time() > limit():
             break
-    shutil.rmtree(options.out / "record", ignore_errors=True)
-    # Seeds that no round used.
-    found = program(
-        options, "evaluate", options.task, "--controller", policy, "--space", options.space, "--episodes", options.evaluate,
-        "--no-control", "--out", options.out / "evaluation.sqlite", seed=9_000_000 + options.seed,
-    )
-    note(best=best, evaluation=found["success_rate"], bytes=policy.stat().st_size)
+    number = choose(options, success, note)
+    policy = options.out / "policy.onnx"
+    shutil.copy(options.out / f"round-{number}.onnx", policy)
+    if options.evaluate:
+        found = program(
+            options, "evaluate", options.task, "--controller", policy, "--episodes", options.evaluate,
+            "--no-control", "--out", options.out / "evaluation.sqlite", seed=9_000_000 + options.seed,
+        )
+        note(round=number, evaluation=found["success_rate"], bytes=policy.stat().st_size)
+    else:
+        note(round=number, bytes=policy.stat().st_size)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ use crate::resolve::{
     Moved, ResolvedPlan, command, controller_name, files_of, is_onnx, is_path, is_target_file,
     resolve_recorded, simulator_file, starts_program,
 };
-use crate::shipped::{ShippedFile, shipped_controller};
+use crate::shipped::{EXTENSIONS, ShippedFile, shipped_controller};
 
 /// Prefix of a controller or target whose file is expected in the folder.
 pub(crate) const BESIDE: &str = "./";
@@ -108,10 +108,11 @@ pub(crate) fn resolve_plan_in(
     components: &[ComponentRecord],
     folder: &Path,
 ) -> Result<ResolvedPlan, MishandleError> {
-    let shipped = |name: &str| format!("{name}{CONTROLLER_FILE}");
     for name in [Some(&mut plan.controller), plan.guard.as_mut().map(|guard| &mut guard.fallback)] {
-        if let Some(name) = name.filter(|name| !name.is_empty() && folder.join(shipped(name)).is_file()) {
-            *name = format!("{BESIDE}{}", shipped(name));
+        let Some(name) = name.filter(|name| !name.is_empty()) else { continue };
+        let files = EXTENSIONS.map(|extension| format!("{name}.{extension}"));
+        if let Some(file) = files.into_iter().find(|file| folder.join(file).is_file()) {
+            *name = format!("{BESIDE}{file}");
         }
     }
     let plan = plan_in(&plan, folder);
@@ -121,9 +122,6 @@ pub(crate) fn resolve_plan_in(
     }
     resolve_recorded(plan, components, Moved::default())
 }
-
-/// End of the name of the file of a shipped controller.
-const CONTROLLER_FILE: &str = ".safetensors";
 
 /// Copies the files of a target to the folder of its counterexamples, with the folders that they
 /// have below that of the target file: target file, model, policy, and the controller
@@ -149,7 +147,8 @@ pub fn copy_files(plan: &Plan, folder: &Path) -> Result<Vec<PathBuf>, MishandleE
     let mut copies = target_files(plan)?.unwrap_or_default();
     copies.extend(controller_files(plan)?);
     for (name, file) in shipped_files(plan) {
-        copies.push((PathBuf::from(name + CONTROLLER_FILE), file.bytes()?));
+        let file_name = Path::new(&name).with_extension(file.path().extension().unwrap_or_default());
+        copies.push((file_name, file.bytes()?));
     }
     write(folder, copies)
 }

@@ -12,6 +12,7 @@ use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
 use crate::resolve::task;
+use crate::shipped::ShippedFile;
 
 /// Imports a policy of Stable-Baselines3, skrl or PyTorch as a controller of the task `task_name`.
 ///
@@ -82,19 +83,28 @@ pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleEr
 /// If the task is unknown, or the model cannot be used for it.
 pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
     if let Some(name) = task_name {
-        return onnx_policy_of(path, task(name)?.definition());
+        return onnx_policy_of(&ShippedFile::Path(path.into()), task(name)?.definition());
     }
     let own = OnnxPolicy::task_of(path)?;
     match own.and_then(|name| mishandle_tasks::task(&name)) {
-        Some(known) => onnx_policy_of(path, known.definition()),
+        Some(known) => onnx_policy_of(&ShippedFile::Path(path.into()), known.definition()),
         None => Ok(OnnxPolicy::load_with_own_sizes(path)?),
     }
 }
 
 /// Loads an ONNX model for a task. A variant accepts models of its own and of its base task.
-pub(crate) fn onnx_policy_of(path: &Path, definition: &Definition) -> Result<OnnxPolicy, MishandleError> {
+pub(crate) fn onnx_policy_of(
+    file: &ShippedFile,
+    definition: &Definition,
+) -> Result<OnnxPolicy, MishandleError> {
     let tasks: Vec<&str> = std::iter::once(definition.name).chain(definition.variant_of).collect();
-    Ok(OnnxPolicy::load(path, &tasks, &definition.layout())?)
+    let layout = definition.layout();
+    let policy = match file {
+        ShippedFile::Path(path) => OnnxPolicy::load(path, &tasks, &layout)?,
+        ShippedFile::Embedded { name, bytes } => OnnxPolicy::from_bytes(bytes, None, &tasks, &layout)
+            .map_err(|problem| InterchangeError::Onnx { problem, path: name.into() })?,
+    };
+    Ok(policy)
 }
 
 /// Returns whether a path ends with `.onnx`, in any case.

@@ -131,7 +131,7 @@ pub(crate) fn load_controller(
                            deterministic",
             });
         }
-        let policy = onnx_policy_of(shipped.path(), definition)?;
+        let policy = onnx_policy_of(&shipped, definition)?;
         let component = component(policy.hash().to_string(), policy.file_hash().to_string());
         return Ok((Arc::new(policy), vec![component]));
     }

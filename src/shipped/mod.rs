@@ -21,6 +21,9 @@ static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded
 /// Folder of the shipped controllers.
 pub(crate) const CONTROLLERS: &str = "controllers";
 
+/// Extensions of the shipped controllers: our own files, and ONNX models.
+pub(crate) const EXTENSIONS: [&str; 2] = ["safetensors", "onnx"];
+
 /// Name of a task's expert, a controller without a file.
 pub(crate) const EXPERT: &str = "expert";
 
@@ -161,7 +164,8 @@ pub(crate) fn check_home(folder: &'static str) -> Result<(), MishandleError> {
 
 /// Returns the shipped controller with the name `name` for a task, if it exists.
 pub fn shipped_controller(definition: &Definition, name: &str) -> Option<ShippedFile> {
-    ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.safetensors", base(definition)))
+    let find = |extension| ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.{extension}", base(definition)));
+    EXTENSIONS.into_iter().find_map(find)
 }
 
 /// Returns the shipped training settings of an algorithm for a task on a device (`cpu` or `gpu`),
@@ -188,7 +192,8 @@ pub fn shipped_controllers(definition: &Definition) -> Vec<String> {
     let name = |path: PathBuf| {
         let name = path.file_stem()?.to_str()?.to_string();
         // A name with a dot is a path, such as the last controller of a training run.
-        (path.extension()? == "safetensors" && !name.contains('.')).then_some(name)
+        let known = EXTENSIONS.iter().any(|known| path.extension().is_some_and(|found| found == *known));
+        (known && !name.contains('.')).then_some(name)
     };
     let mut names: Vec<String> = paths.into_iter().filter_map(name).collect();
     names.sort();

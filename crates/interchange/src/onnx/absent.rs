@@ -59,6 +59,19 @@ impl OnnxPolicy {
     ///
     /// # Errors
     /// Always.
+    pub fn from_bytes(
+        _bytes: &[u8],
+        _interface: Option<Infallible>,
+        _tasks: &[&str],
+        _layout: &Layout,
+    ) -> Result<OnnxPolicy, OnnxProblem> {
+        Err(OnnxProblem::NotBuilt)
+    }
+
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// Always.
     pub fn task_of(path: &Path) -> Result<Option<String>, InterchangeError> {
         Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
     }
