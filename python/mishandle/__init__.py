@@ -1,6 +1,6 @@
 """Finds scenarios in which a robot controller fails."""
 
-from mishandle import sb3
+from mishandle import lerobot, sb3
 from mishandle._native import TrainingEpisodes, __version__
 from mishandle.axes import Attribute, Axis, Except, PolicyArgument, ResetOption
 from mishandle.bisections import Bisection, bisect
@@ -122,6 +122,7 @@ __all__ = [
     "find_minimum",
     "formula",
     "harden",
+    "lerobot",
     "load_controller",
     "margin",
     "metamorphic",

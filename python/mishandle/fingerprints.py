@@ -400,6 +400,8 @@ class _Walker:
             self._later(":settings", value.settings)
             if value.gap is not None:
                 self._gap(value.gap)
+        elif type(value).__name__ == "LeRobotPolicy":
+            self._later(":identity", value.identity)
         elif hasattr(value, "_simulations"):
             # One of our tasks as an environment.
             self._later(".settings", [*value._simulations.settings, getattr(value, "_limit", None)])

@@ -44,8 +44,8 @@ def as_policy(
     ----------
     policy
         A function of one observation (of a batch, if ``batched``); a model with ``predict``, such as those of
-        Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2; a PyTorch module from observations to
-        actions; a path of an ONNX file; a :class:`~mishandle.Controller`; a :class:`~mishandle.PolicyServer`. The method or attribute ``reset`` of a function or
+        Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2; a policy of :func:`mishandle.lerobot.policy`; a PyTorch module from
+        observations to actions; a path of an ONNX file; a :class:`~mishandle.Controller`; a :class:`~mishandle.PolicyServer`. The method or attribute ``reset`` of a function or
         module, if it is callable, is called at the start of an episode.
     batched : bool
         Whether a function takes a batch of observations, with one row per environment.
@@ -63,7 +63,7 @@ def as_policy(
             raise InvalidValueError("a policy server needs the spaces of observations and actions")
         return ServedPolicy(policy, spaces, arguments, can_draw)
     if arguments:
-        is_adapted = isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict") or _is_skrl(policy)
+        is_adapted = isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict") or _is_skrl(policy) or _is_lerobot(policy)
         if is_adapted or _is_torch(policy) or not callable(policy):
             raise InvalidTypeError(
                 f"an axis passes an argument to the policy, but a {type(policy).__name__} takes observations only; wrap it in a function "
@@ -77,6 +77,9 @@ def as_policy(
         if spaces is None:
             raise InvalidValueError("an ONNX file needs the spaces of observations and actions")
         return OnnxPolicy(pathlib.Path(policy), *spaces, task)
+    if _is_lerobot(policy):
+        adapted: Policy = policy
+        return adapted
     if hasattr(policy, "predict"):
         return _Predicting(policy)
     if _is_skrl(policy):
@@ -125,6 +128,10 @@ def _is_torch(policy: Any) -> bool:
 
 def _is_skrl(policy: Any) -> bool:
     return any(base.__module__.startswith("skrl.agents.") for base in type(policy).__mro__)
+
+
+def _is_lerobot(policy: Any) -> bool:
+    return type(policy).__module__ == "mishandle.lerobot"
 
 
 def _reset(policy: Any) -> None:
