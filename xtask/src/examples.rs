@@ -16,10 +16,14 @@ use crate::robots::{self, ROBOTS};
 use crate::venv::environment;
 
 /// Examples whose packages exclude those of `requirements.txt`, with their file of requirements.
-const OTHER_REQUIREMENTS: &[(&str, &str)] =
-    &[("fetch", "requirements-robots.txt"), ("lift", "requirements-robots.txt")];
+const OTHER_REQUIREMENTS: &[(&str, &str)] = &[
+    ("fetch", "requirements-robots.txt"),
+    ("lift", "requirements-robots.txt"),
+    ("point_reaching_lerobot", "requirements-lerobot.txt"),
+    ("pusht", "requirements-lerobot.txt"),
+];
 /// Modules that the examples import.
-const NO_EXAMPLES: &[&str] = &["recording"];
+const NO_EXAMPLES: &[&str] = &["lerobot_commands", "recording"];
 
 /// Runs the named examples (all without a name) with the remaining arguments, those that start with
 /// `--`.
