@@ -1,5 +1,7 @@
 use std::time::Duration;
 
+use crate::Program;
+
 /// Why a program did not answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -34,6 +36,12 @@ pub enum Failure {
         /// Last lines of its standard error.
         stderr: String,
     },
+}
+
+impl Failure {
+    pub(crate) fn start(program: &Program, source: std::io::Error) -> Failure {
+        Failure::Start { program: program.words.first().cloned().unwrap_or_default(), source }
+    }
 }
 
 /// Returns the end of a sentence with the standard error of the program.

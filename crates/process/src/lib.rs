@@ -3,7 +3,8 @@
 //!
 //! A [`Peer`] is one running program. It answers within a time limit or fails, and after a failure
 //! it is not asked again, so that a late answer is never taken for the next one. Dropping it ends
-//! the program and the programs of its process group.
+//! the program and the programs of its process group. A [`Job`] is such a program without
+//! questions.
 //!
 //! ```
 //! use std::time::Duration;
@@ -16,9 +17,11 @@
 //! ```
 
 mod failure;
+mod job;
 mod lines;
 mod peer;
 
 pub use failure::Failure;
+pub use job::{Job, Program};
 pub use lines::LONGEST;
-pub use peer::{Peer, Program};
+pub use peer::Peer;

@@ -1,18 +1,16 @@
 //! One running program.
 
 use std::io::{ErrorKind, Read, Write};
-use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
-use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{ChildStderr, ChildStdin, ChildStdout, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rustix::event::PollFlags;
 use rustix::io::ioctl_fionbio;
-use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use crate::Failure;
+use crate::job::{Job, Program};
 use crate::lines::{Lines, NoLine, ready};
 
 /// Length of the end of the standard error that is kept, bytes.
@@ -21,23 +19,9 @@ const KEPT: usize = 2000;
 /// Time that a program has to end by itself after its input is closed.
 const GRACE: Duration = Duration::from_millis(200);
 
-/// A program to start.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Program {
-    /// The program and its arguments. A program without `/` is looked up in `PATH`.
-    pub words: Vec<String>,
-    /// Working directory.
-    pub folder: PathBuf,
-}
-
-/// Ends the process group of a program as soon as its input ends: as soon as this process does,
-/// however it ends.
-const WATCH: &str = "read -r _; kill -s KILL -- \"-$1\"";
-
 /// A running program that answers line by line.
 pub struct Peer {
-    child: Child,
-    watcher: Child,
+    job: Job,
     /// Closed when the program is dropped.
     stdin: Option<ChildStdin>,
     stdout: Lines<ChildStdout>,
@@ -54,30 +38,11 @@ impl Peer {
     /// # Errors
     /// If it cannot be started.
     pub fn start(program: &Program) -> Result<Peer, Failure> {
-        let name = program.words.first().cloned().unwrap_or_default();
-        let failed = |source: std::io::Error| {
-            // The system reports a missing folder as if it were the program.
-            let source = match program.folder.is_dir() {
-                true => source,
-                false => std::io::Error::other(format!(
-                    "its working folder {} does not exist",
-                    program.folder.display()
-                )),
-            };
-            Failure::Start { program: name.clone(), source }
-        };
-        let mut command = Command::new(&name);
-        command.args(program.words.iter().skip(1)).current_dir(&program.folder).process_group(0);
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(failed)?;
-        let mut watch = Command::new("sh");
-        watch.args(["-c", WATCH, "sh", &child.id().to_string()]).current_dir("/").process_group(0);
-        watch.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-        let pipes = (child.stdin.take(), child.stdout.take(), child.stderr.take());
-        let (Ok(watcher), (Some(stdin), Some(stdout), Some(pipe))) = (watch.spawn(), pipes) else {
-            let _ = child.kill();
-            let _ = child.wait();
-            return Err(failed(std::io::Error::other("it has no pipes, or no `sh` watches it")));
+        let mut job = Job::start(program, [Stdio::piped(), Stdio::piped(), Stdio::piped()])?;
+        let failed = |source| Failure::start(program, source);
+        let pipes = (job.child.stdin.take(), job.child.stdout.take(), job.child.stderr.take());
+        let (Some(stdin), Some(stdout), Some(pipe)) = pipes else {
+            return Err(failed(std::io::Error::other("it has no pipes")));
         };
         // A question longer than the pipe must not wait forever for a program that does not read.
         ioctl_fionbio(&stdin, true).map_err(|error| failed(error.into()))?;
@@ -89,7 +54,7 @@ impl Peer {
             drop::<Sender<()>>(reads);
         });
         let stdout = Lines::new(stdout);
-        Ok(Peer { child, watcher, stdin: Some(stdin), stdout, stderr, stderr_end, has_failed: false })
+        Ok(Peer { job, stdin: Some(stdin), stdout, stderr, stderr_end, has_failed: false })
     }
 
     /// Sends a line without its end, and returns the line that answers it.
@@ -142,7 +107,7 @@ impl Peer {
     /// Closes the input of the program, and returns whether it ends by itself within a time limit.
     pub fn close(mut self, limit: Duration) -> bool {
         self.stdin = None;
-        wait(&self.child, limit)
+        self.job.wait(limit)
     }
 
     fn timed_out(&self, limit: Duration) -> Failure {
@@ -155,7 +120,7 @@ impl Peer {
 
     /// Waits for the last words of the program.
     fn ended(&mut self) -> Failure {
-        wait(&self.child, GRACE);
+        self.job.wait(GRACE);
         // A child of the program may keep the pipe open.
         let _ = self.stderr_end.recv_timeout(GRACE);
         Failure::Ended { stderr: self.stderr() }
@@ -170,13 +135,7 @@ impl Peer {
     /// Ends the program and its process group.
     fn kill(&mut self) {
         self.stdin = None;
-        let _ = self.watcher.kill();
-        let _ = self.watcher.wait();
-        // Before the program is reaped: its number may belong to another one afterwards.
-        if let Some(group) = pid(&self.child) {
-            let _ = kill_process_group(group, Signal::KILL);
-        }
-        let _ = self.child.wait();
+        self.job.kill();
     }
 }
 
@@ -185,29 +144,10 @@ impl Drop for Peer {
         self.stdin = None;
         // A program that reads its input to the end may save something first.
         if !self.has_failed {
-            wait(&self.child, GRACE);
+            self.job.wait(GRACE);
         }
         self.kill();
     }
-}
-
-fn pid(child: &Child) -> Option<Pid> {
-    i32::try_from(child.id()).ok().and_then(Pid::from_raw)
-}
-
-/// Waits until a program ends, at most `limit`, and leaves its status to be read. Returns whether
-/// it ended.
-fn wait(child: &Child, limit: Duration) -> bool {
-    let Some(pid) = pid(child) else { return true };
-    let end = Instant::now() + limit;
-    let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
-    while let Ok(None) = waitid(WaitId::Pid(pid), options) {
-        if Instant::now() >= end {
-            return false;
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    true
 }
 
 /// Writes a line into a pipe that does not block, until `end`; returns whether all of it was

@@ -1,8 +1,9 @@
 //! Programs that answer, and programs that misbehave.
 
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use mishandle_process::{Failure, Peer, Program};
+use mishandle_process::{Failure, Job, Peer, Program};
 
 const LIMIT: Duration = Duration::from_secs(20);
 
@@ -101,7 +102,7 @@ fn no_program_outlives_a_killed_owner() {
     let mut owner = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args(["--exact", "no_program_outlives_a_killed_owner", "--nocapture"])
         .env(OWNER, "1")
-        .stdout(std::process::Stdio::piped())
+        .stdout(Stdio::piped())
         .spawn()
         .expect("the owner starts");
     let output = std::io::BufReader::new(owner.stdout.take().expect("its output"));
@@ -136,4 +137,37 @@ fn a_working_folder_that_vanished_is_named() {
     let error =
         Peer::start(&Program { words, folder: folder.clone() }).err().expect("no program").to_string();
     assert_eq!(error, format!("cannot start `sh`: its working folder {} does not exist", folder.display()));
+}
+
+#[test]
+fn a_job_ends_with_its_status_or_with_its_owner() {
+    let start = |script: &str| {
+        let words = ["sh", "-c", script].map(String::from).to_vec();
+        let streams = [Stdio::null(), Stdio::null(), Stdio::null()];
+        Job::start(&Program { words, folder: "/".into() }, streams).expect("the shell starts")
+    };
+    let job = start("exit 3");
+    assert!(job.wait(LIMIT));
+    assert_eq!(job.status().expect("a status").code(), Some(3));
+    // It may save something before it ends.
+    let file = |name: &str| std::env::temp_dir().join(format!("mishandle-job-{name}-{}", std::process::id()));
+    let [begins, saved] = ["begins", "saved"].map(file);
+    let script = format!(
+        "trap 'touch {}; exit' TERM; touch {}; while :; do sleep 0.02; done",
+        saved.display(),
+        begins.display()
+    );
+    let job = start(&script);
+    while !begins.exists() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(!job.wait(Duration::from_millis(50)), "it runs");
+    job.stop(LIMIT);
+    std::fs::remove_file(&begins).expect("it began");
+    std::fs::remove_file(&saved).expect("it saved something");
+    // It and its children end at last.
+    let job = start("trap '' TERM; sleep 60 & wait; sleep 60");
+    let begin = Instant::now();
+    job.stop(Duration::from_millis(100));
+    assert!(begin.elapsed() < LIMIT);
 }
