@@ -10,14 +10,19 @@ use std::sync::Arc;
 use mishandle::dataset::Format;
 use mishandle::picture::CameraSettings;
 use mishandle::plan::{AxisSetting, EvaluatePlan};
-use mishandle::record::{RecordSettings, record};
+use mishandle::record::{ArchiveSettings, RecordSettings, record};
 use mishandle::results::Demonstrations;
 use mishandle::rollout::{Controller, ControllerWorker, Environment, Request, Scenario, Seed, System};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
-const PLAIN: RecordSettings =
-    RecordSettings { format: Format::Npz, relabel: None, cameras: None, only_successful: false };
+const PLAIN: RecordSettings = RecordSettings {
+    format: Format::Npz,
+    relabel: None,
+    cameras: None,
+    only_successful: false,
+    archive: None,
+};
 
 fn plan(target: &str, controller: &str, episodes: u64) -> Plan {
     let evaluate = EvaluatePlan { episodes, batch: 4, ..EvaluatePlan::default() };
@@ -221,6 +226,60 @@ fn labels_are_those_of_the_state_and_not_of_what_the_student_saw() {
         assert_eq!(label, &plain.bytes("action")[bytes.clone()]);
         assert_ne!(label, executed);
     }
+}
+
+#[test]
+fn scenarios_of_an_archive_are_drawn_by_weight_and_the_others_are_those_of_the_evaluation() {
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, none, mixed, out] = ["plain", "none", "mixed", "out"].map(|name| folder.path().join(name));
+    let failures = folder.path().join("failures");
+    std::fs::create_dir(&failures).unwrap();
+    let table = |text: &str| std::fs::write(failures.join("archive.csv"), text).unwrap();
+    table("weight,action_delay,observation_delay\n3,3,0\n1,0,3\n");
+    let plan = Plan { space: "starts+delay".to_string(), ..plan("ball-balancing", "ppo", 100) };
+    let archive = |share: f64| {
+        let archive = Some(ArchiveSettings { path: failures.clone(), share });
+        RecordSettings { archive, ..PLAIN }
+    };
+    let without = write(&plan, &PLAIN, &plain).unwrap().unwrap();
+    assert_eq!((without.archive, without.archived), (None, 0));
+    assert_eq!(write(&plan, &archive(0.0), &none).unwrap().unwrap().archived, 0);
+    let found = write(&plan, &archive(0.5), &mixed).unwrap().unwrap();
+    let [plain, none, mixed] = [plain, none, mixed].map(|out| Arrays::read(&out));
+    assert_eq!(plain.bytes("action"), none.bytes("action"));
+    let axis = |arrays: &Arrays, name: &str| -> Vec<f64> {
+        arrays.words(&format!("scenario.{name}")).into_iter().map(f64::from_bits).collect()
+    };
+    let delays = |arrays: &Arrays| -> Vec<[f64; 2]> {
+        let [action, observation] = ["action_delay", "observation_delay"].map(|name| axis(arrays, name));
+        action.into_iter().zip(observation).map(|(action, observation)| [action, observation]).collect()
+    };
+    let (before, after) = (delays(&plain), delays(&mixed));
+    let starts = [&plain, &mixed].map(|arrays| axis(arrays, "ball_x"));
+    let mut given = [0_u64; 2];
+    for episode in 0..100 {
+        // Starts of the archive are random, so they differ from those of the evaluation.
+        if starts[0][episode] == starts[1][episode] {
+            assert_eq!(before[episode], after[episode]);
+        } else {
+            let row = [[3.0, 0.0], [0.0, 3.0]].iter().position(|row| *row == after[episode]);
+            given[row.expect("a scenario of the archive")] += 1;
+        }
+    }
+    assert_eq!(given[0] + given[1], found.archived);
+    // Three standard deviations of the shares 1/2 of 100 and 3/4 of 50 are 15 and 0.18.
+    assert!((35..=65).contains(&found.archived), "{given:?}");
+    assert!((0.57..=0.93).contains(&(given[0] as f64 / found.archived as f64)), "{given:?}");
+
+    let error = |settings: &RecordSettings| write(&plan, settings, &out).unwrap_err().with_causes();
+    assert!(error(&archive(1.5)).contains("share of the archive"));
+    assert!(error(&archive(f64::NAN)).contains("share of the archive"));
+    table("weight,drift_x\n1,0\n");
+    let said = error(&archive(0.5));
+    assert!(said.contains("archive.csv") && said.contains("`drift_x` is not an axis"), "{said}");
+    std::fs::remove_dir_all(&failures).unwrap();
+    assert!(error(&archive(0.5)).contains("failures"));
+    assert!(!out.exists());
 }
 
 #[test]

@@ -531,6 +531,8 @@ def record(
     cameras: list[str],
     size: list[int],
     only_successful: bool,
+    archive: str | None,
+    archive_share: float,
     out: str,
     progress: Callable[[int, int], None] | None,
 ) -> str: ...

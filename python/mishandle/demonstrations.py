@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 
 from mishandle import _native, results
-from mishandle.arguments import check_number, check_settings
+from mishandle.arguments import check_number, check_settings, is_real
 from mishandle.documents import read
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.files import PathLike
@@ -28,6 +28,8 @@ def record(
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (64, 64),
     successful: bool = False,
+    archive: PathLike | None = None,
+    archive_share: float = 0.5,
     space: str = "starts",
     axes: Mapping[str, float | tuple[float, float] | str] | None = None,
     preset: str = "paper",
@@ -42,7 +44,7 @@ def record(
     """Records what a controller sees and does as a data set to train a policy on.
 
     The same as ``mishandle record``; ``docs/guide/record.md`` lists the columns. The scenarios are the random ones of :func:`evaluate`
-    with the same target, space, seed and number of episodes.
+    with the same target, space, seed and number of episodes, or failures of an archive.
 
     Parameters
     ----------
@@ -64,6 +66,11 @@ def record(
         Width and height of the images, pixels, each from 1 to 1024.
     successful : bool
         Whether to keep only episodes that satisfy the success formula.
+    archive : path, optional
+        Failures from which the share ``archive_share`` of the scenarios is drawn: the folder of those of a round of :func:`harden`, a run
+        file, a counterexample, a folder of counterexamples, or a table (``.csv``).
+    archive_share : float
+        Share of the simulations with a scenario of the archive.
     space, axes, preset, requirements, stochastic, action_noise, observation_noise, guard
         As for a task in :func:`falsify`.
     seed : int
@@ -99,6 +106,8 @@ def record(
     sides = list(size) if isinstance(size, (tuple, list)) else []
     if len(sides) != 2 or not all(isinstance(side, int) and 1 <= side <= 1024 for side in sides):
         raise InvalidValueError(f"size is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)")
+    if not is_real(archive_share):
+        raise InvalidTypeError(f"archive_share is {archive_share!r}; it must be a number from 0 to 1")
     text = _native.record(
         os.fspath(system),
         "" if policy is None else os.fspath(policy),
@@ -115,6 +124,8 @@ def record(
         cameras=list(cameras),
         size=sides,
         only_successful=successful,
+        archive=None if archive is None else os.fspath(archive),
+        archive_share=float(archive_share),
         out=os.fspath(out),
         progress=progress,
     )

@@ -3648,6 +3648,11 @@ class Demonstrations:
     episodes: int
     """Number of episodes in the data set."""
     frames: int
+    archive: str | None = None
+    """Failures from which scenarios were drawn: the path of a file or folder; left out without
+    them."""
+    archived: int
+    """Number of simulations with a scenario of the archive."""
     """Number of frames of all episodes: one per control step."""
     successes: int
     """Number of episodes that satisfy the success formula."""

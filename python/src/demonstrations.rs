@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use mishandle::picture::CameraSettings;
 use mishandle::plan::{EvaluatePlan, GuardPlan};
-use mishandle::record::RecordSettings;
+use mishandle::record::{ArchiveSettings, RecordSettings};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
@@ -23,7 +23,7 @@ use crate::{InvalidStateError, raised};
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (
     target, controller, *, preset, space, axes, noise, guard, requirements, seed, episodes, format, relabel,
-    cameras, size, only_successful, out, progress
+    cameras, size, only_successful, archive, archive_share, out, progress
 ))]
 pub fn record(
     py: Python<'_>,
@@ -42,6 +42,8 @@ pub fn record(
     cameras: Vec<String>,
     size: [u16; 2],
     only_successful: bool,
+    archive: Option<PathBuf>,
+    archive_share: f64,
     out: PathBuf,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
@@ -58,6 +60,7 @@ pub fn record(
         relabel,
         cameras: (!cameras.is_empty()).then_some(CameraSettings { names: cameras, size }),
         only_successful,
+        archive: archive.map(|path| ArchiveSettings { path, share: archive_share }),
     };
     let mut exception = None;
     let watch = |done: u64| {

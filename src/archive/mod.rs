@@ -2,9 +2,11 @@
 
 mod recorded;
 mod simulated;
+mod table;
 mod weights;
 
 pub use recorded::recorded_failures;
 pub(crate) use recorded::simulated_in;
 pub(crate) use simulated::{ModeKey, Modes, mode_key, simulated};
+pub(crate) use table::given_scenarios;
 pub(crate) use weights::{Simulated, csv, shows_nan, weighted};

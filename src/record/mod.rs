@@ -11,18 +11,23 @@ mod recorder;
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
 use mishandle_files::AtomicFolder;
 use mishandle_results::Demonstrations;
-use mishandle_rollout::{Controller, Environment, Episode, Request, Scenario, Seed, System};
+use mishandle_rollout::{
+    Controller, Environment, Episode, Request, Scenario, Seed, System, TrainingScenarios,
+};
 use mishandle_text::path_text;
+use mishandle_training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};
 
+use crate::archive::given_scenarios;
 use crate::error::MishandleError;
 use crate::picture::{CameraSettings, Recording, RecordingEnvironment, SharedRecordings, TargetCameras};
-use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target};
+use crate::plan::CPU;
+use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target, training_target};
 use crate::run::end_text;
 use crate::run::evaluate::{TRIAL, with_requests};
 
@@ -44,6 +49,37 @@ pub struct RecordSettings {
     pub cameras: Option<CameraSettings>,
     /// Whether episodes that violate the success formula, or have no verdict, are left out.
     pub only_successful: bool,
+    /// Failures whose scenarios replace some of the random ones. `None`: all are random.
+    pub archive: Option<ArchiveSettings>,
+}
+
+/// Settings of the failures from which a recording draws scenarios.
+#[derive(Clone, Debug)]
+pub struct ArchiveSettings {
+    /// Folder of the failures of a hardening's round, or anything else that training draws from: a
+    /// table of scenarios, a run file, a counterexample, or a folder of counterexamples.
+    pub path: PathBuf,
+    /// Share of the simulations with a scenario of it, from 0 to 1.
+    pub share: f64,
+}
+
+impl ArchiveSettings {
+    /// Share without another wish.
+    pub const SHARE: f64 = 0.5;
+
+    /// Returns the draw of the scenarios.
+    fn draw(&self, resolved: &ResolvedPlan) -> Result<ScenarioDraw, MishandleError> {
+        if !(0.0..=1.0).contains(&self.share) {
+            let (what, value) = ("the share of the archive", self.share.to_string());
+            return Err(MishandleError::InvalidValue { what, value, expected: "a number from 0 to 1" });
+        }
+        // A robot whose file has no rewards cannot be trained, so only its axes are compared.
+        let target = training_target(&resolved.plan.target, CPU).ok();
+        let given = given_scenarios(&self.path, &resolved.space, target.as_deref())?;
+        let scenarios = TrainingScenarios { given, ..TrainingScenarios::of(resolved.space.clone()) };
+        let settings = ScenarioSettings { file_share: self.share, ..ScenarioSettings::default() };
+        Ok(ScenarioDraw::new(scenarios, &settings))
+    }
 }
 
 /// Returns the format with this name.
@@ -60,7 +96,8 @@ pub fn format(name: &str) -> Result<Format, MishandleError> {
     })
 }
 
-/// Records the random simulations of an evaluation as a data set in the new folder `out`.
+/// Records the random simulations of an evaluation as a data set in the new folder `out`. A share
+/// of them can have scenarios of an archive of failures instead.
 ///
 /// `watch` gets the number of finished simulations after each batch and can stop the recording.
 /// Then the result is `None`, and nothing is written: the folder appears when it is complete.
@@ -77,6 +114,7 @@ pub fn record(
     let target = recordable(resolved)?;
     check_rate(resolved, settings.format)?;
     let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
+    let archive = settings.archive.as_ref().map(|archive| archive.draw(resolved)).transpose()?;
     let named = settings.cameras.as_ref();
     let named = named.map(|named| TargetCameras::new(&resolved.plan.target, &resolved.space, named));
     let mut cameras = named.transpose()?.map(|cameras| cameras.seen_by(target.controller().sees()));
@@ -98,6 +136,8 @@ pub fn record(
         folder: path_text(out),
         format: settings.format.name().to_string(),
         relabel: settings.relabel.clone(),
+        archive: settings.archive.as_ref().map(|archive| path_text(&archive.path)),
+        archived: 0,
         simulations: 0,
         episodes: 0,
         frames: 0,
@@ -116,10 +156,18 @@ pub fn record(
     let batch = batch.min(fitting);
     while found.simulations < episodes {
         let last = episodes.min(found.simulations + batch);
-        let requests: Vec<Request> = with_requests(resolved, |requests| {
+        let mut requests: Vec<Request> = with_requests(resolved, |requests| {
             let request = |number: u64| requests.request(TRIAL, number as u32);
             (found.simulations + 1..=last).filter_map(|number| request(number).transpose()).collect()
         })?;
+        if let Some(archive) = &archive {
+            for request in &mut requests {
+                if let (ScenarioOrigin::Given, scenario) = archive.draw(request.seed) {
+                    request.scenario = scenario;
+                    found.archived += 1;
+                }
+            }
+        }
         for mut recorded in recorder.run(&requests)? {
             found.simulations += 1;
             let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.only_successful);

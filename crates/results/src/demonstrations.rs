@@ -16,6 +16,12 @@ pub struct Demonstrations {
     /// Controller whose action in each state is recorded, by its name or its path; `null` if it is
     /// the one that acts.
     pub relabel: Option<String>,
+    /// Failures from which scenarios were drawn: the path of a file or folder; left out without
+    /// them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub archive: Option<String>,
+    /// Number of simulations with a scenario of the archive.
+    pub archived: u64,
     /// Number of simulations.
     pub simulations: u64,
     /// Number of episodes in the data set.

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 use mishandle::picture::CameraSettings;
-use mishandle::record::RecordSettings;
+use mishandle::record::{ArchiveSettings, RecordSettings};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 
@@ -20,6 +20,8 @@ use crate::show::{demonstrations, output};
   mishandle record ball-balancing --controller expert --space starts+delay --successful --out delay
   mishandle record ball-balancing --controller expert --format npz --out arrays
   mishandle record ball-balancing --controller ppo --relabel expert --out dagger
+  mishandle record ball-balancing --controller ppo --relabel expert --space starts+delay \\
+    --archive better.harden/round-1/failures --out repair
   mishandle record ball-pushing --controller expert --cameras over,wrist --size 96x96 --out seen
 
 The scenarios are the random ones of `mishandle evaluate` with the same target, space, seed and
@@ -38,6 +40,13 @@ pub struct Arguments {
     /// expert, another shipped controller, or a path
     #[arg(long, value_name = "NAME")]
     pub relabel: Option<String>,
+    /// Draw a share of the scenarios from failures: those of a round of `harden` (round-N/failures),
+    /// a run file, a counterexample, a folder of counterexamples, or a table (.csv)
+    #[arg(long, value_name = "PATH")]
+    pub archive: Option<PathBuf>,
+    /// Share of the simulations with a scenario of the archive [default: 0.5]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, requires = "archive")]
+    pub archive_share: Option<f64>,
     /// Record what these cameras see: over, wrist, or those of the target file
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub cameras: Vec<String>,
@@ -62,6 +71,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         cameras: (!command.cameras.is_empty())
             .then(|| CameraSettings { names: command.cameras.clone(), size: command.size }),
         only_successful: command.successful,
+        archive: command.archive.clone().map(|path| ArchiveSettings {
+            path,
+            share: command.archive_share.unwrap_or(ArchiveSettings::SHARE),
+        }),
     };
     let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut evaluate = plan.evaluate.take().unwrap_or_default();

@@ -11,12 +11,21 @@ pub fn text(found: &Demonstrations) -> String {
         Some(name) => format!("\nactions are those of {} in each state", escape::name(name)),
         None => String::new(),
     };
+    let archive = match &found.archive {
+        Some(path) => format!(
+            "\n{} of {} have a scenario of {}",
+            found.archived,
+            plural(found.simulations, "simulation"),
+            escape::name(path)
+        ),
+        None => String::new(),
+    };
     let left_out = match found.left_out {
         0 => String::new(),
         left_out => format!("; {} left out", plural(left_out, "simulation")),
     };
     format!(
-        "{}{labels}\n{} with {}: {}{left_out}\n{} in {} as {}",
+        "{}{labels}{archive}\n{} with {}: {}{left_out}\n{} in {} as {}",
         subject::heading(&found.subject),
         plural(found.episodes, "episode"),
         plural(found.frames, "frame"),
