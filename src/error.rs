@@ -46,12 +46,27 @@ pub enum MishandleError {
          the environment"
     )]
     ProgramNotAllowed {
-        /// Simulator or policy.
+        /// Simulator, policy or trainer.
         role: &'static str,
         /// Command of the program.
         command: String,
         /// Variable of the environment that allows programs.
         variable: &'static str,
+    },
+    /// The trainer of a hardening gave no controller.
+    #[error(
+        "the trainer `{command}` {problem}; what is recorded remains, and --resume calls it again; the end of {}: {end}",
+        log.display()
+    )]
+    Trainer {
+        /// Command of the trainer.
+        command: String,
+        /// Its failure, as a verb.
+        problem: String,
+        /// File with all that it printed.
+        log: PathBuf,
+        /// Last lines of this file.
+        end: String,
     },
     /// A simulation of others would start a program.
     #[error("its simulator or its policy is a program, and no program is started from a file of others")]

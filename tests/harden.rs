@@ -205,7 +205,7 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
         }
     }
     // Training draws given scenarios of the searches only.
-    let archive = std::fs::read_to_string(harden_folder(&out).join("round-1/archive.csv")).unwrap();
+    let archive = std::fs::read_to_string(harden_folder(&out).join("round-1/failures/archive.csv")).unwrap();
     assert_eq!(archive.lines().next().unwrap().split(',').next(), Some("weight"));
 }
 

@@ -70,6 +70,7 @@ def harden(
     allow: Sequence[str] = (),
     settings: PathLike | None = None,
     device: str = "cpu",
+    trainer: str | None = None,
     seed: int = 0,
     resume: bool = False,
     progress: HardenProgress | None = None,
@@ -77,21 +78,21 @@ def harden(
     """Trains a controller of a task on its failures until it fails less often, and measures the difference.
 
     The same as ``mishandle harden``. ``docs/guide/harden.md`` explains rounds, decisions and the final comparison. Training needs a
-    reward and a network of this program, so the system is a task and the policy one of our controllers. :class:`ScenarioEnv` retrains
-    policies of other libraries.
+    reward and a network of this program, so the system is a task and the policy one of our controllers, unless a ``trainer`` of yours
+    trains it. :class:`ScenarioEnv` retrains policies of other libraries.
 
     Parameters
     ----------
     system : str
         Name of a task.
     policy : str or path
-        Name of a shipped controller, such as ``"ppo"``, or a file (``.safetensors``).
+        Name of a shipped controller, such as ``"ppo"``, or a file (``.safetensors``; with a trainer also ``.onnx``).
     space : str
         Name of a space of the task in which the controller shall fail less often, such as ``"starts+delay"``.
     axes, preset, requirements, stochastic, action_noise, observation_noise, guard
         As for a task in :func:`falsify`.
     out : path
-        File of the accepted controller (``.safetensors``). The runs are in the folder beside it: ``better.harden`` for
+        File of the accepted controller, with the extension of the one before (``.safetensors``, ``.onnx``). The runs are in the folder beside it: ``better.harden`` for
         ``better.safetensors``.
     rounds : int
         Largest number of rounds.
@@ -113,6 +114,9 @@ def harden(
         Training settings (TOML); by default those by which the controller was trained.
     device : str
         Device of the training's physics: ``"cpu"`` or ``"gpu"``.
+    trainer : str, optional
+        Command that trains the controller of a round, such as ``"python train.py"``, with the arguments of ``docs/guide/harden.md``. It
+        replaces ``settings``, ``device`` and the shares.
     seed : int
         Random seed.
     resume : bool
@@ -140,6 +144,8 @@ def harden(
         raise InvalidTypeError("the space of a hardening is one of the task, by name, such as 'starts+delay'; `axes` narrows or adds axes")
     options: TargetOptions = {"axes": {} if axes is None else axes, "requirements": {} if requirements is None else requirements}
     check_settings(options["axes"])
+    if trainer is not None and not isinstance(trainer, str):
+        raise InvalidTypeError(f"trainer is a {type(trainer).__name__}; expected a command, such as 'python train.py'")
     if not isinstance(given := as_server(policy), (str, os.PathLike)):
         raise InvalidTypeError(
             f"a hardening trains one of our controllers, by name or path, not a {type(given).__name__}; write a network of skrl or "
@@ -167,6 +173,7 @@ def harden(
         "allow": list(allow),
         "settings": None if settings is None else os.fspath(settings),
         "device": device,
+        **({} if trainer is None else {"trainer": trainer}),
     }
     text = _native.harden(
         system,

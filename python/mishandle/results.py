@@ -2477,6 +2477,8 @@ class Hardening:
     """Name or path of the controller before."""
     guard: GuardFacts | None = None
     """Guard under which the controllers act and train; left out without one."""
+    trainer: str | None = None
+    """Command of the trainer of the user; left out if this program trained."""
     after: str | None
     """File of the accepted controller; ``None`` if no round was accepted."""
     folder: str
@@ -2508,7 +2510,7 @@ class Hardening:
     rounds: tuple[HardeningRound, ...]
     """The rounds, in order."""
     environment_steps: int
-    """Environment steps of all training runs."""
+    """Environment steps of all training runs; 0 with a trainer of the user."""
     simulations: int
     """Simulations of all runs in the folder."""
 
@@ -2607,7 +2609,10 @@ class HardeningRound:
     failures: int
     """Failures that its searches found."""
     environment_steps: int
-    """Environment steps of its training."""
+    """Environment steps of its training; 0 if a trainer of the user trained, which does not say."""
+    file_hash: str | None = None
+    """First 32 digits of the SHA-256 of the file that a trainer of the user wrote; left out
+    without one."""
     bound_before: float | None
     """Upper bound of the failure rate in the space before the round, on the validation set."""
     bound_after: float | None
@@ -3643,16 +3648,16 @@ class Demonstrations:
     relabel: str | None
     """Controller whose action in each state is recorded, by its name or its path; ``None`` if it
     is the one that acts."""
-    simulations: int
-    """Number of simulations."""
-    episodes: int
-    """Number of episodes in the data set."""
-    frames: int
     archive: str | None = None
     """Failures from which scenarios were drawn: the path of a file or folder; left out without
     them."""
     archived: int
     """Number of simulations with a scenario of the archive."""
+    simulations: int
+    """Number of simulations."""
+    episodes: int
+    """Number of episodes in the data set."""
+    frames: int
     """Number of frames of all episodes: one per control step."""
     successes: int
     """Number of episodes that satisfy the success formula."""

@@ -4,9 +4,8 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::harden::{HardenProgress, check_plan, final_runs, finished, harden_folder, resume};
+use mishandle::harden::{HardenProgress, final_runs, finished, harden_folder, resume_plan};
 use mishandle::plan::{GuardPlan, HardenPlan};
-use mishandle::run::Opening;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
 use mishandle_report::{HardenedModes, hardening_page};
@@ -43,8 +42,9 @@ pub fn harden(
     is_resumed: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let table: HardenPlan =
+    let mut table: HardenPlan =
         serde_json::from_str(table).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
+    table.is_trainer_typed = true;
     let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
     let plan = Plan {
         seed,
@@ -64,9 +64,7 @@ pub fn harden(
     };
     let found = py.detach(|| {
         if is_resumed {
-            let folder = harden_folder(&out);
-            check_plan(&folder, &plan)?;
-            resume(&folder, Opening::default(), Some(&device), &mut watch)
+            resume_plan(&harden_folder(&out), &plan, Some(&device), &mut watch)
         } else {
             mishandle::harden::harden(&plan, &out, Some(&device), &mut watch)
         }

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 import pathlib
+import shlex
 import signal
 import subprocess
 import sys
@@ -146,6 +148,30 @@ class Hardenings(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "there is no hardening in .*out.harden to continue"):
             self.harden("out.safetensors", resume=True)
         self.assertEqual(sorted(each.name for each in self.folder.iterdir()), ["settings.toml"])
+
+    def test_a_trainer_of_the_user_trains_and_is_called_again_after_a_failure(self) -> None:
+        other = ROOT / "controllers" / "point-reaching" / "ppo-2.safetensors"
+        script = self.folder / "my trainer.py"
+        script.write_text(
+            "import pathlib, shutil, sys\n"
+            "ready = pathlib.Path(sys.argv[1])\n"
+            "print('begins', flush=True)\n"
+            "if not ready.exists():\n"
+            "    ready.touch()\n"
+            "    sys.exit(4)\n"
+            "shutil.copy(sys.argv[2], sys.argv[sys.argv.index('--out') + 1])\n"
+        )
+        trainer = shlex.join([sys.executable, str(script), str(self.folder / "ready"), str(other)])
+        with self.assertRaisesRegex(mishandle.MishandleError, "failed with exit code 4.*begins"):
+            self.harden("out.safetensors", settings=None, trainer=trainer)
+        found = self.harden("out.safetensors", settings=None, trainer=trainer, resume=True)
+        self.assertEqual(found.trainer, trainer)
+        digest = hashlib.sha256(other.read_bytes()).hexdigest()
+        self.assertTrue(digest.startswith(found.rounds[0].file_hash or "none"), found.rounds)
+        with self.assertRaisesRegex(mishandle.MishandleError, "harden.settings is .*trainer"):
+            self.harden("second.safetensors", trainer=trainer)
+        with self.assertRaisesRegex(mishandle.InvalidTypeError, "trainer is a list; expected a command"):
+            self.harden("second.safetensors", settings=None, trainer=[trainer])
 
     def test_the_plan_of_a_run_says_whether_it_is_a_hardening(self) -> None:
         for table in ("harden", "evaluate"):

@@ -8,5 +8,5 @@ mod weights;
 pub use recorded::recorded_failures;
 pub(crate) use recorded::simulated_in;
 pub(crate) use simulated::{ModeKey, Modes, mode_key, simulated};
-pub(crate) use table::given_scenarios;
+pub(crate) use table::{TABLE, given_scenarios};
 pub(crate) use weights::{Simulated, csv, shows_nan, weighted};

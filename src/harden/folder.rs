@@ -14,7 +14,8 @@ use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::{Answer, Engine, Opening, Progress, ask, continue_run};
 
-use super::{HardenProgress, HardenUnit, Watch, plan_file};
+use super::controller_files::ControllerFiles;
+use super::{EXTENSION, HardenProgress, HardenUnit, ONNX_EXTENSION, Watch, plan_file};
 
 /// Plan of the hardening.
 pub(super) const PLAN: &str = "harden.toml";
@@ -25,8 +26,11 @@ pub(super) const RESULT: &str = "result.json";
 /// Folder of the final comparison.
 const FINAL: &str = "final";
 
-/// The controller before.
-const BEFORE: &str = "before.safetensors";
+/// Stem of the name of the controller before.
+const BEFORE: &str = "before";
+
+/// Stem of the name of the controller that a round trains.
+const CANDIDATE: &str = "controller";
 
 /// Guard under which the controller acts and trains.
 const GUARD: &str = "guard.toml";
@@ -41,27 +45,42 @@ pub(super) struct Folder {
     /// Its path for the files in it, absolute while phases run: their plans and settings name files
     /// of the folder.
     pub path: PathBuf,
+    /// Extension of the files of its controllers.
+    extension: &'static str,
     opening: Opening,
 }
 
 impl Folder {
     /// Returns the folder at a path, unchecked.
     pub fn at(path: &Path) -> Folder {
-        Folder { given: path.to_path_buf(), path: path.to_path_buf(), opening: Opening::default() }
+        let is_onnx = path.join(BEFORE).with_extension(ONNX_EXTENSION).exists();
+        Folder::with_extension(path, if is_onnx { ONNX_EXTENSION } else { EXTENSION })
+    }
+
+    fn with_extension(path: &Path, extension: &'static str) -> Folder {
+        let [given, path] = [path, path].map(Path::to_path_buf);
+        Folder { given, path, extension, opening: Opening::default() }
     }
 
     /// Creates the folder of a plan with all that the hardening reads: it then depends on no other
-    /// file. `before` are the bytes of the controller.
+    /// file but those of a trainer. `settings` are those of training by this program.
     ///
     /// # Errors
     /// If it exists, or a file cannot be written.
-    pub fn create(path: &Path, plan: &Plan, before: &[u8], settings: &str) -> Result<(), MishandleError> {
-        let folder = Folder::at(path);
+    pub fn create(
+        path: &Path,
+        plan: &Plan,
+        before: &ControllerFiles,
+        settings: Option<&str>,
+    ) -> Result<(), MishandleError> {
+        let folder = Folder::with_extension(path, before.extension);
         if path.exists() {
             return Err(MishandleError::Exists { path: path.to_path_buf(), flag: "--out" });
         }
-        folder.write(&folder.before(), before)?;
-        folder.write(&folder.settings(), settings.as_bytes())?;
+        before.write(&folder, &folder.before())?;
+        if let Some(settings) = settings {
+            folder.write(&folder.settings(), settings.as_bytes())?;
+        }
         if let Some(guard) = &plan.guard {
             folder.write(&folder.guard(), guard.to_toml().as_bytes())?;
         }
@@ -107,7 +126,7 @@ impl Folder {
             .map_err(|source| MishandleError::File { path: path.clone(), source })?;
         let found: Hardening = serde_json::from_str(&text)
             .map_err(|error| MishandleError::HardeningResult { path, problem: error.to_string() })?;
-        let after = found.after.is_some().then(|| path_text(&super::accepted_file(&self.given)));
+        let after = found.after.is_some().then(|| path_text(&self.accepted()));
         Ok(Some(Hardening { folder: path_text(&self.given), after, ..found }))
     }
 
@@ -123,7 +142,12 @@ impl Folder {
     }
 
     pub fn before(&self) -> PathBuf {
-        self.path.join(BEFORE)
+        self.path.join(BEFORE).with_extension(self.extension)
+    }
+
+    /// Returns the file of the accepted controller.
+    pub fn accepted(&self) -> PathBuf {
+        self.given.with_extension(self.extension)
     }
 
     pub fn guard(&self) -> PathBuf {
@@ -146,7 +170,7 @@ impl Folder {
 
     /// Returns the path of the controller that a round trains.
     pub fn candidate(&self, round: u32) -> PathBuf {
-        self.of_round(round, "controller.safetensors")
+        self.of_round(round, CANDIDATE).with_extension(self.extension)
     }
 
     /// Writes a file, with its folder.

@@ -84,6 +84,15 @@ impl Measured {
         Ok(self.space.run()?.header().build.git_commit.clone())
     }
 
+    /// Returns the hash of the file of the controller.
+    ///
+    /// # Errors
+    /// If the run file cannot be read.
+    pub fn file_hash(&self) -> Result<String, MishandleError> {
+        let run = self.space.run()?;
+        Ok(run.header().components.first().map_or(String::new(), |component| component.file_hash.clone()))
+    }
+
     fn evaluation(&self, asked: &Asked) -> Result<results::Evaluation, MishandleError> {
         match asked.result()? {
             results::Answer::Evaluation(found) => Ok(*found),

@@ -5,6 +5,7 @@
 //! final comparison, which is simulated once, after the last decision. Each phase is a run file or
 //! a training run in the folder of the hardening, so that a hardening continues where it stopped.
 
+mod controller_files;
 mod decision;
 mod examples;
 mod folder;
@@ -13,10 +14,10 @@ mod minimized;
 mod result;
 mod round;
 mod search;
+mod trainer;
 
 use std::collections::BTreeSet;
 use std::fmt;
-use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -30,21 +31,26 @@ use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
-use crate::resolve::{ResolvedPlan, STARTS, TrainingTarget, default_reward, training_target};
+use crate::resolve::{ResolvedPlan, STARTS, default_reward, has_scene, is_onnx, training_target};
 use crate::run::{Device, Opening};
+use controller_files::ControllerFiles;
 use decision::decide;
 pub use examples::{ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
 use measure::measure;
-use round::{RoundEnd, run_round};
+use round::{RoundEnd, Training, run_round};
+use trainer::Trainer;
 
 /// Indices of the child seeds of validations and of the final comparison. Searches and training
 /// runs have others.
 const VALIDATION: u64 = 3 << 32;
 const FINAL: u64 = 4 << 32;
 
-/// Extension of the files of controllers.
+/// Extension of the files of networks of this program.
 const EXTENSION: &str = "safetensors";
+
+/// Extension of the files of ONNX models.
+const ONNX_EXTENSION: &str = "onnx";
 
 /// Extension of the folders of hardenings.
 pub(crate) const FOLDER_EXTENSION: &str = "harden";
@@ -52,9 +58,9 @@ pub(crate) const FOLDER_EXTENSION: &str = "harden";
 /// Progress of a hardening.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HardenProgress {
-    /// Phase, such as `round 1: training`.
+    /// Phase, such as `round 1: training`, with the last line that a trainer printed.
     pub phase: String,
-    /// Finished part of the phase.
+    /// Finished part of the phase; 0 while a trainer of the user runs, which does not say.
     pub done: u64,
     /// The whole phase.
     pub all: u64,
@@ -88,17 +94,12 @@ pub fn harden_folder(out: &Path) -> PathBuf {
     out.with_extension(FOLDER_EXTENSION)
 }
 
-/// Returns the file of the accepted controller of the hardening in a folder.
-fn accepted_file(folder: &Path) -> PathBuf {
-    folder.with_extension(EXTENSION)
-}
-
 /// Hardens the controller of a plan and writes the accepted one to `out`. Returns `None` if it was
 /// interrupted: [`resume`] continues it.
 ///
 /// # Errors
-/// If the plan has no table `[harden]` or is wrong, the controller is not a network of this
-/// program, an output exists, or a simulation, a training run or a file fails.
+/// If the plan has no table `[harden]` or is wrong, nothing can train the controller, an output
+/// exists, or a simulation, a training run or a file fails.
 pub fn harden(
     plan: &Plan,
     out: &Path,
@@ -107,9 +108,13 @@ pub fn harden(
 ) -> Result<Option<Hardening>, MishandleError> {
     let checked = CheckedHardening::new(plan)?;
     check_device(checked.table, gpu)?;
-    if out.extension().is_none_or(|extension| extension != EXTENSION) {
+    let format = checked.before.extension;
+    if out.extension().is_none_or(|extension| extension != format) {
         let (what, value) = ("the file of the controller", path_text(out));
-        let expected = "a name that ends in .safetensors";
+        let expected = match format {
+            ONNX_EXTENSION => "a name that ends in .onnx, as that of the controller before",
+            _ => "a name that ends in .safetensors",
+        };
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
     if out.exists() {
@@ -117,32 +122,47 @@ pub fn harden(
     }
     let folder = harden_folder(out);
     checked.create(&folder)?;
-    resume(&folder, Opening::default(), gpu, watch)
+    run(&folder, Opening::default(), checked.table.is_trainer_typed, gpu, watch)
 }
 
 /// A hardening that can start: its plan is checked.
 pub struct CheckedHardening<'p> {
     plan: &'p Plan,
     table: &'p HardenPlan,
-    before: ControllerFile,
-    settings: AlgorithmSettings,
+    before: ControllerFiles,
+    /// Settings of training by this program.
+    settings: Option<AlgorithmSettings>,
 }
 
 impl CheckedHardening<'_> {
     /// Checks a plan. The device of the training is not needed yet.
     ///
     /// # Errors
-    /// If the plan has no table `[harden]` or is wrong, or the controller is not a network of this
-    /// program.
+    /// If the plan has no table `[harden]` or is wrong, or neither this program nor a trainer of
+    /// the plan can train the controller.
     pub fn new(plan: &Plan) -> Result<CheckedHardening<'_>, MishandleError> {
         let table = plan.harden.as_ref().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
         table.check()?;
-        let target = target(plan, table)?;
+        check_target(plan)?;
+        if let Some(trainer) = Trainer::of(plan, table)? {
+            trainer.check()?;
+            let before = ControllerFiles::of_plan(plan)?;
+            check(&with_space(plan, plan.controller.clone())?, table, None)?;
+            return Ok(CheckedHardening { plan, table, before, settings: None });
+        }
+        if is_onnx(Path::new(&plan.controller)) {
+            let (what, value) = ("the controller of a hardening", plan.controller.clone());
+            let expected =
+                "a network of this program; an ONNX model needs a trainer: --trainer 'python train.py'";
+            return Err(MishandleError::InvalidValue { what, value, expected });
+        }
+        let target = training_target(&plan.target, &table.device)?;
         let before = target.start_controller(&plan.controller)?;
         let settings = given_settings(table, &before)?;
         target.scene(default_reward(&plan.target), &settings)?;
-        check(&with_space(plan, plan.controller.clone())?, table, &settings)?;
-        Ok(CheckedHardening { plan, table, before, settings })
+        check(&with_space(plan, plan.controller.clone())?, table, Some(&settings))?;
+        let before = ControllerFiles::of_network(before.to_bytes());
+        Ok(CheckedHardening { plan, table, before, settings: Some(settings) })
     }
 
     /// Creates the folder of the hardening, in which [`resume`] starts it.
@@ -151,7 +171,8 @@ impl CheckedHardening<'_> {
     /// If the folder exists, or a file cannot be written.
     pub fn create(&self, folder: &Path) -> Result<(), MishandleError> {
         let plan = self.plan.with_absolute_paths();
-        Folder::create(folder, &plan, &self.before.to_bytes(), &self.settings.to_toml())
+        let settings = self.settings.as_ref().map(AlgorithmSettings::to_toml);
+        Folder::create(folder, &plan, &self.before, settings.as_deref())
     }
 }
 
@@ -187,8 +208,12 @@ pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
 /// If the folder contains no hardening, or one with other settings.
 pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let (_, recorded) = Folder::open(folder)?;
+    let mut plan = plan.clone();
+    if plan.folder.is_empty() {
+        plan.folder.clone_from(&recorded.folder);
+    }
     let [recorded, given] =
-        [&recorded, plan].map(|plan| toml::Table::try_from(plan.with_absolute_paths()).unwrap_or_default());
+        [&recorded, &plan].map(|plan| toml::Table::try_from(plan.with_absolute_paths()).unwrap_or_default());
     let differences = differences(&recorded, &given);
     if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
 }
@@ -241,10 +266,37 @@ fn differences(recorded: &toml::Table, given: &toml::Table) -> Vec<String> {
 /// simulation. Returns `None` if it was interrupted.
 ///
 /// # Errors
-/// If the folder contains no hardening, or as for [`harden`].
+/// If the folder contains no hardening, or names a trainer that the user has not allowed, or as for
+/// [`harden`].
 pub fn resume(
     folder: &Path,
     opening: Opening,
+    gpu: Option<&Device>,
+    watch: Watch<'_>,
+) -> Result<Option<Hardening>, MishandleError> {
+    run(folder, opening, false, gpu, watch)
+}
+
+/// Continues the hardening of a plan as [`resume`] does. The plan's trainer can be typed.
+///
+/// # Errors
+/// If the hardening has other settings, or as for [`resume`].
+pub fn resume_plan(
+    folder: &Path,
+    plan: &Plan,
+    gpu: Option<&Device>,
+    watch: Watch<'_>,
+) -> Result<Option<Hardening>, MishandleError> {
+    check_plan(folder, plan)?;
+    let is_trainer_typed = plan.harden.as_ref().is_some_and(|table| table.is_trainer_typed);
+    run(folder, Opening::default(), is_trainer_typed, gpu, watch)
+}
+
+/// Runs the phases of a folder that have not ended.
+fn run(
+    folder: &Path,
+    opening: Opening,
+    is_trainer_typed: bool,
     gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<Option<Hardening>, MishandleError> {
@@ -252,13 +304,20 @@ pub fn resume(
     if let Some(found) = folder.result()? {
         return Ok(Some(found));
     }
-    let missing = || MishandleError::MissingPlanTable { table: "harden" };
-    check_device(plan.harden.as_ref().ok_or_else(missing)?, gpu)?;
-    let plan = with_space(&plan, path_text(&folder.before()))?;
-    let table = plan.harden.as_ref().ok_or_else(missing)?;
-    let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
-    let out = accepted_file(&folder.given);
-    Hardener { plan: &plan, table, settings: &settings, folder: &folder, gpu }.run(&out, watch)
+    let recorded = plan.harden.clone().ok_or(MishandleError::MissingPlanTable { table: "harden" })?;
+    let table = HardenPlan { is_trainer_typed, ..recorded };
+    check_device(&table, gpu)?;
+    let training = match Trainer::of(&plan, &table)? {
+        Some(trainer) => Training::Trainer(trainer),
+        None => {
+            let settings = settings(&folder.settings(), &ControllerFile::load(&folder.before())?)?;
+            Training::Own { settings: Box::new(settings), gpu }
+        }
+    };
+    // The working folder is the trainer's alone.
+    let plan = Plan { folder: String::new(), ..with_space(&plan, path_text(&folder.before()))? };
+    let out = folder.accepted();
+    Hardener { plan: &plan, table: &table, training: &training, folder: &folder }.run(&out, watch)
 }
 
 /// Checks that the device of the training is there.
@@ -269,15 +328,18 @@ fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), Mishandl
     }
 }
 
-/// Returns the target of a plan as one of training. Looks up the names of the plan.
-fn target(plan: &Plan, table: &HardenPlan) -> Result<Box<dyn TrainingTarget>, MishandleError> {
+/// Checks that a plan's target can be hardened, and the names of the plan.
+fn check_target(plan: &Plan) -> Result<(), MishandleError> {
     let resolved = ResolvedPlan::new(&evaluation(plan))?;
-    if resolved.target.spaces.iter().all(|space| space.name() != STARTS) {
-        let (what, value) = ("the target of a hardening", plan.target.clone());
-        let expected = "one with an axis of the kind start: each round measures success from random starts";
-        return Err(MishandleError::InvalidValue { what, value, expected });
-    }
-    training_target(&plan.target, &table.device)
+    let expected = if !has_scene(&resolved.target.identity.kind) {
+        "a task or a target file, because this program runs no controller of other targets"
+    } else if resolved.target.spaces.iter().all(|space| space.name() != STARTS) {
+        "one with an axis of the kind start: each round measures success from random starts"
+    } else {
+        return Ok(());
+    };
+    let (what, value) = ("the target of a hardening", plan.target.clone());
+    Err(MishandleError::InvalidValue { what, value, expected })
 }
 
 /// Returns a plan with the names of a hardening's plan, which can be resolved.
@@ -321,7 +383,11 @@ fn settings_of(
 }
 
 /// Checks what all phases need, before the first one.
-fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Result<(), MishandleError> {
+fn check(
+    plan: &Plan,
+    table: &HardenPlan,
+    settings: Option<&AlgorithmSettings>,
+) -> Result<(), MishandleError> {
     if plan.screening.is_some() {
         let (what, value) = ("the question of a screening", "harden".to_string());
         return Err(MishandleError::InvalidValue { what, value, expected: "evaluate, falsify or risk" });
@@ -329,8 +395,10 @@ fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Resul
     for name in &table.searches {
         crate::resolve::search_entry(name)?;
     }
-    let no_file = HardenPlan { archive: 0.0, ..table.clone() };
-    round::round_settings(settings, (plan, &no_file), Path::new("")).check()?;
+    if let Some(settings) = settings {
+        let no_file = HardenPlan { archive: 0.0, ..table.clone() };
+        round::round_settings(settings, (plan, &no_file), Path::new("")).check()?;
+    }
     Ok(())
 }
 
@@ -338,9 +406,8 @@ fn check(plan: &Plan, table: &HardenPlan, settings: &AlgorithmSettings) -> Resul
 struct Hardener<'a> {
     plan: &'a Plan,
     table: &'a HardenPlan,
-    settings: &'a AlgorithmSettings,
+    training: &'a Training<'a>,
     folder: &'a Folder,
-    gpu: Option<&'a Device>,
 }
 
 impl Hardener<'_> {
@@ -351,13 +418,13 @@ impl Hardener<'_> {
         let (mut rounds, mut accepted) = (Vec::new(), None);
         for number in 1..=self.table.rounds {
             let parts = (self.plan, self.table);
-            let end =
-                run_round(self.folder, parts, self.settings, (number, &current), self.gpu, &mut *watch)?;
+            let end = run_round(self.folder, parts, self.training, (number, &current), &mut *watch)?;
             let bound = validated.bound()?;
             let round = |failures, environment_steps, accepted, reason| HardeningRound {
                 number,
                 failures,
                 environment_steps,
+                file_hash: None,
                 bound_before: Some(bound),
                 bound_after: None,
                 accepted,
@@ -378,13 +445,15 @@ impl Hardener<'_> {
                     let decision = decide(&measures, corners, [bound, found.bound()?], &self.table.allow);
                     rounds.push(HardeningRound {
                         bound_after: Some(found.bound()?),
+                        // A network of this program has the date and the paths of its training.
+                        file_hash: self.table.trainer.as_ref().map(|_| found.file_hash()).transpose()?,
                         ..round(failures, environment_steps, decision.accepted, decision.reason)
                     });
                     if decision.accepted {
                         accepted = Some(candidate.clone());
                         (current, validated) = (candidate, found);
                         // Kept if a later phase is interrupted.
-                        self.folder.write(out, &read(&current)?)?;
+                        ControllerFiles::read(&current)?.write(self.folder, out)?;
                     }
                     if !decision.improves {
                         break;
@@ -408,8 +477,4 @@ impl Hardener<'_> {
         let phase = format!("round {round}: validation");
         measure(self.folder, self.plan, controller, numbers, &phase, watch)
     }
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, MishandleError> {
-    fs::read(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })
 }

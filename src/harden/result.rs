@@ -65,6 +65,7 @@ impl Hardener<'_> {
             seed: results::Seed(self.plan.seed),
             before: self.plan.controller.clone(),
             guard: self.plan.guard.as_ref().map(guard_facts),
+            trainer: self.table.trainer.clone(),
             after: after.map(|_| path_text(out)),
             folder: path_text(&self.folder.given),
             commit: first.measured.commit()?,

@@ -8,11 +8,13 @@ use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, SpaceSetting, TrainingControl, TrainingError, TrainingProgress};
 use serde::{Deserialize, Serialize};
 
+use super::controller_files::ControllerFiles;
 use super::folder::Folder;
 use super::minimized::{minimized, suite_of, write_keys};
 use super::search::search;
+use super::trainer::Trainer;
 use super::{HardenProgress, HardenUnit, Watch};
-use crate::archive::{Simulated, csv, shows_nan, weighted};
+use crate::archive::{Simulated, TABLE, csv, shows_nan, weighted};
 use crate::error::MishandleError;
 use crate::plan::{HardenPlan, Plan};
 use crate::resolve::{ResolvedPlan, default_reward};
@@ -26,6 +28,19 @@ const TRAINING: u64 = 2 << 32;
 
 /// Total steps per step in which only the critic learns.
 const CRITIC_SHARE: u64 = 10;
+
+/// Who trains.
+pub(super) enum Training<'a> {
+    /// This program.
+    Own {
+        /// Settings of the controller.
+        settings: Box<AlgorithmSettings>,
+        /// Device of the physics.
+        gpu: Option<&'a Device>,
+    },
+    /// A program of the user.
+    Trainer(Trainer),
+}
 
 /// End of a round.
 pub(super) enum RoundEnd {
@@ -46,9 +61,8 @@ pub(super) enum RoundEnd {
 pub(super) fn run_round(
     folder: &Folder,
     (base, table): (&Plan, &HardenPlan),
-    settings: &AlgorithmSettings,
+    training: &Training<'_>,
     (round, controller): (u32, &Path),
-    gpu: Option<&Device>,
     watch: Watch<'_>,
 ) -> Result<RoundEnd, MishandleError> {
     let seed = Seed(base.seed);
@@ -68,7 +82,7 @@ pub(super) fn run_round(
     let suite = suite_of(folder, round);
     if let Some(name) = controller.file_name() {
         // A counterexample names the controller that lies beside it.
-        folder.write(&suite.join(name), &super::read(controller)?)?;
+        ControllerFiles::read(controller)?.write(folder, &suite.join(name))?;
     }
     let phase = format!("round {round}: minimization");
     let found = (simulated.as_slice(), &modes);
@@ -77,50 +91,94 @@ pub(super) fn run_round(
         return Ok(RoundEnd::Interrupted);
     };
     simulated.extend(smaller);
-    let archive = folder.of_round(round, "archive.csv");
+    let archive = suite.join(TABLE);
     let trainable: Vec<Simulated> =
         simulated.into_iter().filter(|found| !shows_nan(resolved.space.axes(), &found.scenario)).collect();
     folder.write(&archive, csv(resolved.space.axes(), &weighted(&trainable)).as_bytes())?;
-    let settings = round_settings(settings, (base, table), &archive);
-    let file = folder.of_round(round, "settings.toml");
-    folder.write(&file, settings.to_toml().as_bytes())?;
-    let out = folder.candidate(round);
-    let mut plan = TrainPlan {
-        task: base.target.clone(),
-        algorithm: settings.algorithm().to_string(),
-        reward: default_reward(&base.target).to_string(),
-        device: table.device.clone(),
-        settings: Some(file),
-        from: Some(path_text(controller)),
-        steps: None,
-        space: None,
-        axes: Default::default(),
-        guard: base.guard.as_ref().map(|_| folder.guard()),
-        seed: seed.child(TRAINING + u64::from(round)).0,
-        csv: Some(folder.of_round(round, "curve.csv")),
-        tensorboard: None,
-        resume: false,
-        out,
-    };
     let marker = folder.of_round(round, MARKER);
+    let candidate = folder.candidate(round);
     if let Some(trained) = Trained::read(&marker) {
-        return Ok(trained.end(plan.out, failures));
+        return Ok(trained.end(candidate, failures));
     }
-    plan.resume = plan.checkpoint().exists();
-    let mut observer = Observer { phase: format!("round {round}: training"), watch, stopped: false };
-    let trained = match train(&plan, gpu, &mut observer) {
-        Ok(_) if observer.stopped => return Ok(RoundEnd::Interrupted),
-        Ok(mut report) => match report.write_failures.pop() {
-            Some(error) => return Err(error),
-            None => Trained { environment_steps: report.result.environment_steps, diverged: None },
-        },
-        Err(MishandleError::Training(error)) if matches!(error, TrainingError::NotFinite { .. }) => {
-            Trained { environment_steps: 0, diverged: Some(error.to_string()) }
-        }
-        Err(error) => return Err(error),
+    let session = Session {
+        folder,
+        plan: base,
+        table,
+        round,
+        controller,
+        seed: seed.child(TRAINING + u64::from(round)),
+        phase: format!("round {round}: training"),
     };
+    let trained = match training {
+        Training::Own { settings, gpu } => session.own(settings, &archive, *gpu, watch)?,
+        Training::Trainer(trainer) => trainer
+            .train(&session, &suite, watch)?
+            .is_continue()
+            .then_some(Trained { environment_steps: 0, diverged: None }),
+    };
+    let Some(trained) = trained else { return Ok(RoundEnd::Interrupted) };
     folder.write(&marker, toml::to_string(&trained).unwrap_or_default().as_bytes())?;
-    Ok(trained.end(plan.out, failures))
+    Ok(trained.end(candidate, failures))
+}
+
+/// The training of a round.
+pub(super) struct Session<'a> {
+    pub folder: &'a Folder,
+    pub plan: &'a Plan,
+    pub table: &'a HardenPlan,
+    pub round: u32,
+    /// The controller from which it starts.
+    pub controller: &'a Path,
+    pub seed: Seed,
+    pub phase: String,
+}
+
+impl Session<'_> {
+    /// Trains with this program. Returns `None` if it was interrupted.
+    fn own(
+        &self,
+        settings: &AlgorithmSettings,
+        archive: &Path,
+        gpu: Option<&Device>,
+        watch: Watch<'_>,
+    ) -> Result<Option<Trained>, MishandleError> {
+        let Session { folder, plan: base, table, round, .. } = *self;
+        let settings = round_settings(settings, (base, table), archive);
+        let file = folder.of_round(round, "settings.toml");
+        folder.write(&file, settings.to_toml().as_bytes())?;
+        let mut plan = TrainPlan {
+            task: base.target.clone(),
+            algorithm: settings.algorithm().to_string(),
+            reward: default_reward(&base.target).to_string(),
+            device: table.device.clone(),
+            settings: Some(file),
+            from: Some(path_text(self.controller)),
+            steps: None,
+            space: None,
+            axes: Default::default(),
+            guard: base.guard.as_ref().map(|_| folder.guard()),
+            seed: self.seed.0,
+            csv: Some(folder.of_round(round, "curve.csv")),
+            tensorboard: None,
+            resume: false,
+            out: folder.candidate(round),
+        };
+        plan.resume = plan.checkpoint().exists();
+        let mut observer = Observer { phase: self.phase.clone(), watch, stopped: false };
+        match train(&plan, gpu, &mut observer) {
+            Ok(_) if observer.stopped => Ok(None),
+            Ok(mut report) => match report.write_failures.pop() {
+                Some(error) => Err(error),
+                None => {
+                    Ok(Some(Trained { environment_steps: report.result.environment_steps, diverged: None }))
+                }
+            },
+            Err(MishandleError::Training(error)) if matches!(error, TrainingError::NotFinite { .. }) => {
+                Ok(Some(Trained { environment_steps: 0, diverged: Some(error.to_string()) }))
+            }
+            Err(error) => Err(error),
+        }
+    }
 }
 
 /// File that says that the training of a round has ended, and how.

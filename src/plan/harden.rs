@@ -21,6 +21,12 @@ pub struct HardenPlan {
     /// Training settings: a file. `None`: those by which the controller was trained.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settings: Option<String>,
+    /// Command of the trainer of a round, in the plan's `folder`. `None`: this program trains.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trainer: Option<String>,
+    /// Whether the user typed the command of the trainer. One that a file names needs permission.
+    #[serde(skip)]
+    pub is_trainer_typed: bool,
     /// Names of the searches that look for failures.
     pub searches: Vec<String>,
     /// Simulations of each search in a round, and in the final comparison.
@@ -50,6 +56,8 @@ impl Default for HardenPlan {
             steps: 2_000_000,
             device: CPU.to_string(),
             settings: None,
+            trainer: None,
+            is_trainer_typed: false,
             searches: ["portfolio", "cma-es", "random"].map(String::from).to_vec(),
             budget: 300,
             validation: 500,
@@ -113,6 +121,7 @@ impl HardenPlan {
             let known = DEVICES.map(String::from).to_vec();
             return Err(MishandleError::UnknownName { kind: "device", name: self.device.clone(), known });
         }
+        self.check_trainer()?;
         if self.searches.is_empty() {
             return invalid("harden.searches", "empty".to_string(), "the name of at least one search");
         }
@@ -121,5 +130,35 @@ impl HardenPlan {
             return Err(MishandleError::UnknownName { kind: "measure", name: name.clone(), known });
         }
         Ok(())
+    }
+    /// Checks that a plan with a trainer has nothing that only training by this program reads.
+    fn check_trainer(&self) -> Result<(), MishandleError> {
+        if self.trainer.as_ref().is_some_and(|command| command.trim().is_empty()) {
+            let (what, value) = ("harden.trainer", "empty".to_string());
+            let expected = "a command, such as python train.py";
+            return Err(MishandleError::InvalidValue { what, value, expected });
+        }
+        let default = HardenPlan::default();
+        let shares = [
+            ("harden.nominal", self.nominal, default.nominal),
+            ("harden.corners", self.corners, default.corners),
+            ("harden.archive", self.archive, default.archive),
+        ];
+        let given = [
+            ("harden.settings", self.settings.clone()),
+            ("harden.device", (self.device != default.device).then(|| self.device.clone())),
+        ];
+        let changed = |(what, share, default): (&'static str, f64, f64)| {
+            (what, (share != default).then(|| share.to_string()))
+        };
+        let mut given = given.into_iter().chain(shares.map(changed));
+        match given.find_map(|(what, value)| Some((what, value?))) {
+            Some((what, value)) if self.trainer.is_some() => Err(MishandleError::InvalidValue {
+                what,
+                value,
+                expected: "left out with a trainer, which has settings, device and scenarios of its own",
+            }),
+            _ => Ok(()),
+        }
     }
 }

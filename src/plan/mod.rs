@@ -65,7 +65,8 @@ pub struct Plan {
     /// a simulator. Empty if an argument names it.
     #[serde(default)]
     pub target: String,
-    /// Working folder of the simulator `process:COMMAND`. Empty: the present one.
+    /// Working folder of the simulator `process:COMMAND` and of the trainer of a hardening. Empty:
+    /// the present one.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub folder: String,
     /// Whether the user typed the command of the simulator, which allows it. A file never does.

@@ -67,7 +67,7 @@ const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> 
     Key { name, allowed, reads: reads::<T> }
 }
 
-const KEYS: [Key; 72] = [
+const KEYS: [Key; 73] = [
     key::<u32>("format", "2"),
     key::<String>("target", "a string, such as \"ball-balancing\""),
     key::<String>("folder", "a string, such as \"simulators\""),
@@ -140,6 +140,7 @@ const KEYS: [Key; 72] = [
     key::<u64>("harden.steps", "an integer from 1 to 10^12"),
     key::<String>("harden.device", "\"cpu\" or \"gpu\""),
     key::<String>("harden.settings", "a string: the path of a file of training settings"),
+    key::<String>("harden.trainer", "a string: the command of a trainer, such as \"python train.py\""),
     key::<Vec<String>>("harden.searches", "a list of strings, such as [\"portfolio\"]"),
     key::<u32>("harden.budget", "an integer from 1 to 1000000"),
     key::<u64>("harden.validation", "an integer from 1 to 1000000000"),

@@ -11,8 +11,8 @@ use mishandle_text::path_text;
 use crate::error::MishandleError;
 use crate::plan::{GuardPlan, Plan};
 use crate::resolve::{
-    Moved, ResolvedPlan, command, controller_name, files_of, is_onnx, is_path, is_target_file,
-    resolve_recorded, simulator_file, starts_program,
+    Moved, ONNX_SIDES, ResolvedPlan, command, controller_name, files_of, is_onnx, is_path, is_target_file,
+    onnx_side, resolve_recorded, simulator_file, starts_program,
 };
 use crate::shipped::{EXTENSIONS, ShippedFile, shipped_controller};
 
@@ -222,12 +222,7 @@ fn read(path: &Path) -> Result<Cow<'static, [u8]>, MishandleError> {
 
 /// Returns a file, and those that belong to an ONNX model and exist.
 fn with_sides(path: &Path) -> impl Iterator<Item = PathBuf> {
-    let side = |extension: &str| {
-        let mut name = path.as_os_str().to_owned();
-        name.push(extension);
-        PathBuf::from(name)
-    };
-    let sides = if is_onnx(path) { vec![side(".json"), side(".data")] } else { Vec::new() };
+    let sides = if is_onnx(path) { ONNX_SIDES.map(|end| onnx_side(path, end)).to_vec() } else { Vec::new() };
     [path.to_path_buf()].into_iter().chain(sides.into_iter().filter(|side| side.exists()))
 }
 

@@ -1,11 +1,13 @@
 //! Names and paths of controllers.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
-use crate::resolve::task;
+use crate::plan::Plan;
+use crate::resolve::training::not_a_start;
+use crate::resolve::{is_target_file, task};
 use crate::shipped::{CONTROLLERS, EXPERT, ShippedFile, check_home, shipped_controller, shipped_controllers};
 
 /// Returns whether `controller` is a path rather than the name of a shipped controller, `NAME` or
@@ -39,6 +41,37 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
         name: name.to_string(),
         known: shipped_controllers(definition),
     })
+}
+
+/// Returns the file of the controller of a plan for a task or a target file.
+///
+/// # Errors
+/// If the task or the name is unknown, it is that of an expert, or the plan names none.
+pub(crate) fn shipped_file(plan: &Plan) -> Result<ShippedFile, MishandleError> {
+    if plan.controller.is_empty() {
+        let (what, value) = ("the controller", "missing".to_string());
+        let expected = "a name or a path: the policy of a target file is no file of its own";
+        return Err(MishandleError::InvalidValue { what, value, expected });
+    }
+    if is_target_file(&plan.target) {
+        return Ok(ShippedFile::Path((&plan.controller).into()));
+    }
+    let definition = task(&plan.target)?.definition();
+    let (owner, own_name) = split_task(&plan.controller).unwrap_or((definition, &plan.controller));
+    if own_name == EXPERT {
+        return Err(not_a_start("the expert"));
+    }
+    controller_of(owner, own_name)
+}
+
+/// Ends of the names of the files that belong to an ONNX model: its description and its weights.
+pub(crate) const ONNX_SIDES: [&str; 2] = [".json", ".data"];
+
+/// Returns the path of a file that belongs to an ONNX model.
+pub(crate) fn onnx_side(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    PathBuf::from(name)
 }
 
 /// Returns the file of a controller. `name` is a path, or `TASK/NAME` for a shipped controller,

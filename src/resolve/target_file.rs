@@ -82,17 +82,22 @@ pub(crate) fn file_label(target: &str) -> String {
 }
 
 impl Plan {
-    /// Returns the plan with the absolute path of its target file or of the working folder of its
-    /// simulator, and of the fallback of its guard.
+    /// Returns the plan with the absolute path of its target file, of the working folder of its
+    /// programs, and of the fallback of its guard.
     pub(crate) fn with_absolute_paths(&self) -> Plan {
-        let mut plan = self.clone();
-        let is_command = command(&plan.target).is_some();
-        let place = if is_command { &mut plan.folder } else { &mut plan.target };
-        if is_command || is_target_file(place) {
+        let absolute = |place: &mut String| {
             let present = if place.is_empty() { "." } else { place.as_str() };
             if let Ok(path) = std::path::absolute(present) {
                 *place = path_text(&path);
             }
+        };
+        let mut plan = self.clone();
+        let has_trainer = plan.harden.as_ref().is_some_and(|harden| harden.trainer.is_some());
+        if has_trainer || command(&plan.target).is_some() {
+            absolute(&mut plan.folder);
+        }
+        if is_target_file(&plan.target) {
+            absolute(&mut plan.target);
         }
         if let Some(guard) = plan.guard.as_mut().filter(|guard| is_path(&guard.fallback))
             && let Ok(path) = std::path::absolute(&guard.fallback)

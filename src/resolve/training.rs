@@ -12,12 +12,12 @@ use mishandle_training::{AlgorithmSettings, RewardSettings};
 
 use crate::error::MishandleError;
 use crate::plan::{GPU, GuardPlan, Plan};
-use crate::resolve::controller::{controller_of, split_task};
+use crate::resolve::controller::shipped_file;
 use crate::resolve::guard::training_guard;
 use crate::resolve::robot::RobotToTrain;
 use crate::resolve::task::{guarded_loop, load_controller};
 use crate::resolve::{is_onnx, is_target_file, preset, task};
-use crate::shipped::{EXPERT, ShippedFile, check_home, shipped_settings};
+use crate::shipped::{ShippedFile, check_home, shipped_settings};
 
 /// Name of the space of the initial states.
 pub(crate) const STARTS: &str = "starts";
@@ -215,11 +215,7 @@ impl TrainingTarget for TaskToTrain {
 
     fn start_controller(&self, name: &str) -> Result<ControllerFile, MishandleError> {
         let definition = self.0.definition();
-        let (owner, own_name) = split_task(name).unwrap_or((definition, name));
-        if own_name == EXPERT {
-            return Err(not_a_start("the expert"));
-        }
-        let shipped = controller_of(owner, own_name)?;
+        let shipped = shipped_file(&Plan::new(definition.name, name))?;
         if is_onnx(shipped.path()) {
             return Err(not_a_start("an ONNX model"));
         }

@@ -64,7 +64,7 @@ pub fn hardening_page(
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section>\n<h2>{target}: {}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
-         <b>Space:</b> <code>{}</code>{}.</p>\n",
+         <b>Space:</b> <code>{}</code>{}.{}</p>\n",
         text(&found.verdict),
         text(&short(&found.before, 80)),
         found.after.as_ref().map_or("no round was accepted".to_string(), |path| format!(
@@ -73,6 +73,7 @@ pub fn hardening_page(
         )),
         text(&short(&found.space, 80)),
         reports.first().map_or(String::new(), ranges),
+        trainer(found),
     );
     out.push_str(&tiles(found));
     out.push_str(&format!("<h3>Before and after</h3>\n{}{}{}", measures(found), others(found), NOTE));
@@ -84,6 +85,13 @@ pub fn hardening_page(
     }
     let up = up.map(|up| (up, "all runs"));
     Document { title: &format!("hardening of {target}"), up, body: &out }.html()
+}
+
+/// Returns who trained, if it was not this program.
+fn trainer(found: &Hardening) -> String {
+    found.trainer.as_ref().map_or(String::new(), |command| {
+        format!(" <b>Trained by:</b> <code>{}</code>.", text(&short(command, 120)))
+    })
 }
 
 /// Returns the ranges of the axes of a run.
@@ -252,6 +260,8 @@ fn modes(found: &Hardening) -> String {
 
 fn rounds(found: &Hardening) -> String {
     let bound = |bound: Option<f64>| bound.map_or("–".to_string(), percent);
+    // A trainer of the user does not say its steps.
+    let steps = |steps: u64| if found.trainer.is_some() { "–".to_string() } else { steps.to_string() };
     let rows: Vec<Vec<String>> = found
         .rounds
         .iter()
@@ -260,7 +270,7 @@ fn rounds(found: &Hardening) -> String {
                 round.number.to_string(),
                 if round.accepted { "accepted" } else { "rejected" }.to_string(),
                 round.failures.to_string(),
-                round.environment_steps.to_string(),
+                steps(round.environment_steps),
                 bound(round.bound_before),
                 bound(round.bound_after),
                 text(&round.reason),
@@ -275,9 +285,12 @@ fn rounds(found: &Hardening) -> String {
 }
 
 fn cost(found: &Hardening) -> String {
+    let steps = match found.trainer {
+        Some(_) => "Training by the trainer".to_string(),
+        None => format!("{} of training", plural(found.environment_steps, "environment step")),
+    };
     format!(
-        "{} of training and {}. Every simulation is a row in a run file of the folder <code>{}</code>. Seed {}, program {}.",
-        plural(found.environment_steps, "environment step"),
+        "{steps} and {}. Every simulation is a row in a run file of the folder <code>{}</code>. Seed {}, program {}.",
         plural(found.simulations, "simulation"),
         text(words::file_name(&found.folder)),
         found.seed.0,

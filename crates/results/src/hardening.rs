@@ -21,6 +21,9 @@ pub struct Hardening {
     /// Guard under which the controllers act and train; left out without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guard: Option<GuardFacts>,
+    /// Command of the trainer of the user; left out if this program trained.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trainer: Option<String>,
     /// File of the accepted controller; `null` if no round was accepted.
     pub after: Option<String>,
     /// Folder of the runs.
@@ -51,7 +54,7 @@ pub struct Hardening {
     pub archive: Option<HardenedArchive>,
     /// The rounds, in order.
     pub rounds: Vec<HardeningRound>,
-    /// Environment steps of all training runs.
+    /// Environment steps of all training runs; 0 with a trainer of the user.
     pub environment_steps: u64,
     /// Simulations of all runs in the folder.
     pub simulations: u64,
@@ -206,8 +209,12 @@ pub struct HardeningRound {
     pub number: u32,
     /// Failures that its searches found.
     pub failures: u64,
-    /// Environment steps of its training.
+    /// Environment steps of its training; 0 if a trainer of the user trained, which does not say.
     pub environment_steps: u64,
+    /// First 32 digits of the SHA-256 of the file that a trainer of the user wrote; left out
+    /// without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file_hash: Option<String>,
     /// Upper bound of the failure rate in the space before the round, on the validation set.
     #[serde(with = "optional")]
     #[schemars(with = "Option<Number>")]

@@ -14,7 +14,7 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, control_flow};
 use crate::show::progress::Bar;
-use crate::show::{hardening, output};
+use crate::show::{escape, hardening, output};
 
 /// Train a controller on its failures until it fails less often, and prove it
 #[derive(Debug, Args)]
@@ -22,17 +22,23 @@ use crate::show::{hardening, output};
   mishandle harden ball-balancing --controller ppo --space starts+delay --out better.safetensors
   mishandle harden ball-balancing --controller ppo --space delay+sensing --axis action_delay=0:2 \\
     --rounds 2 --steps 1e6 --out better.safetensors
+  mishandle harden ball-balancing --controller ./seeing.onnx --space starts+light \\
+    --trainer 'python train.py' --out better.onnx
   mishandle harden --resume better.harden
 
 A round searches for failures in the space, trains the controller on them, and is accepted if the
 upper bound of the failure rate falls and no other measure gets worse (--allow names exceptions).
 The final comparison uses scenarios and seeds that no search, training or decision used. Everything
 is in the folder beside --out: better.harden for better.safetensors. Exit code 0: a controller was
-accepted and written. 1: none was.")]
+accepted and written. 1: none was.
+
+A trainer is a program of yours for controllers that this program cannot train, such as ONNX models:
+docs/guide/harden.md lists its arguments. A command that a file names, also that of --resume, needs
+MISHANDLE_ALLOW_PROGRAMS=1 in the environment.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
-    /// File of the accepted controller
+    /// File of the accepted controller, in the format of the one before
     #[arg(long, value_name = "FILE", required_unless_present = "resume", conflicts_with = "resume")]
     pub out: Option<PathBuf>,
     /// Largest number of rounds [default: 3]
@@ -51,6 +57,9 @@ pub struct Arguments {
     /// Training settings (TOML) [default: those by which the controller was trained]
     #[arg(long, value_name = "FILE")]
     pub settings: Option<String>,
+    /// Command that trains the controller of a round, such as 'python train.py'
+    #[arg(long, value_name = "COMMAND", conflicts_with_all = ["settings", "device"])]
+    pub trainer: Option<String>,
     /// Measure that may get worse; repeat the flag for several: success, strict, careful, noise,
     /// corners
     #[arg(long, value_name = "MEASURE")]
@@ -66,7 +75,7 @@ pub struct Arguments {
 }
 
 /// Arguments that a resumed hardening takes from its plan.
-const PLANNED: [&str; 13] = [
+const PLANNED: [&str; 14] = [
     "target",
     "controller",
     "space",
@@ -78,6 +87,7 @@ const PLANNED: [&str; 13] = [
     "budget",
     "episodes",
     "settings",
+    "trainer",
     "allow",
     "seed",
 ];
@@ -89,7 +99,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let mut watch = |progress: &HardenProgress| {
         bar.set_length(progress.all);
         bar.set_position(progress.done);
-        bar.set_note(format!("{}, {}", progress.unit, progress.phase));
+        bar.set_note(format!("{}, {}", progress.unit, escape::name(&progress.phase)));
         control_flow()
     };
     let (folder, found) = match (&command.resume, &command.out) {
@@ -102,7 +112,8 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     bar.clear();
     let quoted = shell_quote(&path_text(&folder));
     let Some(found) = found? else {
-        output::message(&format!("Resume with: mishandle harden --resume {quoted}"));
+        let allowed = if command.trainer.is_some() { "MISHANDLE_ALLOW_PROGRAMS=1 " } else { "" };
+        output::message(&format!("Resume with: {allowed}mishandle harden --resume {quoted}"));
         return Ok(ExitStatus::Interrupted);
     };
     if command.run.json {
@@ -124,6 +135,9 @@ fn plan(command: &Arguments) -> Result<Plan> {
         (table.episodes, table.validation) = (episodes, episodes.div_ceil(2));
     }
     table.settings = command.settings.clone().or(table.settings);
+    if command.trainer.is_some() {
+        (table.trainer, table.is_trainer_typed) = (command.trainer.clone(), true);
+    }
     table.device = command.device.clone().unwrap_or(table.device);
     if !command.allow.is_empty() {
         table.allow.clone_from(&command.allow);

@@ -40,8 +40,8 @@ pub struct Arguments {
     /// expert, another shipped controller, or a path
     #[arg(long, value_name = "NAME")]
     pub relabel: Option<String>,
-    /// Draw a share of the scenarios from failures: those of a round of `harden` (round-N/failures),
-    /// a run file, a counterexample, a folder of counterexamples, or a table (.csv)
+    /// Draw a share of the scenarios from failures: those of a round of `harden`
+    /// (round-N/failures), a run file, a counterexample, a folder of them, or a table (.csv)
     #[arg(long, value_name = "PATH")]
     pub archive: Option<PathBuf>,
     /// Share of the simulations with a scenario of the archive [default: 0.5]

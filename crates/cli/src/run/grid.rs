@@ -13,6 +13,7 @@ use mishandle::run::{Device, Engine, Opening};
 
 use super::file::report_build_differences;
 use crate::interrupt;
+use crate::show::escape;
 use crate::show::progress::Bar;
 
 /// The runs of a campaign that have ended.
@@ -122,7 +123,7 @@ impl Progress<'_> {
                 if *unit == HardenUnit::Simulations {
                     counts[index] = (*done, *all);
                 }
-                format!(", {phase}, {done} of {all} {unit}")
+                format!(", {}, {done} of {all} {unit}", escape::name(phase))
             }
         };
         self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());

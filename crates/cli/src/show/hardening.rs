@@ -16,7 +16,7 @@ pub fn text(found: &Hardening) -> String {
             found.guard.as_ref().map_or(String::new(), |guard| format!(", {}", escape::name(&guard.words()))),
             escape::name(&found.space),
             found.seed.0
-        ),
+        ) + &trainer(found),
         output::table(&table(found)),
     ];
     if !found.modes.is_empty() {
@@ -43,21 +43,25 @@ pub fn text(found: &Hardening) -> String {
     }
     let rounds = found.rounds.iter().map(|round| {
         let verdict = if round.accepted { "accepted" } else { "rejected" };
-        format!(
-            "  {}: {}, {}; {verdict}: {}",
-            round.number,
-            plural(round.failures, "failure"),
-            plural(round.environment_steps, "environment step"),
-            round.reason
-        )
+        let steps = match found.trainer {
+            Some(_) => String::new(),
+            None => format!(", {}", plural(round.environment_steps, "environment step")),
+        };
+        let failures = plural(round.failures, "failure");
+        format!("  {}: {failures}{steps}; {verdict}: {}", round.number, round.reason)
     });
     parts.push(format!("Rounds, by the validation set:\n{}", rounds.collect::<Vec<_>>().join("\n")));
-    parts.push(format!(
-        "{} and {} in all.",
-        plural(found.simulations, "simulation"),
-        plural(found.environment_steps, "environment step")
-    ));
+    let simulations = plural(found.simulations, "simulation");
+    parts.push(match found.trainer {
+        Some(_) => format!("{simulations} in all."),
+        None => format!("{simulations} and {} in all.", plural(found.environment_steps, "environment step")),
+    });
     parts.join("\n\n")
+}
+
+/// Returns who trained, if it was not this program.
+fn trainer(found: &Hardening) -> String {
+    found.trainer.as_ref().map_or(String::new(), |command| format!("\ntrained by {}", escape::name(command)))
 }
 
 fn table(found: &Hardening) -> Vec<Vec<String>> {

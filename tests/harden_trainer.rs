@@ -1,0 +1,265 @@
+//! Hardening with a trainer of the user: a script that hands out finished controllers.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use mishandle::controllers::ControllerFile;
+use mishandle::harden::{HardenProgress, harden, harden_folder, is_hardening, resume, resume_plan};
+use mishandle::interchange::onnx_bytes;
+use mishandle::plan::{AxisSetting, HardenPlan};
+use mishandle::results::Hardening;
+use mishandle::run::Opening;
+use mishandle::{MishandleError, Plan};
+use sha2::{Digest, Sha256};
+
+/// Reads its arguments, notes them, and does what the file `task` says.
+const SCRIPT: &str = r#"
+echo "$@" >> calls
+while [ $# -gt 0 ]; do
+    case $1 in --controller) controller=$2 ;; --out) out=$2 ;; esac
+    shift 2
+done
+echo "reading"
+trap 'echo stopped >> stopped; exit 1' TERM
+case $(cat task) in
+    better) echo "epoch 1"; sleep 0.5; cp better.onnx "$out" ;;
+    same) cp "$controller" "$out" ;;
+    fail) echo "out of memory" >&2; exit 3 ;;
+    nothing) echo "done already" ;;
+    garbage) echo "no model" > "$out" ;;
+    other) cp other.onnx "$out" ;;
+esac
+"#;
+
+/// A folder with the script, a controller that delays break, one of the same task that they do not
+/// break, and one of another task.
+struct Bench {
+    home: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new(task: &str) -> Bench {
+        let bench = Bench { home: tempfile::tempdir().unwrap() };
+        for (name, shipped) in [
+            ("ppo.onnx", "ball-balancing/ppo"),
+            ("better.onnx", "ball-balancing/ppo-2"),
+            ("other.onnx", "point-reaching/ppo"),
+        ] {
+            let file = format!("controllers/{shipped}.safetensors");
+            let file = ControllerFile::load(Path::new(&file)).unwrap();
+            fs::write(bench.path(name), onnx_bytes(&file, "test")).unwrap();
+        }
+        fs::write(bench.path("train.sh"), SCRIPT).unwrap();
+        bench.set_task(task);
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.home.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    fn set_task(&self, task: &str) {
+        fs::write(self.path("task"), task).unwrap();
+    }
+
+    fn plan(&self) -> Plan {
+        let table = HardenPlan {
+            rounds: 1,
+            steps: 512,
+            trainer: Some("sh 'train.sh'".to_string()),
+            is_trainer_typed: true,
+            searches: vec!["random".to_string()],
+            budget: 12,
+            validation: 12,
+            episodes: 12,
+            risk: 100,
+            margin: 20,
+            ..HardenPlan::default()
+        };
+        let controller = self.path("ppo.onnx").to_string_lossy().into_owned();
+        let mut plan = Plan { space: "starts+delay".to_string(), ..Plan::new("ball-balancing", &controller) };
+        plan.axes.insert("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]));
+        plan.axes.insert("observation_delay".to_string(), AxisSetting::Value(2.0));
+        let folder = self.home.path().to_string_lossy().into_owned();
+        Plan { seed: 5, folder, harden: Some(table), ..plan }
+    }
+}
+
+fn go_on(_: &HardenProgress) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+fn without_paths(mut found: Hardening) -> Hardening {
+    found.folder = String::new();
+    found.after = found.after.map(|_| String::new());
+    found
+}
+
+fn error(result: Result<Option<Hardening>, MishandleError>) -> String {
+    result.unwrap_err().with_causes()
+}
+
+#[test]
+fn a_better_controller_is_accepted_also_after_interruptions() {
+    let bench = Bench::new("better");
+    let plan = bench.plan();
+    let out = bench.path("whole.onnx");
+    let mut phases = BTreeSet::new();
+    let whole = harden(&plan, &out, None, &mut |progress| {
+        phases.insert(progress.phase.clone());
+        ControlFlow::Continue(())
+    });
+    let whole = whole.unwrap().unwrap();
+    assert!(phases.contains("round 1: training: epoch 1"), "{phases:?}");
+    assert!(whole.verdict.starts_with("Better"), "{}", whole.verdict);
+    let better = fs::read(bench.path("better.onnx")).unwrap();
+    assert_eq!(fs::read(&out).unwrap(), better);
+    assert_eq!(fs::read(harden_folder(&out).join("round-1/controller.onnx")).unwrap(), better);
+    assert_eq!(whole.trainer.as_deref(), Some("sh 'train.sh'"));
+    let digest = Sha256::digest(&better).iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    assert_eq!(whole.rounds[0].file_hash.as_deref(), Some(&digest[..32]));
+    assert!(whole.rounds[0].accepted && whole.rounds[0].environment_steps == 0);
+
+    // The arguments are those of the documentation, and the archive is there.
+    let calls = bench.text("calls");
+    let folder = harden_folder(&out);
+    let name = |path: &str| folder.join(path).to_string_lossy().into_owned();
+    let words: Vec<&str> = calls.split_whitespace().collect();
+    let flags: Vec<&str> = words.iter().step_by(2).copied().collect();
+    let expected = [
+        "--target",
+        "--controller",
+        "--archive",
+        "--space",
+        "--axis",
+        "--set",
+        "--seed",
+        "--steps",
+        "--threads",
+        "--out",
+    ];
+    assert_eq!(flags, expected);
+    let value = |flag: &str| words[words.iter().position(|word| *word == flag).unwrap() + 1];
+    for (flag, expected) in [
+        ("--target", "ball-balancing".to_string()),
+        ("--controller", name("before.onnx")),
+        ("--archive", name("round-1/failures")),
+        ("--space", "starts+delay".to_string()),
+        ("--axis", "action_delay=0:2".to_string()),
+        ("--set", "observation_delay=2".to_string()),
+        ("--steps", "512".to_string()),
+        ("--out", name("round-1/controller.onnx")),
+    ] {
+        assert_eq!(value(flag), expected);
+    }
+    assert!(value("--seed").parse::<i32>().is_ok_and(|seed| seed >= 0), "{calls}");
+    assert!(folder.join("round-1/failures/mode-1.json").exists());
+    let table = fs::read_to_string(folder.join("round-1/failures/archive.csv")).unwrap();
+    assert!(table.starts_with("weight,") && table.lines().count() > 1, "{table}");
+    assert!(fs::read_to_string(folder.join("round-1/training.log")).unwrap().contains("epoch 1"));
+
+    // A second one stops at the first report of each phase, and in the training.
+    let other = bench.path("parts.onnx");
+    let mut stopped = BTreeSet::new();
+    let mut stop_once = |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
+    let mut calls = 1;
+    while found.is_none() {
+        found = resume_plan(&harden_folder(&other), &plan, None, &mut stop_once).unwrap();
+        calls += 1;
+        assert!(calls < 100, "it does not end");
+    }
+    assert!(calls > 5, "{calls} calls");
+    assert_eq!(without_paths(found.unwrap()), without_paths(whole.clone()));
+    assert!(bench.text("stopped").starts_with("stopped"), "an interruption ends the trainer");
+
+    // A finished one needs neither the trainer nor a permission.
+    fs::remove_file(bench.path("train.sh")).unwrap();
+    let again = resume(&harden_folder(&out), Opening::default(), None, &mut go_on).unwrap();
+    assert_eq!(again.unwrap(), whole);
+}
+
+#[test]
+fn a_trainer_that_fails_is_named_and_called_again_and_the_same_controller_is_no_improvement() {
+    let bench = Bench::new("fail");
+    let plan = bench.plan();
+    let out = bench.path("out.onnx");
+    let folder = harden_folder(&out);
+    let said = error(harden(&plan, &out, None, &mut go_on));
+    for part in ["`sh 'train.sh'` failed with exit code 3", "--resume", "training.log: ", "out of memory"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    // What is recorded is not simulated again.
+    let mut no_simulation = |progress: &HardenProgress| {
+        assert!(progress.done == progress.all || progress.phase.contains("training"), "{progress:?}");
+        ControlFlow::Continue(())
+    };
+    for (task, part) in [
+        ("nothing", "ended, but there is no file"),
+        ("garbage", "controller.onnx cannot be used"),
+        ("other", "controller.onnx cannot be used"),
+    ] {
+        bench.set_task(task);
+        let said = error(resume_plan(&folder, &plan, None, &mut no_simulation));
+        assert!(said.contains(part) && said.contains("reading"), "{task}: {said}");
+        assert!(!said.contains("out of memory"), "that was an earlier call: {said}");
+        assert!(!out.exists());
+    }
+    // The command stands in a file, which may be of others.
+    let said = error(resume(&folder, Opening::default(), None, &mut go_on));
+    assert!(said.contains("MISHANDLE_ALLOW_PROGRAMS=1") && said.contains("trainer"), "{said}");
+    assert_eq!(bench.text("calls").lines().count(), 4);
+    bench.set_task("same");
+    let found = resume_plan(&folder, &plan, None, &mut go_on).unwrap().unwrap();
+    assert!(found.verdict.starts_with("No improvement"), "{}", found.verdict);
+    assert!(found.after.is_none() && !found.rounds[0].accepted && !out.exists());
+}
+
+#[test]
+fn mistakes_are_errors_before_anything_is_written() {
+    let bench = Bench::new("better");
+    let good = bench.plan();
+    let out = bench.path("out.onnx");
+    let table = |change: &dyn Fn(&mut HardenPlan)| {
+        let mut table = good.harden.clone().unwrap();
+        change(&mut table);
+        Plan { harden: Some(table), ..good.clone() }
+    };
+    let command = |command: &str| table(&|table| table.trainer = Some(command.to_string()));
+    for (plan, part) in [
+        (table(&|table| table.trainer = None), "--trainer"),
+        (table(&|table| table.is_trainer_typed = false), "MISHANDLE_ALLOW_PROGRAMS=1"),
+        (table(&|table| table.settings = Some("a.toml".to_string())), "harden.settings"),
+        (table(&|table| table.device = "gpu".to_string()), "harden.device"),
+        (table(&|table| table.archive = 0.5), "harden.archive"),
+        (command(" "), "harden.trainer"),
+        (command("sh 'train.sh"), "quote"),
+        (command("no-such-program train.py"), "no-such-program"),
+        (command("./no-such-file"), "./no-such-file"),
+        (Plan { controller: "expert".to_string(), ..good.clone() }, "the expert"),
+        (Plan { controller: "./none.onnx".to_string(), ..good.clone() }, "none.onnx"),
+        (Plan { target: "toy/sphere-2d".to_string(), ..good.clone() }, "toy/sphere-2d"),
+    ] {
+        let said = error(harden(&plan, &out, None, &mut go_on));
+        assert!(said.contains(part), "{part}: {said}");
+        assert!(!out.exists() && is_hardening(&harden_folder(&out)).is_none(), "{part}");
+    }
+    // All controllers of a hardening have one format.
+    let said = error(harden(&good, &bench.path("out.safetensors"), None, &mut go_on));
+    assert!(said.contains(".onnx"), "{said}");
+    let shipped = Plan { controller: "ppo".to_string(), ..good };
+    let said = error(harden(&shipped, &out, None, &mut go_on));
+    assert!(said.contains(".safetensors"), "{said}");
+    assert!(!bench.path("calls").exists());
+}
