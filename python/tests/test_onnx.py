@@ -113,6 +113,27 @@ class WithoutTask(unittest.TestCase):
         with self.assertRaisesRegex(Exception, "the ONNX model is for my-robot, not for point-reaching"):
             mishandle.load_controller(self.path, task="point-reaching")
 
+    def test_a_chunk_of_actions_is_played_from_its_first_step(self):
+        weights = numbers(4, 6)
+        nodes = [
+            helper.make_node("MatMul", ["observation", "w"], ["all"]),
+            helper.make_node("Reshape", ["all", "shape"], ["action"]),
+        ]
+        made = model(
+            nodes, {"w": weights.astype(np.float32), "shape": np.array([-1, 3, 2])}, [("observation", ["N", 4])],
+            [("action", ["N", 3, 2])], chunk='{"execute": 2}',
+        )
+        onnx.save(made, self.path)
+        policy = mishandle.load_controller(self.path)
+        self.assertEqual((policy.action_size, policy.is_recurrent), (2, True))
+        observations = numbers(5, 2, 4, seed=1)
+        for _ in range(2):
+            policy.reset()
+            found = np.array([policy(rows) for rows in observations])
+            for step in range(5):
+                chunk = (observations[step - step % 2] @ weights).reshape(2, 3, 2)
+                np.testing.assert_allclose(found[step], chunk[:, step % 2], atol=1e-5)
+
     def test_an_observation_of_another_length_is_an_error(self):
         linear(self.path, numbers(4, 1))
         policy = mishandle.load_controller(self.path)

@@ -2,6 +2,7 @@
 //!
 //! Without the feature `onnx`, models can be written but not read: `absent` says so.
 //!
+//! - [`chunk`]: models that predict several actions ahead.
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
 //! - [`images`]: the inputs that get images of cameras.
@@ -18,6 +19,8 @@
 mod absent;
 #[cfg(feature = "onnx")]
 mod check;
+#[cfg(feature = "onnx")]
+mod chunk;
 #[cfg(feature = "onnx")]
 mod cost;
 #[cfg(feature = "onnx")]
@@ -43,6 +46,8 @@ mod summary;
 
 #[cfg(not(feature = "onnx"))]
 pub use absent::OnnxPolicy;
+#[cfg(feature = "onnx")]
+pub use chunk::Chunk;
 pub use export::onnx_bytes;
 #[cfg(feature = "onnx")]
 pub use interface::Interface;

@@ -2,13 +2,15 @@
 //! state.
 //!
 //! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.parts`,
-//! `mishandle.images`, `mishandle.action`, `mishandle.state` and `mishandle.layout`. A file
-//! `NAME.onnx.json` beside `NAME.onnx` has the same keys without the prefix and replaces them.
+//! `mishandle.images`, `mishandle.action`, `mishandle.chunk`, `mishandle.state` and
+//! `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the same keys without the
+//! prefix and replaces them.
 
 use mishandle_controllers::Layout;
 use rten_onnx::onnx::ModelProto;
 use serde::{Deserialize, Serialize};
 
+use super::chunk::Chunk;
 use super::{PREFIX, PROVENANCE};
 use crate::OnnxProblem;
 
@@ -22,7 +24,7 @@ use crate::OnnxProblem;
 /// assert_eq!(interface.action.as_deref(), Some("mean"));
 /// assert!(Interface::from_json(r#"{"output": "mean"}"#).is_err());
 /// ```
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interface {
     /// The name of the task; without it, the model is accepted for every task that its shapes fit.
@@ -39,6 +41,10 @@ pub struct Interface {
     /// The output with the action. By default, of the outputs that are not a state: the only one,
     /// the one with the name `action` or `actions`, or the only one with the size of an action.
     pub action: Option<String>,
+    /// Use of the actions of a model that predicts several ahead: its output with the action has
+    /// the shape `[N, k, size]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chunk: Option<Chunk>,
     /// Pairs of an input and the output that replaces it in the next control step. The initial
     /// value is 0.
     #[serde(default)]
@@ -73,12 +79,13 @@ impl Interface {
                 "parts" => interface.parts = Some(serde_json::from_str(&value).map_err(json)?),
                 "images" => interface.images = serde_json::from_str(&value).map_err(json)?,
                 "action" => interface.action = Some(value),
+                "chunk" => interface.chunk = Some(serde_json::from_str(&value).map_err(json)?),
                 "state" => interface.state = serde_json::from_str(&value).map_err(json)?,
                 "layout" => interface.layout = Some(serde_json::from_str(&value).map_err(json)?),
                 _ if PROVENANCE.contains(&key) => {}
                 _ => {
                     return Err(invalid(format!(
-                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, action, state, layout"
+                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, action, chunk, state, layout"
                     )));
                 }
             }

@@ -28,6 +28,8 @@ pub(super) struct Names {
     /// The outputs that may be the action: the one that the description names, or all that are not
     /// a state.
     pub actions: Vec<String>,
+    /// Whether an action is a chunk of several ahead.
+    pub is_chunk: bool,
     pub states: Vec<(String, String)>,
 }
 
@@ -84,7 +86,16 @@ impl Names {
         if read.iter().collect::<HashSet<_>>().len() != read.len() {
             return Err(invalid("an input has two roles".into()));
         }
-        Ok(Names { observation, images, actions, states })
+        Ok(Names { observation, images, actions, is_chunk: interface.chunk.is_some(), states })
+    }
+
+    /// Returns the number of actions and their size of a value that can be the action.
+    fn action_shape(&self, value: &Value) -> Option<[usize; 2]> {
+        match float_shape(value).as_deref() {
+            _ if self.is_chunk => chunk_shape(value),
+            Some([1, size] | [size]) => Some([1, *size]),
+            _ => None,
+        }
     }
 
     /// Returns the output with the action: the one that the description names, the only one, the
@@ -102,15 +113,24 @@ impl Names {
         let named: Vec<&String> =
             self.actions.iter().filter(|name| ACTION_NAMES.contains(&name.to_lowercase().as_str())).collect();
         let fits = |name: &&String| {
-            let found = values.get(*name).and_then(action_size);
-            found.is_some_and(|found| size.is_none_or(|size| size == found))
+            let found = values.get(*name).and_then(|value| self.action_shape(value));
+            found.is_some_and(|[_, found]| size.is_none_or(|size| size == found))
         };
         let fitting: Vec<&String> = self.actions.iter().filter(fits).collect();
         match (&all[..], &named[..], &fitting[..]) {
             ([action], _, _) | (_, [action], _) | (_, _, [action]) => Ok(action),
             (_, _, fitting) => {
                 let found = if fitting.is_empty() { "none" } else { "several" };
-                let are = size.map_or("are vectors".to_string(), |size| format!("have {size} numbers"));
+                let are = match (self.is_chunk, size) {
+                    (false, None) => "are vectors".to_string(),
+                    (false, Some(size)) => format!("have {size} numbers"),
+                    (true, size) => {
+                        format!(
+                            "are chunks [N, k, {}]",
+                            size.map_or("SIZE".to_string(), |size| size.to_string())
+                        )
+                    }
+                };
                 Err(OnnxProblem::Interface {
                     place: "its outputs".to_string(),
                     reason: format!(
@@ -134,18 +154,32 @@ fn recurrent(inputs: &[String], outputs: &[String]) -> Vec<(String, String)> {
     pairs.into_iter().filter(is_there).map(owned).collect()
 }
 
-/// Checks the shapes of the action and of the state after a control step. Returns the size of an
-/// action.
+/// Returns the number of actions of a chunk and the size of an action, after a check of the shapes
+/// of the action and of the state after a control step.
 pub(super) fn check_outputs(
+    names: &Names,
     values: &HashMap<String, Value>,
     action: &str,
     states: &[(Vec<usize>, &(String, String))],
     expected: Option<Expected<'_>>,
-) -> Result<usize, OnnxProblem> {
-    let size = values.get(action).and_then(action_size);
-    let size = size.filter(|size| expected.is_none_or(|expected| expected.sizes.1 == *size));
-    let Some(size) = size else {
+) -> Result<[usize; 2], OnnxProblem> {
+    let fits = |shape: &[usize; 2]| expected.is_none_or(|expected| expected.sizes.1 == shape[1]);
+    let shape = values.get(action).and_then(|value| names.action_shape(value)).filter(fits);
+    let Some(shape) = shape else {
         let found = values.get(action).map_or("of no tensor".to_string(), type_text);
+        let is_chunk = |value: &Value| chunk_shape(value).filter(fits).is_some();
+        if names.is_chunk || values.get(action).is_some_and(is_chunk) {
+            let reason = match names.is_chunk {
+                true => format!(
+                    "the output `{action}` has the shape {found}; expected [N, k, SIZE], k actions ahead"
+                ),
+                false => format!(
+                    "the output `{action}` has the shape {found}, several actions ahead, and nothing says which are \
+                     played; add the key `chunk`, such as {{\"execute\": 1}} or {{\"ensemble\": 0.01}} (docs/guide/onnx.md)"
+                ),
+            };
+            return Err(OnnxProblem::Interface { place: "its chunk".to_string(), reason });
+        }
         return Err(wrong_shape(expected, "action", action.to_string(), found));
     };
     for (shape, (input, output)) in states {
@@ -160,13 +194,13 @@ pub(super) fn check_outputs(
             });
         }
     }
-    Ok(size)
+    Ok(shape)
 }
 
-/// Returns the number of numbers of a value that can be an action.
-fn action_size(value: &Value) -> Option<usize> {
+/// Returns the shape of a value that can be several actions ahead.
+fn chunk_shape(value: &Value) -> Option<[usize; 2]> {
     match float_shape(value).as_deref() {
-        Some([1, size] | [size]) => Some(*size),
+        Some([1, length, size]) => Some([*length, *size]),
         _ => None,
     }
 }

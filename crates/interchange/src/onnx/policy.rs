@@ -11,9 +11,10 @@ use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::{Controller, ControllerWorker, Image, Seed};
 use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrView};
 use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
-use rten_tensor::Layout;
+use rten_tensor::{Layout, TensorView};
 
 use super::check::{self, Weights};
+use super::chunk::{Chunk, Plan};
 use super::cost;
 use super::dry_run::dry_run;
 use super::images::ImageInput;
@@ -54,6 +55,8 @@ struct Core {
     /// The place of the action in `asked`.
     action: usize,
     states: Vec<State>,
+    /// Which actions are played; `None` if the model predicts one.
+    plan: Option<Plan>,
     sizes: (usize, usize),
 }
 
@@ -186,7 +189,7 @@ impl OnnxPolicy {
         let names = Names::new(&proto, &interface)?;
         prepare(&mut proto, &names, expected)?;
         let images = ImageInput::prepare(&mut proto, &names)?;
-        let mut core = Core::new(&proto, &names, (images, places), expected)?;
+        let mut core = Core::new(&proto, &names, (images, places), (interface.chunk, expected))?;
         if let Some((_, layout)) = environment {
             core.sizes.0 = layout.observation_size();
         }
@@ -360,6 +363,12 @@ pub(super) fn wrong_shape(
     OnnxProblem::Shape { task: task.to_string(), side, name, found, expected }
 }
 
+fn too_much_state() -> OnnxProblem {
+    let reason =
+        format!("its state has more than {MAX_STATE_NUMBERS} numbers, with what it remembers of an episode");
+    OnnxProblem::Size { reason }
+}
+
 /// Returns a shape as text, with N for sizes that are free.
 pub(super) fn shape_text(dims: &[Option<i64>]) -> String {
     let dims: Vec<String> =
@@ -372,7 +381,7 @@ impl Core {
         proto: &ModelProto,
         names: &Names,
         (images, places): (Vec<ImageInput>, Vec<usize>),
-        expected: Option<Expected<'_>>,
+        (chunk, expected): (Option<Chunk>, Option<Expected<'_>>),
     ) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
@@ -400,8 +409,7 @@ impl Core {
             sum.checked_add(size)
         });
         if numbers.is_none_or(|numbers| numbers > MAX_STATE_NUMBERS) {
-            let reason = format!("its state has more than {MAX_STATE_NUMBERS} numbers");
-            return Err(OnnxProblem::Size { reason });
+            return Err(too_much_state());
         }
         let observation = names.observation.as_ref().map(|name| (name, shape(name)));
         let inputs = || -> HashMap<String, Value> {
@@ -423,7 +431,11 @@ impl Core {
         let action = names.action(&values, expected.map(|expected| expected.sizes.1))?;
         let used: Vec<&str> =
             std::iter::once(action).chain(names.states.iter().map(|(_, output)| output.as_str())).collect();
-        let action_size = check_outputs(&values, action, &states, expected)?;
+        let [length, action_size] = check_outputs(names, &values, action, &states, expected)?;
+        if length.saturating_mul(action_size) > MAX_STATE_NUMBERS {
+            return Err(too_much_state());
+        }
+        let plan = chunk.map(|chunk| Plan::new(chunk, action, [length, action_size])).transpose()?;
         let asked = order::asked_values(graph, &used);
         if asked != kept {
             // Other values are held, so that other bounds hold.
@@ -455,9 +467,19 @@ impl Core {
                     Ok(State { input: id(input)?, output: place(output)?, shape })
                 })
                 .collect::<Result<_, OnnxProblem>>()?,
+            plan,
             model,
         };
+        if core.state_size() > MAX_STATE_NUMBERS {
+            return Err(too_much_state());
+        }
         Ok(core)
+    }
+
+    /// Returns the length of the memory of a row: the state of the model, then that of the plan.
+    fn state_size(&self) -> usize {
+        let own: usize = self.states.iter().map(State::size).sum();
+        own.saturating_add(self.plan.as_ref().map_or(0, Plan::memory_size))
     }
 
     /// Computes a control step of one row; `None` if an operator fails or an output has another
@@ -469,6 +491,12 @@ impl Core {
         state: &mut [f64],
         action: &mut [f32],
     ) -> Option<()> {
+        let planned = self.plan.as_ref().map_or(0, Plan::memory_size);
+        let (state, planned) = state.split_at_mut_checked(state.len().checked_sub(planned)?)?;
+        if let Some(plan) = self.plan.as_ref().filter(|plan| !plan.needs_chunk(planned)) {
+            plan.play(planned, None::<std::iter::Empty<f32>>, action);
+            return Some(());
+        }
         let value = |shape: &[usize], numbers: Vec<f32>| Value::from_shape(shape, numbers).ok();
         let mut inputs: Vec<(NodeId, ValueOrView<'_>)> = Vec::new();
         if let Some(ObservationInput { input, shape, places }) = &self.observation {
@@ -491,26 +519,31 @@ impl Core {
             self.model.run(inputs, &self.asked, Some(options.clone())).map_err(|e| e.to_string())
         });
         let values = values.ok()?;
-        copy(values.get(self.action)?, action.len(), action.iter_mut(), |x| x)?;
+        let chosen: TensorView<'_, f32> = values.get(self.action)?.as_tensor_view()?;
+        match &self.plan {
+            None => copy(&chosen, action.iter_mut(), |x| x)?,
+            Some(plan) if chosen.len() == plan.chunk_size() => {
+                plan.play(planned, Some(chosen.iter().copied()), action);
+            }
+            Some(_) => return None,
+        }
         let mut rest = state;
         for part in &self.states {
             let (own, others) = rest.split_at_mut_checked(part.size())?;
-            copy(values.get(part.output)?, own.len(), own.iter_mut(), f64::from)?;
+            copy(&values.get(part.output)?.as_tensor_view()?, own.iter_mut(), f64::from)?;
             rest = others;
         }
         Some(())
     }
 }
 
-/// Copies a tensor of `size` numbers.
+/// Copies a tensor into as many numbers.
 fn copy<'a, T: 'a>(
-    value: &Value,
-    size: usize,
-    into: impl Iterator<Item = &'a mut T>,
+    tensor: &TensorView<'_, f32>,
+    into: impl ExactSizeIterator<Item = &'a mut T>,
     convert: impl Fn(f32) -> T,
 ) -> Option<()> {
-    let tensor: rten_tensor::TensorView<'_, f32> = value.as_tensor_view()?;
-    if tensor.len() != size {
+    if tensor.len() != into.len() {
         return None;
     }
     into.zip(tensor.iter()).for_each(|(x, y)| *x = convert(*y));
@@ -556,7 +589,7 @@ impl Controller for OnnxPolicy {
     }
 
     fn state_size(&self) -> usize {
-        self.core.states.iter().map(State::size).sum()
+        self.core.state_size()
     }
 
     fn sees(&self) -> &[Image] {
@@ -592,7 +625,7 @@ impl ControllerWorker for OnnxWorker {
         let (core, options) = (&self.core, &self.options);
         let bytes = self.images.len() / rows.max(1);
         let (inputs, outputs) = core.sizes;
-        let state_size: usize = core.states.iter().map(State::size).sum();
+        let state_size = core.state_size();
         // One change of threads for all rows, instead of one per row.
         self.pool.run(|| {
             for row in 0..rows {
