@@ -26,7 +26,7 @@ _NAMED_SPACE = 'name a task and one of its spaces, as in evaluate("cube-stacking
 _SEEING = ("images", "parts")
 """Keys of a policy that gets images of the cameras of a task, which the Rust core renders."""
 
-_PLANNING = ("chunk",)
+_REMEMBERING = ("chunk", "history", "padding")
 """Keys of a policy whose memory the Rust core keeps."""
 
 _UNREAD = ("algorithm", "controller_hash", "version")
@@ -174,9 +174,9 @@ class OnnxPolicy:
             raise self._problem(f"has an invalid description of its inputs and outputs {_GUIDE}", error) from error
         if seeing := sorted(set(found) & set(_SEEING)):
             raise self._problem(f"has the key `{seeing[0]}`: it sees through cameras of a task; {_NAMED_SPACE} {_GUIDE}")
-        if planning := sorted(set(found) & set(_PLANNING)):
+        if remembering := sorted(set(found) & set(_REMEMBERING)):
             how = f"keep what it remembers in its own `state`; with a task, {_NAMED_SPACE}"
-            raise self._problem(f"has the key `{planning[0]}`, which needs a task or a target file; {how} {_GUIDE}")
+            raise self._problem(f"has the key `{remembering[0]}`, which needs a task or a target file; {how} {_GUIDE}")
         if unknown:
             raise self._problem(f"has the key `{unknown[0]}` in its description; known keys: {', '.join(_KEYS)} {_GUIDE}")
         return {key: value for key, value in found.items() if value is not None}

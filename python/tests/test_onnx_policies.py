@@ -177,6 +177,7 @@ class Outputs(Case):
         self.refuse("is for the task ball-balancing, not for point-reaching", with_metadata, task="point-reaching")
         for text, words in (('{"action": "8"}', "no output `8`; its outputs: 7, 9"), ('{"out": "9"}', "the key `out`"),
                             ('{"chunk": {"execute": 2}}', "the key `chunk`, which needs a task or a target file"),
+                            ('{"history": 2}', "the key `history`, which needs a task or a target file"),
                             ("{", "invalid description"), ('{"state": [["h", "9"]]}', "no input `h`; its inputs: o")):
             side.write_text(text)
             self.refuse(words, unnamed)

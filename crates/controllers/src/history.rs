@@ -80,11 +80,9 @@ impl History {
         if self.length == 0 {
             return;
         }
-        let entry = self.entry_size();
-        memory.copy_within(..memory.len() - entry, entry);
         let answered = action.iter().map(|action| action.clamp(-1.0, 1.0));
-        let numbers = observation.iter().copied().chain(answered);
-        memory[..entry].iter_mut().zip(numbers).for_each(|(old, new)| *old = f64::from(new));
+        let entry = observation.iter().copied().chain(answered);
+        remember(memory, self.entry_size(), entry.map(f64::from));
     }
 
     /// Returns a normalizer of whole inputs: each observation is normalized as the present one,
@@ -97,4 +95,17 @@ impl History {
     fn entry_size(self) -> usize {
         self.observation_size.saturating_add(self.action_size)
     }
+}
+
+/// Adds an entry of `size` numbers to a memory of entries, the latest first, which forgets its
+/// oldest. An empty memory stays empty.
+///
+/// # Panics
+/// If the memory is not empty and shorter than an entry.
+pub fn remember(memory: &mut [f64], size: usize, entry: impl Iterator<Item = f64>) {
+    if memory.is_empty() {
+        return;
+    }
+    memory.copy_within(..memory.len() - size, size);
+    memory[..size].iter_mut().zip(entry).for_each(|(old, new)| *old = new);
 }

@@ -20,7 +20,7 @@ pub use error::{ControllerError, FileProblem};
 pub use file::{
     ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,
 };
-pub use history::History;
+pub use history::{History, remember};
 pub use layout::{Entry, Layout};
 pub use policy::Policy;
 pub use tensor_file::parse_tensors;

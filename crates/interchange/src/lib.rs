@@ -14,6 +14,6 @@ mod torch;
 
 pub use error::{InterchangeError, OnnxProblem, TorchProblem};
 #[cfg(feature = "onnx")]
-pub use onnx::{Chunk, Interface};
+pub use onnx::{Chunk, Interface, Padding};
 pub use onnx::{OnnxPolicy, OnnxSummary, OnnxTensor, onnx_bytes};
 pub use torch::{ImportOptions, Imported, Normalization, ObservationNormalizer, import};

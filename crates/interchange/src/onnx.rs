@@ -5,6 +5,7 @@
 //! - [`chunk`]: models that predict several actions ahead.
 //! - [`check`]: what a model may contain, before anything is computed.
 //! - [`cost`]: memory and time of each operator, from the shapes of its inputs.
+//! - [`history`]: models that get the last observations and images.
 //! - [`images`]: the inputs that get images of cameras.
 //! - [`interface`]: which input is the observation, which output the action.
 //! - [`meaning`]: operators that the runtime computes in another way than the standard says.
@@ -29,6 +30,8 @@ mod export;
 #[cfg(feature = "onnx")]
 mod fields;
 #[cfg(feature = "onnx")]
+mod history;
+#[cfg(feature = "onnx")]
 mod images;
 #[cfg(feature = "onnx")]
 mod interface;
@@ -49,6 +52,8 @@ pub use absent::OnnxPolicy;
 #[cfg(feature = "onnx")]
 pub use chunk::Chunk;
 pub use export::onnx_bytes;
+#[cfg(feature = "onnx")]
+pub use history::Padding;
 #[cfg(feature = "onnx")]
 pub use interface::Interface;
 #[cfg(feature = "onnx")]

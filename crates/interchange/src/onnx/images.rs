@@ -24,6 +24,8 @@ pub(super) struct ImageInput {
     /// Name of the input.
     pub name: String,
     pub image: Image,
+    /// Number of the images, the oldest first; `None` for the present one alone.
+    pub history: Option<usize>,
     shape: Vec<usize>,
     /// Whether the channels come before the rows.
     channels_first: bool,
@@ -36,14 +38,15 @@ impl ImageInput {
     /// bytes as integers of 32 bits.
     pub(super) fn prepare(proto: &mut ModelProto, names: &Names) -> Result<Vec<ImageInput>, OnnxProblem> {
         let Some(graph) = proto.graph.as_mut() else { return Ok(Vec::new()) };
-        let images = names.images.iter().map(|(name, camera)| prepare(graph, name, camera));
+        let images = names.images.iter().map(|(name, camera)| prepare(graph, (name, camera), names.history));
         let images: Vec<ImageInput> = images.collect::<Result<_, _>>()?;
         let bytes = images.iter().filter(|input| input.is_bytes).map(|input| input.name.clone()).collect();
         check_bytes(graph, bytes)?;
         Ok(images)
     }
 
-    /// Returns the value of an image: red, green and blue of each pixel, rows from the top.
+    /// Returns the value of the images, the oldest first: red, green and blue of each pixel, rows
+    /// from the top.
     pub(super) fn value(&self, rgb: &[u8]) -> Option<Value> {
         match self.is_bytes {
             true => self.tensor(rgb, i32::from),
@@ -51,18 +54,20 @@ impl ImageInput {
         }
     }
 
-    /// Returns the value of a black image.
+    /// Returns the value of black images.
     pub(super) fn black(&self) -> Option<Value> {
-        self.value(&vec![0; self.image.bytes()])
+        self.value(&vec![0; self.history.unwrap_or(1) * self.image.bytes()])
     }
 
-    fn tensor<T>(&self, rgb: &[u8], convert: impl Fn(u8) -> T) -> Option<Value>
+    fn tensor<'a, T>(&self, rgb: &'a [u8], convert: impl Fn(u8) -> T) -> Option<Value>
     where
         Value: From<Tensor<T>>,
     {
         let numbers: Vec<T> = match self.channels_first {
             true => {
-                (0..3).flat_map(|channel| rgb.iter().skip(channel).step_by(3)).map(|x| convert(*x)).collect()
+                let channels =
+                    |image: &'a [u8]| (0..3).flat_map(move |channel| image.iter().skip(channel).step_by(3));
+                rgb.chunks(self.image.bytes()).flat_map(channels).map(|x| convert(*x)).collect()
             }
             false => rgb.iter().map(|byte| convert(*byte)).collect(),
         };
@@ -70,7 +75,11 @@ impl ImageInput {
     }
 }
 
-fn prepare(graph: &mut GraphProto, name: &str, camera: &str) -> Result<ImageInput, OnnxProblem> {
+fn prepare(
+    graph: &mut GraphProto,
+    (name, camera): (&str, &str),
+    history: Option<usize>,
+) -> Result<ImageInput, OnnxProblem> {
     let invalid = |reason| OnnxProblem::Interface { place: "its images".to_string(), reason };
     let input = graph.input.iter_mut().find(|input| input.name.as_deref() == Some(name));
     let input = input.ok_or_else(|| invalid(format!("the model has no input `{name}`")))?;
@@ -85,8 +94,14 @@ fn prepare(graph: &mut GraphProto, name: &str, camera: &str) -> Result<ImageInpu
     }
     let dims: Vec<Option<i64>> =
         tensor.shape.iter().flat_map(|shape| &shape.dim).map(|dim| dim.dim_value).collect();
-    // Only the batch size may be free.
-    let found = match dims[..] {
+    let history = history
+        .filter(|length| dims.len() == 5 && dims[1].is_none_or(|found| i64::try_from(*length) == Ok(found)));
+    let mut single = dims.clone();
+    if history.is_some() {
+        single.remove(1);
+    }
+    // Only the batch size and the length of the history may be free.
+    let found = match single[..] {
         [None | Some(1), Some(3), Some(height), Some(width)] | [Some(3), Some(height), Some(width)] => {
             Some((true, height, width))
         }
@@ -99,19 +114,23 @@ fn prepare(graph: &mut GraphProto, name: &str, camera: &str) -> Result<ImageInpu
     let Some((channels_first, height, width)) = found else {
         return Err(invalid(format!(
             "the image `{name}` has the shape {}; expected [1, 3, height, width] or [1, height, width, 3] \
-             with sides from {} to {} pixels",
+             with sides from {} to {} pixels, or with a history of k images [1, k, …]",
             shape_text(&dims),
             SIDES.start(),
             SIDES.end()
         )));
     };
-    let fixed: Vec<i64> = dims.iter().map(|dim| dim.unwrap_or(1)).collect();
+    let mut fixed: Vec<i64> = single.iter().map(|dim| dim.unwrap_or(1)).collect();
+    if let Some(length) = history {
+        fixed.insert(1, length as i64);
+    }
     let dim = |size: &i64| Dimension { dim_value: Some(*size), dim_param: None };
     tensor.shape = Some(TensorShapeProto { dim: fixed.iter().map(dim).collect() });
     tensor.elem_type = Some(if kind == DataType::UINT8 { DataType::INT32 } else { DataType::FLOAT });
     Ok(ImageInput {
         name: name.to_string(),
         image: Image { camera: camera.to_string(), width: width as usize, height: height as usize },
+        history,
         shape: fixed.into_iter().map(|size| size as usize).collect(),
         channels_first,
         is_bytes: kind == DataType::UINT8,

@@ -2,15 +2,16 @@
 //! state.
 //!
 //! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.parts`,
-//! `mishandle.images`, `mishandle.action`, `mishandle.chunk`, `mishandle.state` and
-//! `mishandle.layout`. A file `NAME.onnx.json` beside `NAME.onnx` has the same keys without the
-//! prefix and replaces them.
+//! `mishandle.images`, `mishandle.history`, `mishandle.padding`, `mishandle.action`,
+//! `mishandle.chunk`, `mishandle.state` and `mishandle.layout`. A file `NAME.onnx.json` beside
+//! `NAME.onnx` has the same keys without the prefix and replaces them.
 
 use mishandle_controllers::Layout;
 use rten_onnx::onnx::ModelProto;
 use serde::{Deserialize, Serialize};
 
 use super::chunk::Chunk;
+use super::history::Padding;
 use super::{PREFIX, PROVENANCE};
 use crate::OnnxProblem;
 
@@ -38,6 +39,13 @@ pub struct Interface {
     /// Pairs of an input and the camera whose image it gets.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub images: Vec<(String, String)>,
+    /// Number of the last observations and images, with the present ones, that inputs of the shape
+    /// `[N, k, …]` get; the oldest first.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub history: Option<usize>,
+    /// The observations and images before the start of an episode.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub padding: Option<Padding>,
     /// The output with the action. By default, of the outputs that are not a state: the only one,
     /// the one with the name `action` or `actions`, or the only one with the size of an action.
     pub action: Option<String>,
@@ -78,6 +86,10 @@ impl Interface {
                 "observation" => interface.observation = Some(value),
                 "parts" => interface.parts = Some(serde_json::from_str(&value).map_err(json)?),
                 "images" => interface.images = serde_json::from_str(&value).map_err(json)?,
+                "history" => interface.history = Some(serde_json::from_str(&value).map_err(json)?),
+                "padding" => {
+                    interface.padding = Some(serde_json::from_value(value.into()).map_err(json)?);
+                }
                 "action" => interface.action = Some(value),
                 "chunk" => interface.chunk = Some(serde_json::from_str(&value).map_err(json)?),
                 "state" => interface.state = serde_json::from_str(&value).map_err(json)?,
@@ -85,7 +97,7 @@ impl Interface {
                 _ if PROVENANCE.contains(&key) => {}
                 _ => {
                     return Err(invalid(format!(
-                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, action, chunk, state, layout"
+                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, history, padding, action, chunk, state, layout"
                     )));
                 }
             }

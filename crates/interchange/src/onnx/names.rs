@@ -25,6 +25,8 @@ pub(super) struct Names {
     pub observation: Option<String>,
     /// Pairs of an input and a camera.
     pub images: Vec<(String, String)>,
+    /// Number of the last observations and images that an input may get.
+    pub history: Option<usize>,
     /// The outputs that may be the action: the one that the description names, or all that are not
     /// a state.
     pub actions: Vec<String>,
@@ -53,6 +55,9 @@ impl Names {
             true => recurrent(&inputs, &outputs),
             false => interface.state.clone(),
         };
+        if interface.history == Some(0) {
+            return Err(invalid("`history` is 0; expected the number of observations, at least 1".into()));
+        }
         let images = interface.images.clone();
         if images.len() > MAX_IMAGES {
             return Err(invalid(format!("{} inputs are images; the limit is {MAX_IMAGES}", images.len())));
@@ -86,7 +91,14 @@ impl Names {
         if read.iter().collect::<HashSet<_>>().len() != read.len() {
             return Err(invalid("an input has two roles".into()));
         }
-        Ok(Names { observation, images, actions, is_chunk: interface.chunk.is_some(), states })
+        Ok(Names {
+            observation,
+            images,
+            history: interface.history,
+            actions,
+            is_chunk: interface.chunk.is_some(),
+            states,
+        })
     }
 
     /// Returns the number of actions and their size of a value that can be the action.

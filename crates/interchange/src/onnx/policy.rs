@@ -14,9 +14,10 @@ use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
 use rten_tensor::{Layout, TensorView};
 
 use super::check::{self, Weights};
-use super::chunk::{Chunk, Plan};
+use super::chunk::Plan;
 use super::cost;
 use super::dry_run::dry_run;
+use super::history::History;
 use super::images::ImageInput;
 use super::interface::Interface;
 use super::names::{Names, check_outputs};
@@ -52,6 +53,8 @@ struct Core {
     sees: Vec<Image>,
     /// The values that a control step asks for; see [`order`].
     asked: Vec<NodeId>,
+    /// The last observations and images; `None` if the model gets the present ones alone.
+    history: Option<History>,
     /// The place of the action in `asked`.
     action: usize,
     states: Vec<State>,
@@ -64,6 +67,8 @@ struct Core {
 struct ObservationInput {
     input: NodeId,
     shape: Vec<usize>,
+    /// Whether it gets the history of observations.
+    has_history: bool,
     /// Places of its numbers in the observation of the task.
     places: Vec<usize>,
 }
@@ -189,7 +194,7 @@ impl OnnxPolicy {
         let names = Names::new(&proto, &interface)?;
         prepare(&mut proto, &names, expected)?;
         let images = ImageInput::prepare(&mut proto, &names)?;
-        let mut core = Core::new(&proto, &names, (images, places), (interface.chunk, expected))?;
+        let mut core = Core::new(&proto, &names, (images, places), (&interface, expected))?;
         if let Some((_, layout)) = environment {
             core.sizes.0 = layout.observation_size();
         }
@@ -325,6 +330,13 @@ fn prepare(proto: &mut ModelProto, names: &Names, expected: Option<Expected<'_>>
                 {
                     Some(vec![1, size])
                 }
+                (Some(size), Some([batch, steps, found]))
+                    if batch.unwrap_or(1) == 1 && found.unwrap_or(size) == size =>
+                {
+                    let length = names.history.and_then(|length| i64::try_from(length).ok());
+                    let length = length.filter(|length| steps.is_none_or(|steps| steps == *length));
+                    length.map(|length| vec![1, length, size])
+                }
                 (Some(size), Some([found])) if found.unwrap_or(size) == size => Some(vec![size]),
                 _ => None,
             }
@@ -363,6 +375,31 @@ pub(super) fn wrong_shape(
     OnnxProblem::Shape { task: task.to_string(), side, name, found, expected }
 }
 
+/// Returns the history of a model whose inputs have one.
+fn history(
+    interface: &Interface,
+    observation: Option<&ObservationInput>,
+    images: &[ImageInput],
+) -> Result<Option<History>, OnnxProblem> {
+    let invalid = |reason: String| OnnxProblem::Interface { place: "its history".to_string(), reason };
+    let Some(length) = interface.history else {
+        return match interface.padding {
+            None => Ok(None),
+            Some(_) => Err(invalid("`padding` needs `history`, the number of control steps".to_string())),
+        };
+    };
+    let observation = observation.filter(|own| own.has_history).map_or(0, |own| own.places.len());
+    if observation == 0 && images.iter().all(|own| own.history.is_none()) {
+        return Err(invalid(format!("`history` is {length}, but no input has the shape [N, {length}, …]")));
+    }
+    let bytes = images.iter().map(|own| own.history.map_or(0, |_| own.image.bytes())).collect();
+    let history = History::new(length, interface.padding.unwrap_or_default(), observation, bytes);
+    match history.memory_size() > MAX_STATE_NUMBERS {
+        true => Err(too_much_state()),
+        false => Ok(Some(history)),
+    }
+}
+
 fn too_much_state() -> OnnxProblem {
     let reason =
         format!("its state has more than {MAX_STATE_NUMBERS} numbers, with what it remembers of an episode");
@@ -381,7 +418,7 @@ impl Core {
         proto: &ModelProto,
         names: &Names,
         (images, places): (Vec<ImageInput>, Vec<usize>),
-        (chunk, expected): (Option<Chunk>, Option<Expected<'_>>),
+        (interface, expected): (&Interface, Option<Expected<'_>>),
     ) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
@@ -412,6 +449,15 @@ impl Core {
             return Err(too_much_state());
         }
         let observation = names.observation.as_ref().map(|name| (name, shape(name)));
+        let observation_size = observation.as_ref().and_then(|(_, shape)| shape.last().copied()).unwrap_or(0);
+        let observation_input = |(name, shape): &(&String, Vec<usize>)| {
+            let all = || (0..observation_size).collect();
+            let places = if expected.is_some() { places } else { all() };
+            let (has_history, shape) = (shape.len() == 3, shape.clone());
+            Ok(ObservationInput { input: id(name)?, shape, has_history, places })
+        };
+        let observation_input = observation.as_ref().map(observation_input).transpose()?;
+        let history = history(interface, observation_input.as_ref(), &images)?;
         let inputs = || -> HashMap<String, Value> {
             let vectors = observation.iter().map(|(name, shape)| (*name, shape));
             let vectors = vectors.chain(states.iter().map(|(shape, (input, _))| (input, shape)));
@@ -435,7 +481,8 @@ impl Core {
         if length.saturating_mul(action_size) > MAX_STATE_NUMBERS {
             return Err(too_much_state());
         }
-        let plan = chunk.map(|chunk| Plan::new(chunk, action, [length, action_size])).transpose()?;
+        let plan =
+            interface.chunk.map(|chunk| Plan::new(chunk, action, [length, action_size])).transpose()?;
         let asked = order::asked_values(graph, &used);
         if asked != kept {
             // Other values are held, so that other bounds hold.
@@ -445,20 +492,15 @@ impl Core {
             let place = asked.iter().position(|asked| asked == name);
             place.ok_or_else(|| format(format!("it has no value `{name}`")))
         };
-        let observation_size = observation.as_ref().map_or(0, |(_, shape)| shape.iter().product());
-        let observation_input = |(name, shape): (&String, Vec<usize>)| {
-            let all = || (0..observation_size).collect();
-            let places = if expected.is_some() { places } else { all() };
-            Ok(ObservationInput { input: id(name)?, shape, places })
-        };
         let core = Core {
+            history,
             sizes: (observation_size, action_size),
             sees: images.iter().map(|own| own.image.clone()).collect(),
             images: images
                 .into_iter()
                 .map(|own| Ok((id(&own.name)?, own)))
                 .collect::<Result<_, OnnxProblem>>()?,
-            observation: observation.map(observation_input).transpose()?,
+            observation: observation_input,
             action: place(action)?,
             asked: asked.iter().map(|name| id(name)).collect::<Result<_, OnnxProblem>>()?,
             states: states
@@ -476,37 +518,81 @@ impl Core {
         Ok(core)
     }
 
-    /// Returns the length of the memory of a row: the state of the model, then that of the plan.
+    /// Returns the length of the memory of a row: the state of the model, its history and its plan.
     fn state_size(&self) -> usize {
         let own: usize = self.states.iter().map(State::size).sum();
-        own.saturating_add(self.plan.as_ref().map_or(0, Plan::memory_size))
+        let [history, plan] = self.memory_sizes();
+        own.saturating_add(history).saturating_add(plan)
+    }
+
+    fn memory_sizes(&self) -> [usize; 2] {
+        let history = self.history.as_ref().map_or(0, History::memory_size);
+        [history, self.plan.as_ref().map_or(0, Plan::memory_size)]
     }
 
     /// Computes a control step of one row; `None` if an operator fails or an output has another
     /// shape.
     fn step(
         &self,
-        options: &RunOptions,
-        (observation, mut images): (&[f32], &[u8]),
+        (options, frames): (&RunOptions, &mut Vec<u8>),
+        seen: (&[f32], &[u8]),
         state: &mut [f64],
         action: &mut [f32],
     ) -> Option<()> {
-        let planned = self.plan.as_ref().map_or(0, Plan::memory_size);
-        let (state, planned) = state.split_at_mut_checked(state.len().checked_sub(planned)?)?;
-        if let Some(plan) = self.plan.as_ref().filter(|plan| !plan.needs_chunk(planned)) {
-            plan.play(planned, None::<std::iter::Empty<f32>>, action);
-            return Some(());
+        let [history, plan] = self.memory_sizes();
+        let (state, planned) = state.split_at_mut_checked(state.len().checked_sub(plan)?)?;
+        let (state, past) = state.split_at_mut_checked(state.len().checked_sub(history)?)?;
+        let places = self.observation.iter().flat_map(|own| &own.places);
+        let observation = places.map(|place| seen.0[*place]);
+        let images = self.split(seen.1);
+        if let Some(history) = &self.history {
+            history.start(past, &observation, &images);
         }
-        let value = |shape: &[usize], numbers: Vec<f32>| Value::from_shape(shape, numbers).ok();
-        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> = Vec::new();
-        if let Some(ObservationInput { input, shape, places }) = &self.observation {
-            let numbers = places.iter().map(|place| observation[*place]).collect();
-            inputs.push((*input, value(shape, numbers)?.into()));
+        match self.plan.as_ref().filter(|plan| !plan.needs_chunk(planned)) {
+            Some(plan) => plan.play(planned, None::<std::iter::Empty<f32>>, action),
+            None => self.run((options, frames), seen, (state, past, planned), action)?,
         }
-        for (id, input) in &self.images {
+        if let Some(history) = &self.history {
+            history.push(past, observation, images);
+        }
+        Some(())
+    }
+
+    /// Returns the present image of each input.
+    fn split<'a>(&self, mut images: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + Clone {
+        self.images.iter().map_while(move |(_, input)| {
             let (own, others) = images.split_at_checked(input.image.bytes())?;
             images = others;
-            inputs.push((*id, input.value(own)?.into()));
+            Some(own)
+        })
+    }
+
+    /// Runs the model for one row; `None` if an operator fails or an output has another shape.
+    fn run(
+        &self,
+        (options, frames): (&RunOptions, &mut Vec<u8>),
+        (observation, images): (&[f32], &[u8]),
+        (state, past, planned): (&mut [f64], &[f64], &mut [f64]),
+        action: &mut [f32],
+    ) -> Option<()> {
+        let value = |shape: &[usize], numbers: Vec<f32>| Value::from_shape(shape, numbers).ok();
+        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> = Vec::new();
+        if let Some(ObservationInput { input, shape, has_history, places }) = &self.observation {
+            let earlier = self.history.iter().filter(|_| *has_history).flat_map(|own| own.observations(past));
+            let numbers = earlier.chain(places.iter().map(|place| observation[*place])).collect();
+            inputs.push((*input, value(shape, numbers)?.into()));
+        }
+        let mut present = self.split(images);
+        for (index, (id, input)) in self.images.iter().enumerate() {
+            let present = present.next()?;
+            let Some(history) = self.history.as_ref().filter(|_| input.history.is_some()) else {
+                inputs.push((*id, input.value(present)?.into()));
+                continue;
+            };
+            frames.clear();
+            history.write_images(past, index, frames);
+            frames.extend_from_slice(present);
+            inputs.push((*id, input.value(frames)?.into()));
         }
         let mut rest = &state[..];
         for part in &self.states {
@@ -599,7 +685,8 @@ impl Controller for OnnxPolicy {
     fn worker(&self) -> Box<dyn ControllerWorker> {
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
-        Box::new(OnnxWorker { core: self.core.clone(), pool, options, images: Vec::new() })
+        let (images, frames) = (Vec::new(), Vec::new());
+        Box::new(OnnxWorker { core: self.core.clone(), pool, options, images, frames })
     }
 }
 
@@ -609,6 +696,8 @@ struct OnnxWorker {
     options: RunOptions,
     /// Images of all rows.
     images: Vec<u8>,
+    /// Images of one row and its history.
+    frames: Vec<u8>,
 }
 
 impl ControllerWorker for OnnxWorker {
@@ -622,18 +711,18 @@ impl ControllerWorker for OnnxWorker {
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let (core, options) = (&self.core, &self.options);
-        let bytes = self.images.len() / rows.max(1);
+        let OnnxWorker { core, pool, options, images, frames } = self;
+        let bytes = images.len() / rows.max(1);
         let (inputs, outputs) = core.sizes;
         let state_size = core.state_size();
         // One change of threads for all rows, instead of one per row.
-        self.pool.run(|| {
+        pool.run(|| {
             for row in 0..rows {
                 let observation = &observations[row * inputs..][..inputs];
                 let state = &mut states[row * state_size..][..state_size];
                 let action = &mut actions[row * outputs..][..outputs];
-                let images = &self.images[row * bytes..][..bytes];
-                if core.step(options, (observation, images), state, action).is_none() {
+                let images = &images[row * bytes..][..bytes];
+                if core.step((options, &mut *frames), (observation, images), state, action).is_none() {
                     action.fill(f32::NAN);
                 }
             }
