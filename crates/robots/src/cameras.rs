@@ -1,8 +1,8 @@
 //! The cameras of a file, and what they see.
 
 use mishandle_camera::{Camera, Size, focal_length};
-use mishandle_rollout::Axis;
-use mishandle_sight::{Part, PartBodies, Sight, SightCamera, View};
+use mishandle_rollout::{Axis, Image, RolloutError, Space};
+use mishandle_sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View};
 use mishandle_world::{Body, CAMERAS, CameraMount, ElementKind, GeomKind, Model, PictureModel};
 
 use crate::description::{Control, Description, Named};
@@ -242,7 +242,35 @@ fn parts(bodies: &PartBodies, model: &Model) -> Vec<Part> {
     Part::ALL.into_iter().map(|(part, _)| part).filter(|part| has(*part)).collect()
 }
 
+/// The cameras that a controller sees through, with the model whose states they show.
+pub(crate) struct Seen {
+    sight: Sight,
+    model: Model,
+    view: View,
+}
+
+impl Seen {
+    /// Makes the cameras of a controller that sees `images`. `space` is that of the scenarios.
+    pub(crate) fn eyes(
+        &self,
+        name: &str,
+        space: &Space,
+        images: &[Image],
+    ) -> Result<SightEyes, RolloutError> {
+        SightEyes::new(name, &self.sight, (self.model.clone(), self.view.clone()), space, images)
+    }
+}
+
 impl RobotFile {
+    /// Returns the cameras of a controller that sees; `None` without cameras.
+    pub(crate) fn seen(&self) -> Result<Option<Seen>, RobotError> {
+        let Some(RobotCameras { sight, cameras, .. }) = &self.cameras else { return Ok(None) };
+        // Each image has a size of its own.
+        let Some(camera) = cameras.first() else { return Ok(None) };
+        let view = self.view(camera.size)?;
+        Ok(view.map(|(model, view)| Seen { sight: sight.clone(), model, view }))
+    }
+
     /// Returns the cameras and the axes of sight, if the file has cameras.
     pub fn sight(&self) -> Option<&Sight> {
         self.cameras.as_ref().map(|cameras| &cameras.sight)

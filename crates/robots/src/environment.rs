@@ -1,10 +1,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, EnvironmentWorker, RolloutError, Space};
+use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Eyes, Image, RolloutError, Space};
 use mishandle_world::{Body, FullState, Mocap, Model, Servo, frame};
 
 use crate::axes::{Draw, Parameter};
+use crate::cameras::Seen;
 use crate::change::ModelChange;
 use crate::description::Over;
 use crate::events::{EVENT_SIZE, Event, force, slip};
@@ -74,6 +75,8 @@ pub(crate) struct Robot {
     pub axes: Vec<(Axis, Parameter)>,
     /// Names of the axes of sight, which change images and nothing here.
     pub sight_axes: Vec<String>,
+    /// The cameras of a controller that sees.
+    pub seen: Option<Seen>,
 }
 
 /// A robot of a file as an environment.
@@ -201,6 +204,17 @@ impl Environment for RobotEnvironment {
 
     fn episode_steps(&self) -> usize {
         self.robot.episode_steps
+    }
+
+    fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
+        match &self.robot.seen {
+            Some(seen) => Ok(Arc::new(seen.eyes(&self.robot.name, &self.space, images)?)),
+            None => {
+                let camera = images.first().map(|image| image.camera.clone()).unwrap_or_default();
+                let environment = self.robot.name.clone();
+                Err(RolloutError::NoCamera { environment, camera, known: Vec::new() })
+            }
+        }
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {

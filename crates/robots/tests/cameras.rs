@@ -4,10 +4,14 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_robots::{RobotFile, RobotPolicy};
-use mishandle_rollout::{Component, Environment, Noise, Request, Sample, Scenario, Seed, Space, Target};
+use mishandle_rollout::{
+    Component, Controller, ControllerWorker, Environment, Image, Noise, Request, Sample, Scenario, Seed,
+    Space, Specification, System, Target,
+};
 use mishandle_sight::{SIGHT_SPACES, Sight, Sighting, View};
 
 const MODEL: &str = r#"<mujoco>
@@ -172,7 +176,7 @@ fn axes_of_sight_change_images_and_neither_nominal_images_nor_physics() {
     let seen = target.space(&format!("starts+{}", SIGHT_SPACES.join("+"))).unwrap();
     let starts = target.space("starts").unwrap();
     assert!(target.space("all").unwrap().axes().iter().all(|axis| !axis.name.starts_with("lamp")));
-    let specification = mishandle_rollout::Specification::from_formulas(
+    let specification = Specification::from_formulas(
         &target.formulas,
         mishandle_stl::Formula::parse(&target.formulas[0].text).unwrap(),
     )
@@ -244,4 +248,167 @@ fn mistakes_are_named() {
     // Looking straight down works with another direction that is up in images.
     let down = FILE.replace("look_at = [0, 0, 0]", "look_at = [1.5, 0, 0], up = [1, 0, 0]");
     read(folder.path(), &down).unwrap();
+}
+
+/// The images and the action of each call.
+type Log = Arc<Mutex<Vec<(Vec<u8>, f32)>>>;
+
+/// A controller whose action depends on every byte that it sees through two cameras.
+#[derive(Clone)]
+struct Watcher {
+    images: Vec<Image>,
+    log: Log,
+    seen: Vec<u8>,
+}
+
+impl Watcher {
+    fn new(cameras: [&str; 2]) -> Watcher {
+        let image = |camera: &str| Image { camera: camera.into(), width: 12, height: 8 };
+        Watcher { images: cameras.map(image).to_vec(), log: Log::default(), seen: Vec::new() }
+    }
+
+    fn target(&self, file: &RobotFile) -> Result<Target, String> {
+        let component =
+            Component { role: "controller".into(), name: "-".into(), hash: "-".into(), file_hash: "".into() };
+        let controller = (Arc::new(self.clone()) as Arc<dyn Controller>, vec![component]);
+        file.target(controller, Noise::default()).map_err(|error| error.to_string())
+    }
+}
+
+impl Controller for Watcher {
+    fn observation_size(&self) -> usize {
+        1
+    }
+
+    fn action_size(&self) -> usize {
+        1
+    }
+
+    fn sees(&self) -> &[Image] {
+        &self.images
+    }
+
+    fn worker(&self) -> Box<dyn ControllerWorker> {
+        Box::new(self.clone())
+    }
+}
+
+impl ControllerWorker for Watcher {
+    fn look(&mut self, _rows: usize, images: &[u8]) {
+        self.seen = images.to_vec();
+    }
+
+    fn act(&mut self, rows: usize, _observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
+        for (action, seen) in actions.iter_mut().zip(self.seen.chunks(self.seen.len() / rows)) {
+            let sum: u32 = seen.iter().zip(1..).map(|(byte, weight)| weight * u32::from(*byte)).sum();
+            *action = (sum % 201) as f32 / 100.0 - 1.0;
+            if rows == 1 {
+                self.log.lock().unwrap().push((seen.to_vec(), *action));
+            }
+        }
+    }
+}
+
+fn system(target: &Target, space: &str) -> Box<dyn System> {
+    let formula = mishandle_stl::Formula::parse("always(angle <= 2)").unwrap();
+    let specification = Specification::from_formulas(&target.formulas, formula).unwrap();
+    target.system(&target.space(space).unwrap(), &specification).unwrap()
+}
+
+#[test]
+fn a_controller_sees_what_the_cameras_of_the_file_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = read(folder.path(), FILE).unwrap();
+    let watcher = Watcher::new(["hand", "desk"]);
+    let target = watcher.target(&file).unwrap();
+    let name = "starts+light+camera+appearance";
+    let space = target.space(name).unwrap();
+    let environment = file.starts().unwrap().with_own_axes(&space).unwrap();
+    for index in 0..2 {
+        let (scenario, seed) = (space.sample(Seed(5), index), Seed(4 + index));
+        watcher.log.lock().unwrap().clear();
+        let request = Request::new(scenario.clone(), seed);
+        let episode = system(&target, name).rollout(&[request]).unwrap().remove(0);
+        let log = watcher.log.lock().unwrap();
+        assert_eq!((log.len(), episode.steps), (50, 50));
+        // The states again, from the actions alone.
+        let (mut worker, mut state) = (environment.worker(), vec![0.0; environment.state_size()]);
+        let (mut observation, mut signals) = ([0.0_f32], [0.0]);
+        let mut rewards = vec![0.0; environment.reward_terms().len()];
+        macro_rules! sample {
+            () => {
+                Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }
+            };
+        }
+        worker.reset(&scenario, seed, &mut state, sample!());
+        let (model, view) = file.view(Size::new(12, 8).unwrap()).unwrap().unwrap();
+        let mut renderer = mishandle_camera::StateRenderer::new(&model);
+        let view = view.under(&space, &scenario, renderer.poses(&state));
+        let mut before: Option<Vec<f64>> = None;
+        for (step, (seen, action)) in log.iter().enumerate() {
+            // The desk is the first camera of the file, the hand the last one.
+            for (seen, camera) in seen.chunks(3 * 12 * 8).zip([2, 0]) {
+                let mut rgb = vec![0; 3 * 12 * 8];
+                let shot = mishandle_camera::StateShot {
+                    state: &state,
+                    before: before.as_deref(),
+                    scene: &view.scene,
+                    camera: &view.cameras[camera],
+                    seed: seed.child(camera as u64),
+                    step: step as u64,
+                };
+                renderer.render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: None });
+                assert!(seen == rgb, "scenario {index}, step {step}, camera {camera}");
+            }
+            before = Some(state.clone());
+            worker.step(&[f64::from(*action)], &mut state, sample!());
+        }
+    }
+}
+
+#[test]
+fn bits_of_a_controller_that_sees_depend_on_no_threads_and_no_batch() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = Watcher::new(["hand", "model"]).target(&read(folder.path(), FILE).unwrap()).unwrap();
+    let name = "starts+light+image+faults-camera";
+    let space = target.space(name).unwrap();
+    let requests: Vec<Request> = (0..5).map(|i| Request::new(space.sample(Seed(1), i), Seed(i))).collect();
+    let run = |threads: usize, batch: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut system = system(&target, name);
+            let chunks = requests.chunks(batch);
+            chunks.flat_map(|requests| system.rollout(requests).unwrap()).collect::<Vec<_>>()
+        })
+    };
+    let expected = run(1, 5);
+    assert!(expected[0].trace != expected[1].trace);
+    for (threads, batch) in [(3, 5), (1, 1), (2, 3)] {
+        for (a, b) in expected.iter().zip(run(threads, batch)) {
+            assert!(a.trace == b.trace && a.robustness() == b.robustness(), "{threads} {batch}");
+        }
+    }
+}
+
+#[test]
+fn the_axes_of_all_are_those_of_what_the_controller_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = read(folder.path(), FILE).unwrap();
+    let names = |target: &Target| target.axes.iter().map(|axis| axis.name.clone()).collect::<Vec<_>>();
+    let (blind, seeing) =
+        (names(&target(&file)), names(&Watcher::new(["hand", "hand"]).target(&file).unwrap()));
+    let has = |names: &[String], name: &str| names.iter().any(|own| own == name);
+    for (axis, expected) in [
+        ("lamp_x", [false, true]),
+        ("hand_camera_x", [false, true]),
+        ("desk_camera_x", [false, false]),
+        ("tilt", [true, true]),
+    ] {
+        assert_eq!([has(&blind, axis), has(&seeing, axis)], expected, "{axis}");
+    }
+    let error = Watcher::new(["hand", "dsk"]).target(&file).err().unwrap();
+    assert!(error.contains("the camera `dsk`, but seen has only desk, model, hand"), "{error}");
+    let without = FILE.split("[cameras]").next().unwrap().replace("sight = { object = \"ball\" }", "");
+    let error = Watcher::new(["hand", "desk"]).target(&read(folder.path(), &without).unwrap()).err().unwrap();
+    assert!(error.contains("the camera `hand`, but seen has no cameras"), "{error}");
 }

@@ -207,6 +207,7 @@ impl RobotFile {
             sight_axes: self
                 .sight()
                 .map_or_else(Vec::new, |sight| sight.axes().map(|(_, axis)| axis.name.clone()).collect()),
+            seen: None,
             model,
         })
     }

@@ -172,9 +172,17 @@ impl RobotFile {
         noise: Noise,
     ) -> Result<Target, RobotError> {
         let controlled = self.controlled(controller, noise)?;
-        let ControlledRobot { robot, disturbances, .. } = &controlled;
-        let (axes, spaces) = self.axes_and_spaces(&robot.axes, disturbances)?;
+        let ControlledRobot { robot, controller, disturbances, .. } = &controlled;
+        let (mut axes, spaces) = self.axes_and_spaces(&robot.axes, disturbances)?;
         let random = disturbances.iter().filter(|d| d.effect.is_random()).map(|d| d.axis.name.clone());
+        let mut random: Vec<String> = random.collect();
+        if let Some(sight) = self.sight() {
+            // Those that change what the controller sees.
+            let unseen = sight.unseen_axes(controller.sees());
+            let is_seen = |name: &str| unseen.iter().all(|own| own != name);
+            axes.extend(sight.axes().map(|(_, axis)| axis).filter(|axis| is_seen(&axis.name)).cloned());
+            random.extend(sight.random_axes().filter(|name| is_seen(name)).map(str::to_string));
+        }
         let signal =
             |named: &Named<Quantity>| Signal { name: named.key.name.clone(), unit: named.value.unit.clone() };
         let [target_file, model] = FILE_ROLES;
@@ -207,7 +215,7 @@ impl RobotFile {
             depends_on_seed: !self.axes.draws.is_empty()
                 || noise.action_std > 0.0
                 || noise.observation_std > 0.0,
-            random_axes: random.collect(),
+            random_axes: random,
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
             factory: controlled.factory(),
@@ -243,7 +251,11 @@ impl RobotFile {
         controller: Arc<dyn Controller>,
         noise: Noise,
     ) -> Result<ControlledRobot, RobotError> {
-        let robot = Arc::new(self.compiled(controller.action_size())?);
+        let mut robot = self.compiled(controller.action_size())?;
+        if !controller.sees().is_empty() {
+            robot.seen = self.seen()?;
+        }
+        let robot = Arc::new(robot);
         let disturbances = self.disturbances_of(robot.action_size);
         Ok(ControlledRobot { robot, controller, noise, disturbances })
     }

@@ -94,7 +94,6 @@ impl RobotFile {
         spaces.push(("disturbance".to_string(), disturbance));
         spaces.push(("noise".to_string(), of_kind(AxisKind::Noise)));
         spaces.extend(faults);
-        // The controller of a file does not see, so these axes are not among those of all axes.
         let sight = self.sight().map(Sight::spaces).transpose()?.unwrap_or_default();
         spaces.extend(sight.iter().map(|space| (space.name().to_string(), space.axes().to_vec())));
         for named in &self.description.spaces {
