@@ -241,6 +241,7 @@ fn steps(
     for step in 0..STEPS.min(robot.episode_steps) {
         steps.observations.push(observation.clone());
         let mut action = vec![0.0; controller.action_size()];
+        policy.look(1, &black(controller));
         policy.act(1, &observation, &mut memory, &mut action);
         steps.actions.push(action.clone());
         let before = state.clone();
@@ -289,8 +290,14 @@ fn answer(controller: &dyn Controller, observation: &[f32]) -> Vec<f32> {
     let mut memory = vec![0.0; controller.state_size()];
     worker.reset(&mut memory, Seed(0));
     let mut action = vec![0.0; controller.action_size()];
+    worker.look(1, &black(controller));
     worker.act(1, observation, &mut memory, &mut action);
     action
+}
+
+/// Returns black images for a controller that sees: the contract is about observations.
+fn black(controller: &dyn Controller) -> Vec<u8> {
+    vec![0; controller.sees().iter().map(mishandle_rollout::Image::bytes).sum()]
 }
 
 fn is_constant<'a>(mut rows: impl Iterator<Item = &'a [f32]>) -> bool {
