@@ -2079,6 +2079,10 @@ class Explanation:
     """The explanation in sentences."""
     signals: SignalTable | None
     """Signals of the requirement at some samples; ``None`` without a predicate."""
+    axes_at_nominal: AxesAtNominal | None = None
+    """The failure with each axis alone at its nominal value; left out by other commands than
+    ``explain``, with ``--axes 0``, if the requirement is satisfied, and without an axis off
+    nominal."""
     point: str | None
     """``corner`` or ``center`` for a simulation at the corners of the initial box, trial 2 of an
     evaluation; otherwise ``None``."""
@@ -2184,6 +2188,36 @@ class SignalRow:
     """Sample, from 0."""
     values: tuple[float | None, ...]
     """One value per column; ``None`` if the trace does not have it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AxesAtNominal:
+    """A failure simulated again with each axis alone at its nominal value and the same seed.
+    What an axis removes with others, and what it does with other seeds, is not in it."""
+
+    axes: tuple[AxisAtNominal, ...]
+    """The simulated axes, that with the largest robustness first."""
+    left_out: int
+    """Number of axes off nominal that were left out because of the limit: those nearest to
+    nominal."""
+    reason: str | None = None
+    """Why the other axes were not simulated; missing if all were."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AxisAtNominal:
+    """A failure with one axis at its nominal value."""
+
+    axis: str
+    """The axis."""
+    value: float
+    """Its value in the failure."""
+    nominal: float
+    """Its nominal value, with which the simulation was repeated."""
+    robustness: float | None
+    """Robustness of that simulation; ``None`` without a verdict."""
+    violated: bool | None
+    """Whether it still violates the requirement; ``None`` without a verdict."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

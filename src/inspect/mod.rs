@@ -2,6 +2,7 @@
 //! what was covered, and how two runs differ.
 
 mod answer;
+mod axes_at_nominal;
 mod axis_rates;
 mod cause;
 mod comparison;
@@ -22,6 +23,7 @@ mod space_coverage;
 mod traces;
 
 pub use answer::{reasons, recorded_result, whole_result};
+pub use axes_at_nominal::axes_at_nominal;
 pub use axis_rates::axis_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};

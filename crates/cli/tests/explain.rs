@@ -143,3 +143,40 @@ fn a_python_run_without_a_counterexample_says_that_passing_traces_are_not_stored
     );
     bench.check("explain toy.sqlite", 0);
 }
+
+/// `explain` agrees with the simulations that the falsification recorded, with `simulate` in the
+/// same scenarios, and with the axes that the falsification named.
+#[test]
+fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
+    let bench = Bench::new();
+    let falsify = "falsify toy/car-following --space events --trials 1 --budget 100 --seed 1";
+    let found = bench.json(&format!("{falsify} --out run.sqlite --json"), 1);
+    bench.check(&format!("{falsify} --no-isolate --out alone.sqlite"), 1);
+    let explained = bench.json("explain run.sqlite --json", 1);
+    let tried = &explained["axes_at_nominal"];
+    let axes = tried["axes"].as_array().unwrap();
+    assert!(axes.len() > 1 && tried["left_out"] == 0 && tried["reason"].is_null(), "{tried}");
+    assert_eq!(*tried, bench.json("explain alone.sqlite --json", 1)["axes_at_nominal"]);
+    for row in axes {
+        let name = row["axis"].as_str().unwrap();
+        let mut scenario = explained["scenario"].as_object().unwrap().clone();
+        assert_eq!(row["value"], scenario[name]);
+        scenario.insert(name.to_string(), row["nominal"].clone());
+        let values: Vec<String> = scenario.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        let (at, seed) = (values.join(","), explained["seed"].to_string().replace('"', ""));
+        let simulate = format!("simulate toy/car-following --space events --at {at} --seed {seed} --json");
+        let code = i32::from(row["violated"].as_bool().unwrap());
+        assert_eq!(row["robustness"], bench.json(&simulate, code)["robustness"], "{name}");
+    }
+    let mut removing: Vec<&Value> =
+        axes.iter().filter(|row| row["violated"] == false).map(|row| &row["axis"]).collect();
+    let mut necessary: Vec<&Value> =
+        found["trials"][0]["cause"]["necessary"].as_array().unwrap().iter().collect();
+    removing.sort_by_key(ToString::to_string);
+    necessary.sort_by_key(ToString::to_string);
+    assert_eq!(removing, necessary);
+    assert!(!removing.is_empty(), "the test shows nothing");
+    let text = bench.check("explain run.sqlite --axes 1", 1);
+    assert!(text.contains("one axis at nominal (1 simulation)") && text.contains("Left out"), "{text}");
+    assert!(bench.json("explain run.sqlite --axes 0 --json", 1)["axes_at_nominal"].is_null());
+}

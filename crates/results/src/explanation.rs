@@ -37,6 +37,11 @@ pub struct Explanation {
     /// The cause of the verdict.
     #[serde(flatten)]
     pub decision: Decision,
+    /// The failure with each axis alone at its nominal value; left out by other commands than
+    /// `explain`, with `--axes 0`, if the requirement is satisfied, and without an axis off
+    /// nominal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axes_at_nominal: Option<AxesAtNominal>,
     /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
     /// evaluation; otherwise `null`.
     pub point: Option<String>,
@@ -44,6 +49,35 @@ pub struct Explanation {
     pub space_axes: Vec<AxisFacts>,
     /// Time between two samples, s.
     pub control_dt: f64,
+}
+
+/// A failure simulated again with each axis alone at its nominal value and the same seed. What an
+/// axis removes with others, and what it does with other seeds, is not in it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct AxesAtNominal {
+    /// The simulated axes, that with the largest robustness first.
+    pub axes: Vec<AxisAtNominal>,
+    /// Number of axes off nominal that were left out because of the limit: those nearest to
+    /// nominal.
+    pub left_out: u64,
+    /// Why the other axes were not simulated; missing if all were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// A failure with one axis at its nominal value.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct AxisAtNominal {
+    /// The axis.
+    pub axis: String,
+    /// Its value in the failure.
+    pub value: f64,
+    /// Its nominal value, with which the simulation was repeated.
+    pub nominal: f64,
+    /// Robustness of that simulation; `null` without a verdict.
+    pub robustness: Option<Number>,
+    /// Whether it still violates the requirement; `null` without a verdict.
+    pub violated: Option<bool>,
 }
 
 /// The instants, predicates and parts that decide a requirement on a trace.

@@ -92,8 +92,8 @@ pub use evidence::{
     VerifiedCheck, VerifiedRun,
 };
 pub use explanation::{
-    Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation, LogExplanations,
-    MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
+    AxesAtNominal, AxisAtNominal, Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation,
+    LogExplanations, MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
 pub use falsification::{
     Adversary, Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated,

@@ -60,6 +60,7 @@ impl ExplainedSimulation {
                 |sample| sample as f64 * header.control_dt,
                 |sample| instant(sample, header.control_dt),
             ),
+            axes_at_nominal: None,
             point: point.map(str::to_string),
             space_axes: recorded_axes(&header.axes),
             control_dt: header.control_dt,

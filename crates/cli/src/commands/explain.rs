@@ -1,7 +1,11 @@
+use std::path::Path;
+
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::results::{EvaluatedCount, LogExplanations, Masking};
-use mishandle::store::RunFile;
+use mishandle::inspect::ExplainedSimulation;
+use mishandle::resolve::ResolvedPlan;
+use mishandle::results::{AxesAtNominal, EvaluatedCount, LogExplanations, Masking};
+use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -11,7 +15,7 @@ use crate::show::progress::Bar;
 use crate::show::{escape, explanation, output, simulation};
 
 /// Flags about a run, which mean nothing for a log.
-const OF_RUNS: [&str; 6] = ["trial", "simulation", "controller", "target", "skip_check", "masking"];
+const OF_RUNS: [&str; 7] = ["trial", "simulation", "controller", "target", "skip_check", "masking", "axes"];
 
 /// Explain a recorded simulation or a log: when, where and by which predicate a formula is violated
 #[derive(Debug, Args)]
@@ -23,7 +27,8 @@ const OF_RUNS: [&str; 6] = ["trial", "simulation", "controller", "target", "skip
   mishandle explain --log rig.csv --formula 'always(force <= 2)'
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
-are replayed. docs/guide/logs.md describes logs.")]
+are replayed. A failure is simulated again with each axis alone at its nominal value, to say which
+one removes it. docs/guide/logs.md describes logs.")]
 #[command(mut_arg("file", |file| file
     .required(false)
     .required_unless_present_any(["paths", "topic"])
@@ -40,6 +45,11 @@ pub struct Arguments {
     #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
     #[arg(conflicts_with_all = ["trial", "simulation"])]
     pub masking: Option<u64>,
+    /// Simulate a failure again with each axis alone at its nominal value, for at most N axes:
+    /// those farthest from nominal; 0 leaves it out
+    #[arg(long, value_name = "N", default_value_t = 30, conflicts_with = "masking")]
+    #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(0..=u64::MAX))]
+    pub axes: u64,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
@@ -62,7 +72,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bail!("{} has no decided simulation to explain", recorded.file.display());
     };
     let explained = mishandle::inspect::explain(&file, trial, simulation, recorded.moved())?;
-    let found = explained.result(file.header(), Some(&recorded.file.to_string_lossy()));
+    let mut found = explained.result(file.header(), Some(&recorded.file.to_string_lossy()));
+    let resolve = || {
+        let resolved = mishandle::resolve::recorded_plan(file.header(), recorded.moved());
+        resolved.map_err(|error| error.to_string())
+    };
+    found.axes_at_nominal = axes_at_nominal((Some(&file), file.header()), &explained, resolve, command.axes)?;
     if command.json {
         output::json(&found)?;
     } else {
@@ -71,6 +86,28 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let is_violated = explained.recorded.is_violated();
     Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Simulates a failure again with each axis alone at nominal. `None` also if a signal ended it: the
+/// explanation is complete without.
+fn axes_at_nominal(
+    run: (Option<&RunFile>, &RunHeader),
+    explained: &ExplainedSimulation,
+    resolve: impl FnOnce() -> std::result::Result<ResolvedPlan, String>,
+    limit: u64,
+) -> Result<Option<AxesAtNominal>> {
+    let bar = Bar::new(0, "simulations");
+    run::stop_on_signals(&bar)?;
+    let found = mishandle::inspect::axes_at_nominal(run, explained, resolve, limit, |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+        run::control_flow()
+    })?;
+    bar.clear();
+    if run::control_flow().is_break() {
+        output::message("interrupted: the failure is not shown with each axis at nominal");
+    }
+    Ok(found)
 }
 
 /// Explains the verdicts of formulas on logs, worst first.
@@ -174,14 +211,17 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 /// Simulates an exported counterexample and explains it.
 fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<ExitStatus> {
     flags::check_flags(recorded.trial, recorded.simulation)?;
-    let (_, replayed) = counterexample::replay(&recorded.file, recorded.moved())?;
+    let (file, replayed) = counterexample::replay(&recorded.file, recorded.moved())?;
     let (header, explained) = (&replayed.header, &replayed.explained);
     if !replayed.differences.is_empty() {
         output::message(
             "warning: the simulation differs from the recorded one; `mishandle replay` lists the differences",
         );
     }
-    let found = explained.result(header, Some(&recorded.file.to_string_lossy()));
+    let mut found = explained.result(header, Some(&recorded.file.to_string_lossy()));
+    let folder = recorded.file.parent().unwrap_or(Path::new(""));
+    let resolve = || file.resolve(folder, recorded.moved()).map_err(|error| error.to_string());
+    found.axes_at_nominal = axes_at_nominal((None, header), explained, resolve, command.axes)?;
     match command.json {
         true => output::json(&found)?,
         false => output::line(&explanation::text(&found))?,

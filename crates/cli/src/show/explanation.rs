@@ -1,8 +1,8 @@
 //! Explanations of simulations and logs, as text.
 
-use mishandle::results::{Decision, Explanation, LogExplanation, SignalTable};
+use mishandle::results::{AxesAtNominal, AxisFacts, Decision, Explanation, LogExplanation, SignalTable};
 use mishandle::stl::is_violated;
-use mishandle_text::{decimal, instant};
+use mishandle_text::{decimal, instant, plural};
 
 use super::{escape, log_verdicts, output, reasons, scenario, subject};
 
@@ -20,7 +20,51 @@ pub fn text(found: &Explanation) -> String {
         reasons::of_one(found.reason.as_deref()),
     )];
     parts.extend(decision(&found.decision, &|sample| instant(sample as usize, found.control_dt)));
+    parts.extend(found.axes_at_nominal.iter().flat_map(|axes| axes_at_nominal(axes, &found.space_axes)));
     parts.join("\n\n")
+}
+
+/// Returns what the failure is with each axis alone at nominal: sentences, then a table.
+fn axes_at_nominal(found: &AxesAtNominal, facts: &[AxisFacts]) -> Vec<String> {
+    let mut sentences = Vec::new();
+    if !found.axes.is_empty() {
+        let removing = found.axes.iter().filter(|axis| axis.violated == Some(false));
+        let removing: Vec<String> = removing.map(|axis| escape::name(&axis.axis)).collect();
+        let removing = if removing.is_empty() { "none".to_string() } else { removing.join(", ") };
+        sentences.push(format!(
+            "Simulated again with the same seed and one axis at nominal ({}). Axes that remove the failure alone: {removing}.",
+            plural(found.axes.len() as u64, "simulation")
+        ));
+    }
+    if found.left_out > 0 {
+        let axes = scenario::axes(found.left_out as usize);
+        sentences.push(format!("Left out because of `--axes`: {axes} nearer to nominal."));
+    }
+    if let Some(reason) = &found.reason {
+        sentences.push(format!("Not simulated again with one axis at nominal: {}.", escape::name(reason)));
+    }
+    let mut parts = vec![sentences.join("\n")];
+    if !found.axes.is_empty() {
+        let columns = ["axis at nominal", "nominal", "failure has", "robustness", "verdict"];
+        let mut rows = vec![columns.map(String::from).to_vec()];
+        rows.extend(found.axes.iter().map(|axis| {
+            let fact = facts.iter().find(|fact| fact.name == axis.axis);
+            let unit = fact.map_or("", |fact| &fact.unit);
+            let value =
+                |value| fact.map_or(decimal(value, 4), |fact| scenario::value_text(fact, Some(value)));
+            let verdict =
+                axis.violated.map_or("-", |violated| if violated { "violated" } else { "satisfied" });
+            vec![
+                with_unit(&axis.axis, unit),
+                value(axis.nominal),
+                value(axis.value),
+                axis.robustness.map_or("-".to_string(), |robustness| decimal(robustness.0, 4)),
+                verdict.to_string(),
+            ]
+        }));
+        parts.push(output::table(&rows));
+    }
+    parts
 }
 
 /// Returns the explanation of a verdict on a log. `start` is the time of the first sample, s.
@@ -75,10 +119,13 @@ fn path_table(found: &Decision, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> 
     rows
 }
 
+fn with_unit(name: &str, unit: &str) -> String {
+    format!("{} {}", escape::name(name), escape::name(unit)).trim_end().to_string()
+}
+
 /// Returns the table of the formula's signals.
 fn signal_table(signals: &SignalTable, at: &dyn Fn(u64) -> String) -> Vec<Vec<String>> {
-    let name = |name: &str, unit: &str| format!("{} {unit}", escape::name(name)).trim_end().to_string();
-    let columns = signals.columns.iter().map(|signal| name(&signal.name, &signal.unit));
+    let columns = signals.columns.iter().map(|signal| with_unit(&signal.name, &signal.unit));
     let mut rows = vec![std::iter::once("at".to_string()).chain(columns).collect::<Vec<_>>()];
     rows.extend(signals.rows.iter().map(|row| {
         let values = row.values.iter().map(|value| value.map_or(String::new(), |x| decimal(x.0, 4)));
