@@ -13,6 +13,7 @@ use crate::environment::{TaskEnvironment, TaskError};
 use crate::identity::target_identity;
 use crate::manner::MANNER;
 use crate::robot::{CONTROL_DT, EPISODE_STEPS};
+use crate::sight::sight;
 
 /// A task with a controller and noise.
 #[derive(Clone)]
@@ -74,7 +75,7 @@ impl TaskTarget {
             depends_on_seed: definition.start_noise > 0.0
                 || self.noise.action_std > 0.0
                 || self.noise.observation_std > 0.0,
-            random_axes: random_axes(&disturbances),
+            random_axes: self.random_axes(&disturbances),
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),
@@ -123,6 +124,16 @@ impl TaskTarget {
     ) -> Result<Rollout, RolloutError> {
         Rollout::new(environment, self.controller.clone(), specification.clone(), self.noise)?
             .with_disturbances(space.clone(), &self.disturbances())
+    }
+
+    /// Returns the names of the axes that add randomness: also those of images, if the controller
+    /// sees any.
+    fn random_axes(&self, disturbances: &[Disturbance]) -> Vec<String> {
+        let mut names = random_axes(disturbances);
+        if !self.controller.sees().is_empty() {
+            names.extend(sight(self.task.definition()).random_axes().map(str::to_string));
+        }
+        names
     }
 
     fn disturbances(&self) -> Vec<Disturbance> {

@@ -187,6 +187,27 @@ fn axes_of_what_a_controller_sees_are_in_the_space_of_all_axes() {
     }
 }
 
+/// A question repeats a failure with other seeds if an axis off nominal is random.
+#[test]
+fn the_axes_of_images_that_depend_on_the_seed_are_random_to_a_controller_that_sees() {
+    let target = Watcher::new(&[("over", 12, 8)]).target("point-reaching").unwrap();
+    let (name, space) = ("light+image", target.space("light+image").unwrap());
+    let mut system = system(&target, name);
+    let mut found = Vec::new();
+    for (index, axis) in space.axes().iter().enumerate() {
+        let mut scenario = space.nominal().values().to_vec();
+        scenario[index] = Some(axis.high);
+        let request = |seed| Request::new(Scenario::new(scenario.clone()), Seed(seed));
+        let episodes = system.rollout(&[request(1), request(2)]).unwrap();
+        let differs = episodes[0].trace != episodes[1].trace;
+        assert_eq!(differs, target.random_axes.contains(&axis.name), "{}", axis.name);
+        found.extend(differs.then_some(axis.name.as_str()));
+    }
+    assert_eq!(found, ["image_noise", "image_shot_noise"]);
+    let blind = Watcher::new(&[]).target("point-reaching").unwrap();
+    assert!(!blind.random_axes.iter().any(|name| name.starts_with("image_") || name.starts_with("camera_")));
+}
+
 #[test]
 fn a_camera_that_the_task_does_not_have_is_an_error() {
     let error = Watcher::new(&[("side", 16, 16)]).target("point-reaching").err().unwrap();

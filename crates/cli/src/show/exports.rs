@@ -48,14 +48,8 @@ fn file_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
 /// Formats the values that are not nominal.
 fn off_nominal_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
     let is_off = |(axis, value): &(&AxisFacts, &Option<f64>)| **value != axis.nominal;
-    let value = |(axis, value): (&AxisFacts, &Option<f64>)| {
-        let value = value.map_or("random".to_string(), |value| match value.fract() == 0.0 {
-            true if value.abs() < 1e9 => value.to_string(),
-            _ => decimal(value, 4),
-        });
-        scenario::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
-    };
-    let values: Vec<String> = axes.iter().zip(file.scenario.values()).filter(is_off).map(value).collect();
+    let off = axes.iter().zip(file.scenario.values()).filter(is_off);
+    let values: Vec<String> = off.map(|(axis, value)| scenario::axis_text(axis, *value)).collect();
     match (values.len(), file.scenario.0.len() - values.len()) {
         (0, _) => "the nominal scenario".to_string(),
         (_, 0) => values.join(", "),
