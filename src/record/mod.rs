@@ -6,7 +6,6 @@
 //! AISTATS 2011).
 
 mod labels;
-mod recorder;
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
@@ -25,14 +24,16 @@ use mishandle_training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};
 
 use crate::archive::given_scenarios;
 use crate::error::MishandleError;
-use crate::picture::{CameraSettings, Recording, RecordingEnvironment, SharedRecordings, TargetCameras};
+use crate::picture::{
+    CameraSettings, Decisions, RecordedController, Recording, RecordingEnvironment, SharedDecisions,
+    SharedRecordings, TargetCameras,
+};
 use crate::plan::CPU;
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target, training_target};
 use crate::run::end_text;
 use crate::run::evaluate::{TRIAL, with_requests};
 
 use self::labels::{labeler, labels};
-use self::recorder::{Decisions, RecordedController, SharedDecisions};
 
 /// Bytes of the images of controllers that are in memory until they are written.
 const KEPT_BYTES: usize = 1 << 28;

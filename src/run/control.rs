@@ -21,7 +21,7 @@ pub const TRIAL: u32 = MAX_TRIALS + 1;
 pub(crate) struct ControlArm {
     /// The space with all bounds of the target, so that it contains the nominal values, also if the
     /// plan narrows an axis to other values.
-    space: Space,
+    pub(crate) space: Space,
     /// Names of the axes that the arm fixes.
     nominal: Vec<String>,
     /// Whether all simulations of the arm are the same.
@@ -32,11 +32,17 @@ impl ControlArm {
     /// Returns the control arm of a plan; `None` if nothing but initial states is varied, the plan
     /// switches it off, or a device screens.
     pub(crate) fn new(resolved: &ResolvedPlan) -> Result<Option<ControlArm>, MishandleError> {
-        let ResolvedPlan { plan, target, space, .. } = resolved;
+        let plan = &resolved.plan;
         let is_off = plan.evaluate.as_ref().is_none_or(|evaluate| !evaluate.control);
-        if is_off || plan.screening.is_some() {
-            return Ok(None);
+        match is_off || plan.screening.is_some() {
+            true => Ok(None),
+            false => ControlArm::of_space(resolved),
         }
+    }
+
+    /// As [`new`](Self::new), whatever the question of the plan.
+    pub(crate) fn of_space(resolved: &ResolvedPlan) -> Result<Option<ControlArm>, MishandleError> {
+        let ResolvedPlan { target, space, .. } = resolved;
         let (mut axes, mut nominal) = (Vec::new(), Vec::new());
         for axis in space.axes() {
             if axis.kind == AxisKind::Start {

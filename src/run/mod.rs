@@ -38,7 +38,7 @@ pub use again::{run_simulations, run_trial};
 pub(crate) use builds::differences_of_builds;
 pub use builds::{admit_build, build_differences, continued_builds};
 pub use completion::{missing, unfinished};
-pub(crate) use control::shares_arm;
+pub(crate) use control::{ControlArm, shares_arm};
 pub use control::{TRIAL as CONTROL_TRIAL, system_of};
 pub use end_text::end_text;
 pub use evaluate::{

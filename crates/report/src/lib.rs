@@ -10,7 +10,7 @@
 //! [`check_reports`] the files about the requirements of a file, [`bisection_page`] that of a
 //! bisection, with its [`BisectionEvidence`].
 //!
-//! - `load`, `measure`, `pictures`: the facts. `words`: verdict and meaning in sentences.
+//! - `load`, `measure`, `pictures`, `seen`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
 //!   style sheet maps their colors to the theme.
 //! - `html`, `section`, `modes`, `hardened_modes`, `controller_pair`, `violated_counterexamples`,
@@ -45,6 +45,7 @@ mod predicate_chart;
 mod ranking;
 mod risk;
 mod section;
+mod seen;
 mod sensitivity;
 mod space;
 mod survey;

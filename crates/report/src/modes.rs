@@ -257,7 +257,8 @@ pub fn frames(header: &RunHeader, pictures: &Pictures, explained: &ExplainedSimu
         }
         false => "",
     };
-    format!("<div class=\"strip\">{frames}</div>\n{source}{film}")
+    let seen = pictures.seen.as_ref().map_or(String::new(), |seen| seen.html(header));
+    format!("<div class=\"strip\">{frames}</div>\n{source}{film}{seen}")
 }
 
 /// Returns a film that the reader opens. It repeats until it is closed.

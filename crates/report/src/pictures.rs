@@ -8,6 +8,8 @@ use mishandle::store::{RunFile, RunHeader};
 use mishandle::world::{CAMERAS, Picture, PictureModel, Quality, Size, WorldError, animated_png, png};
 use mishandle::{MishandleError, ResolvedPlan};
 
+use crate::seen::{Seen, seen};
+
 /// Size of a picture, pixels.
 pub const PICTURE: (u32, u32) = (320, 240);
 
@@ -28,6 +30,8 @@ const MAX_FRAMES: usize = 40;
 pub struct Pictures {
     pub frames: Vec<Frame>,
     pub film: Option<Film>,
+    /// The images that the policy saw, if it sees.
+    pub seen: Option<Seen>,
 }
 
 /// A picture of a simulation.
@@ -159,11 +163,11 @@ fn painted_strip(
         picture
     };
     let film: Vec<(Picture, u16)> = reel.samples.iter().map(picture).zip(reel.delays).collect();
-    Ok(Pictures { frames, film: Some(Film { window: reel.window, png: animated_png(&film)? }) })
+    Ok(Pictures { frames, film: Some(Film { window: reel.window, png: animated_png(&film)? }), seen: None })
 }
 
 /// Returns the samples of the pictures of a simulation with samples 0 to `last`.
-fn strip_samples(event: Option<&Event>, last: usize) -> Vec<usize> {
+pub fn strip_samples(event: Option<&Event>, last: usize) -> Vec<usize> {
     let decisive = event.map_or(last, |event| event.sample);
     mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last))
 }
@@ -180,7 +184,14 @@ fn strip(
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
     }
-    Shown::new(run.header(), &trajectory.states, &explained.explanation).pictures(model, size, must_end)
+    let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
+    let pictures = shown.pictures(model, size, &mut *must_end)?;
+    if must_end() {
+        return Err(PictureError::Interrupted);
+    }
+    let resolved = mishandle::resolve::recorded_plan(run.header(), controller)?;
+    let seen = seen(&resolved, &replayed.episode.request, &explained.explanation)?;
+    Ok(Pictures { seen, ..pictures })
 }
 
 /// Renders a counterexample that was simulated again, as [`strips`] does for simulations of a run.
@@ -194,7 +205,9 @@ pub fn of_replay(
     let (_, trajectory) = mishandle::picture::simulate_states(resolved, request)?;
     let model = mishandle::resolve::recorded_picture(&replay.header)?;
     let explanation = &replay.explained.explanation;
-    Shown::new(&replay.header, &trajectory.states, explanation).pictures(&model, size, must_end)
+    let shown = Shown::new(&replay.header, &trajectory.states, explanation);
+    let pictures = shown.pictures(&model, size, must_end)?;
+    Ok(Pictures { seen: seen(resolved, request, explanation)?, ..pictures })
 }
 
 /// An instant of a simulation.
@@ -249,7 +262,7 @@ impl<'a> Shown<'a> {
         // A film has many frames; fine ones would take most of the time of the report.
         let mut renderer = self.renderer(model, size, Quality::Fast)?;
         let film = film(&mut renderer, self.states, event, self.header.control_dt, must_end)?;
-        Ok(Pictures { frames, film: Some(film) })
+        Ok(Pictures { frames, film: Some(film), seen: None })
     }
 
     fn renderer(

@@ -6,7 +6,7 @@ use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Image, 
 
 /// Observations and actions of a controller in a simulation.
 #[derive(Debug)]
-pub(super) struct Decisions {
+pub(crate) struct Decisions {
     pub seed: Seed,
     /// Observations of all control steps, as the controller saw them.
     pub observations: Vec<f32>,
@@ -18,7 +18,7 @@ pub(super) struct Decisions {
 
 /// The decisions of all simulations, in any order.
 #[derive(Clone, Debug, Default)]
-pub(super) struct SharedDecisions(Arc<Mutex<Vec<Decisions>>>);
+pub(crate) struct SharedDecisions(Arc<Mutex<Vec<Decisions>>>);
 
 impl SharedDecisions {
     /// Returns the decisions since the last call.
@@ -33,7 +33,7 @@ impl SharedDecisions {
 
 /// A controller that records its decisions. The first number of its state is the index of the
 /// simulation, the others are the state of the controller that decides.
-pub(super) struct RecordedController {
+pub(crate) struct RecordedController {
     controller: Arc<dyn Controller>,
     decisions: SharedDecisions,
     keeps_images: bool,
