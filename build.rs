@@ -44,7 +44,9 @@ fn embed() -> io::Result<()> {
         for task in entries(&root.join(folder))?.into_iter().filter(|path| path.is_dir()) {
             let found: Vec<PathBuf> = entries(&task)?
                 .into_iter()
-                .filter(|path| extensions.iter().any(|known| path.extension().is_some_and(|found| found == *known)))
+                .filter(|path| {
+                    extensions.iter().any(|known| path.extension().is_some_and(|found| found == *known))
+                })
                 .collect();
             if !found.is_empty() {
                 println!("cargo::rerun-if-changed={}", task.display());

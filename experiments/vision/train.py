@@ -39,7 +39,7 @@ def arguments():
     parser.add_argument("--rounds", type=int, default=8, help="rounds of DAgger after the first one")
     parser.add_argument("--episodes", type=int, default=200, help="episodes of the expert")
     parser.add_argument("--student-episodes", type=int, default=100, help="episodes of the student in each round")
-    parser.add_argument("--every", type=int, default=2, help="train on every so many frames")
+    parser.add_argument("--every", type=int, default=2, help="keep one of this number of frames")
     parser.add_argument("--epochs", type=float, default=8.0, help="passes over the data in each round")
     parser.add_argument("--most-steps", type=int, default=2000, help="training steps of a round at most")
     parser.add_argument("--batch", type=int, default=512)

@@ -164,7 +164,8 @@ pub(crate) fn check_home(folder: &'static str) -> Result<(), MishandleError> {
 
 /// Returns the shipped controller with the name `name` for a task, if it exists.
 pub fn shipped_controller(definition: &Definition, name: &str) -> Option<ShippedFile> {
-    let find = |extension| ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.{extension}", base(definition)));
+    let find =
+        |extension| ShippedFile::find(&format!("{CONTROLLERS}/{}/{name}.{extension}", base(definition)));
     EXTENSIONS.into_iter().find_map(find)
 }
 
