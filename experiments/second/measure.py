@@ -118,10 +118,13 @@ def percent(rate):
 
 def of_expert(name, condition, own, expert):
     """Returns the success rate in the scenarios that the expert meets, and their number, as text; bold below the goal."""
-    if own is None or expert is None or (own["episodes"], own["seed"]) != (expert["episodes"], expert["seed"]):
+    if own is None or expert is None or own["seed"] != expert["seed"]:
         return "-"
-    met = own["episodes"] - len(expert["failed"])
-    lost = len(set(own["failed"]) - set(expert["failed"]))
+    # More episodes of the same seed begin with those of fewer.
+    common = min(own["episodes"], expert["episodes"])
+    own_failed, expert_failed = ({number for number in found["failed"] if number <= common} for found in (own, expert))
+    met = common - len(expert_failed)
+    lost = len(own_failed - expert_failed)
     if met == 0:
         return "none"
     text = f"{100 * (met - lost) / met:.1f} of {met}"
