@@ -136,24 +136,6 @@ class ChunkStudent(nn.Module):
         return self.all(proprioception, *images)[0]
 
 
-class Ensemble(nn.Module):
-    """Temporal ensembling in the graph: the action is the mean of all predictions for this control step, which weigh
-    exp(-m i), oldest first. The state has their weighted sum, their weights and their number for each step ahead."""
-
-    def __init__(self, student, decay):
-        super().__init__()
-        self.student, self.decay = student, decay
-
-    def forward(self, proprioception, sums, weights, numbers, *images):
-        actions = self.student(proprioception, *images)
-        weight = torch.exp(-self.decay * numbers)
-        sums, weights, numbers = sums + weight * actions, weights + weight, numbers + 1
-        action = sums[:, 0] / weights[:, 0]
-        nothing = torch.zeros_like(numbers[:, :1])
-        moved = [torch.cat([values[:, 1:], values[:, :1] * nothing], 1) for values in (sums, weights, numbers)]
-        return action, *moved
-
-
 def make(options, state_size, statistics):
     kind = ChunkStudent if options.chunk > 1 else Student
     return kind(options, state_size, statistics)
@@ -174,17 +156,10 @@ def export(student, options, path):
         "mishandle.images": json.dumps([[camera, camera] for camera in cameras]),
         "mishandle.action": "action",
     }
-    inputs, outputs = ["proprioception"], ["action"]
     if options.chunk > 1:
-        copy = Ensemble(copy, options.decay)
-        state = ["sums", "weights", "numbers"]
-        inputs, outputs = inputs + state, outputs + [f"next_{name}" for name in state]
-        example = (joints, *(torch.zeros(1, options.chunk, width) for width in (ACTIONS, 1, 1)), *images)
-        description["mishandle.state"] = json.dumps([[name, f"next_{name}"] for name in state])
-    else:
-        example = (joints, *images)
+        description["mishandle.chunk"] = json.dumps({"ensemble": options.decay})
     torch.onnx.export(
-        copy.eval(), example, str(path), input_names=inputs + cameras, output_names=outputs,
+        copy.eval(), (joints, *images), str(path), input_names=["proprioception", *cameras], output_names=["action"],
         opset_version=17, dynamo=False,
     )
     model = onnx.load(path)

@@ -56,6 +56,8 @@ def interval(rate):
 
 def rates(program, options):
     for name, task, file in POLICIES:
+        if options.policies and name not in options.policies:
+            continue
         path, record = known(name)
         digest = hashlib.sha256(file.read_bytes()).hexdigest()
         if record.get("sha256", digest) != digest:
@@ -95,8 +97,8 @@ def searches(program, options):
                 "--trials", options.trials, "--budget", options.budget, "--seed", options.seed,
             )
             record["searches"][space][search] = setting | {
-                key: result[key] for key in ["falsified_trials", "expected_simulations"] if key in result
-            } | {"result": {key: value for key, value in result.items() if "rate" in key or "simulations" in key}}
+                key: result[key] for key in ["falsified_trials", "median_simulations", "restricted_mean_simulations"]
+            }
             save(path, record)
             print(name, space, search, record["searches"][space][search], flush=True)
 
@@ -119,6 +121,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--spaces", nargs="+", default=SPACES, choices=SPACES)
+    parser.add_argument("--policies", nargs="+", metavar="NAME", choices=[name for name, _, _ in POLICIES])
     parser.add_argument("--searches", action="store_true", help="run the searches instead of the rates")
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--budget", type=int, default=60)

@@ -115,7 +115,7 @@ def train(student, data, statistics, options, progress, end):
     """Trains on all frames, until the steps or the time are over. Returns the steps and the last mean losses."""
     states, actions, *images = data.merge()
     frames = len(states)
-    steps = max(1, min(options.most_steps, int(options.epochs * frames / options.batch)))
+    steps = max(1, int(min(options.most_steps, options.epochs * frames / options.batch)))
     rate = options.learning_rate * (1 - 0.8 * min(1.0, progress))
     optimizer = torch.optim.AdamW(student.parameters(), lr=rate, weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=steps + 1, pct_start=0.1)
