@@ -16,7 +16,11 @@ class Explanation(results.Explanation):
     """When, where and by which predicate a formula is violated or satisfied; ``str`` gives sentences."""
 
     def __str__(self) -> str:
-        return "\n".join(self.sentences)
+        lines = list(self.sentences)
+        if self.axes_at_nominal is not None and self.axes_at_nominal.axes:
+            removing = [each.axis for each in self.axes_at_nominal.axes if each.violated is False]
+            lines.append(f"Axes that remove the failure alone, back at nominal: {', '.join(removing) or 'none'}.")
+        return "\n".join(lines)
 
 
 class ComparedRobustness(NamedTuple):

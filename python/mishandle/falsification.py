@@ -56,13 +56,16 @@ class Falsification(RunResult, results.Falsification):
         found = [trial for trial in self.trials if trial.falsified]
         return sorted(found, key=lambda trial: (trial.minimum_robustness or 0.0, trial.trial))
 
-    def explain(self, trial: int | None = None) -> Explanation:
-        """Explains the counterexample of a trial; by default, the first one, as ``mishandle explain`` does."""
+    def explain(self, trial: int | None = None, *, axes: int = 30) -> Explanation:
+        """Explains the counterexample of a trial; by default, the first one, as ``mishandle explain`` does.
+
+        It is simulated again with each axis alone at its nominal value, for at most ``axes`` axes.
+        """
         first = sorted(self.counterexamples, key=lambda each: each.trial)
         found = first if trial is None else [each for each in self.trials if each.trial == trial]
         if not found or found[0].simulation is None:
             raise InvalidValueError("no trial found a counterexample" if trial is None else f"trial {trial} has no simulation")
-        return open_run(self.path).explain(found[0].trial, found[0].simulation)
+        return open_run(self.path).explain(found[0].trial, found[0].simulation, axes=axes)
 
     def export(self, folder: PathLike, *, minimize: bool = False, budget: int | None = None) -> Exports:
         """Writes the failure of each failure mode that is closest to the nominal scenario as a counterexample file.

@@ -309,7 +309,7 @@ class Test:
             f"robustness {trial.minimum_robustness:.6g}, seed {trial.seed}, found after {_simulations(found.simulations)} by {found.search}",
             *_scenario(json.loads(content)),
         ]
-        lines += [str(sentence) for sentence in open_run(run).explain(trial.trial, simulation).sentences]
+        lines += [str(sentence) for sentence in open_run(run).explain(trial.trial, simulation, axes=0).sentences]
         open_run(run).report(self.folder / "report.html", simulate=False)
         picture = self._picture(run, trial.trial, simulation)
         text = "\n".join([*lines, *self._files(file)]) + _caveats(found)

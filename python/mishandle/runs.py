@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from mishandle import _native
+from mishandle.arguments import check_number
 from mishandle.axes import Value
 from mishandle.errors import MissingPackageError
 from mishandle.explanations import Explanation
@@ -127,13 +128,15 @@ class Run:
             return None
         return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
 
-    def explain(self, trial: int, number: int) -> Explanation:
+    def explain(self, trial: int, number: int, *, axes: int = 30) -> Explanation:
         """Explains when, where and by which predicate a simulation violates or satisfies the formula.
 
-        A counterexample is explained from its stored trace. A simulation without one is simulated again, which works for runs
-        of Mishandle's own tasks only.
+        A counterexample is explained from its stored trace. A simulation without one is simulated again, and so is a failure
+        with each axis alone at its nominal value, for at most ``axes`` axes. Both work for runs of Mishandle's own tasks and
+        target files only; ``axes_at_nominal.reason`` says so for other systems.
         """
-        return build(Explanation, json.loads(self._native.explain(trial, number)))
+        check_number("axes", axes, 0)
+        return build(Explanation, json.loads(self._native.explain(trial, number, axes)))
 
     def report(
         self,

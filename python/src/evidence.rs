@@ -2,7 +2,6 @@
 
 use std::error::Error;
 use std::iter::successors;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::resolve::Moved;
@@ -10,7 +9,7 @@ use mishandle_evidence::{Collection, EvidenceError, Key, Signers, Verification, 
 use pyo3::prelude::*;
 
 use crate::MishandleError;
-use crate::work::json;
+use crate::work::{json, signals};
 
 /// Writes a folder of evidence and returns the document.
 #[pyfunction]
@@ -59,17 +58,6 @@ pub fn verify_evidence(
     match exception {
         Some(exception) => Err(exception),
         None => json(&verified.map_err(|error| raised(&error))?),
-    }
-}
-
-/// Stops at a signal, such as Ctrl-C, whose exception it keeps.
-fn signals(exception: &mut Option<PyErr>) -> ControlFlow<()> {
-    match Python::attach(|py| py.check_signals().err()) {
-        None => ControlFlow::Continue(()),
-        Some(raised) => {
-            *exception = Some(raised);
-            ControlFlow::Break(())
-        }
     }
 }
 

@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
 use crate::raised;
-use crate::work::json;
+use crate::work::{json, signals};
 
 /// A run file opened for reading.
 #[pyclass(frozen, module = "mishandle._native", name = "Run")]
@@ -108,15 +108,31 @@ impl PyRun {
         Ok(Some(PyArray2::from_owned_array(py, samples)))
     }
 
-    /// Returns the document of an explanation. A simulation without a stored trace is simulated
-    /// again, which only works for systems that this program knows.
-    fn explain(&self, py: Python<'_>, trial: u32, number: u32) -> PyResult<String> {
-        let explained = py.detach(|| {
-            let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Returns the document of an explanation, with a failure at nominal on each of at most `axes`
+    /// axes alone. A simulation without a stored trace is simulated again, which only works for
+    /// systems that this program knows. The file is read once more: a simulation gives other
+    /// threads of Python their turn, and they may wait for this run.
+    fn explain(&self, py: Python<'_>, trial: u32, number: u32, axes: u64) -> PyResult<String> {
+        let path = self.run.lock().unwrap_or_else(PoisonError::into_inner).path().to_path_buf();
+        let mut exception = None;
+        let explained = py.detach(|| -> Result<_, MishandleError> {
+            let run = RunFile::open(path)?;
             let explained = mishandle::inspect::explain(&run, trial, number, None)?;
-            Ok(explained.result(run.header(), Some(&run.path().to_string_lossy())))
+            let mut found = explained.result(run.header(), Some(&run.path().to_string_lossy()));
+            let resolve = || {
+                let resolved = mishandle::resolve::recorded_plan(run.header(), None);
+                resolved.map_err(|error| error.to_string())
+            };
+            let run = (Some(&run), run.header());
+            let watch = |_, _| signals(&mut exception);
+            found.axes_at_nominal =
+                mishandle::inspect::axes_at_nominal(run, &explained, resolve, axes, watch)?;
+            Ok(found)
         });
-        json(&explained.map_err(|error: MishandleError| raised(error))?)
+        match exception {
+            Some(exception) => Err(exception),
+            None => json(&explained.map_err(raised)?),
+        }
     }
 
     /// Returns the document of the failure modes.

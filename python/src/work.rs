@@ -163,3 +163,14 @@ pub(crate) fn report(
 pub(crate) fn json(result: &impl Serialize) -> PyResult<String> {
     serde_json::to_string(result).map_err(|error| MishandleError::new_err(error.to_string()))
 }
+
+/// Stops at a signal, such as Ctrl-C, whose exception it keeps.
+pub(crate) fn signals(exception: &mut Option<PyErr>) -> ControlFlow<()> {
+    match Python::attach(|py| py.check_signals().err()) {
+        None => ControlFlow::Continue(()),
+        Some(raised) => {
+            *exception = Some(raised);
+            ControlFlow::Break(())
+        }
+    }
+}

@@ -51,6 +51,24 @@ class Explanations(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
             result.explain(9)
 
+    def test_an_axis_back_at_nominal_removes_the_failure_or_not(self) -> None:
+        space = [mishandle.Axis("a", 0, 1, nominal=0), mishandle.Axis("b", 0, 1, nominal=0)]
+        system = lambda scenario: {"x": [scenario["a"]] * 3, "y": [scenario["b"]] * 3}
+        out = self.folder / "run.sqlite"
+        result = mishandle.falsify(system, "always(x <= 0.5) and always(y <= 2)", space, trials=1, budget=30, seed=1, out=out)
+        found = result.explain()
+        at_nominal = found.axes_at_nominal
+        assert at_nominal is not None
+        # Only `a` can break the formula, and nothing simulates this system again.
+        for each in at_nominal.axes:
+            self.assertEqual((each.nominal, each.violated), (0.0, each.axis == "b"))
+        self.assertEqual(at_nominal.reason is None, len(at_nominal.axes) == 2)
+        removing = [each.axis for each in at_nominal.axes if each.axis == "a"]
+        self.assertEqual("Axes that remove the failure alone, back at nominal: a." in str(found), removing == ["a"])
+        self.assertIsNone(result.explain(axes=0).axes_at_nominal)
+        with self.assertRaisesRegex(mishandle.InvalidValueError, "axes is -1"):
+            result.explain(axes=-1)
+
     def test_the_region_of_a_mode_has_the_names_of_categories(self) -> None:
         space = [mishandle.Axis("surface", values=["dry", "wet", "ice"]), mishandle.Axis("gear", 1, 5, values="integer", nominal=1)]
         grip = {"dry": 1.0, "wet": 0.8, "ice": 0.2}
