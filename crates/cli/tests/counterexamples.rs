@@ -59,6 +59,23 @@ fn modes_list_all_counterexamples_and_their_representative_is_one() {
 }
 
 #[test]
+fn a_replay_says_the_same_scenario_of_a_run_and_of_its_exported_counterexample() {
+    let bench = Bench::new();
+    let asked =
+        "falsify point-reaching --controller ppo --space starts+faults-sensing --search random --trials 1";
+    bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
+    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    let scenario = |said: String| {
+        let (_, from_axis) = said.split_once("target_x").unwrap();
+        from_axis.to_string()
+    };
+    let of_run = scenario(bench.check("replay run.sqlite", 0));
+    assert_eq!(scenario(bench.check("replay suite/run-mode-1.json", 0)), of_run);
+    // The name of a category, and not its number.
+    assert!(of_run.contains("sensor_fault_channel = all"), "{of_run}");
+}
+
+#[test]
 fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_reported() {
     let bench = suite();
     let recorded = read(&bench, "suite/run-mode-1.json");

@@ -7,6 +7,15 @@ use super::{escape, scenario, simulation, subject};
 
 /// Returns the replay of a simulation of a run file.
 pub fn text(found: &Replay) -> String {
+    lines(found, &simulation::name(found.trial, found.point.as_deref(), found.simulation))
+}
+
+/// Returns the replay of an exported counterexample.
+pub fn counterexample_text(found: &Replay) -> String {
+    lines(found, &escape::name(&found.target))
+}
+
+fn lines(found: &Replay, name: &str) -> String {
     let value = |(axis, value): (&AxisFacts, &Option<f64>)| {
         let value = match value {
             // All digits.
@@ -16,21 +25,6 @@ pub fn text(found: &Replay) -> String {
         scenario::axis_value(&escape::name(&axis.name), &value, &escape::name(&axis.unit))
     };
     let values = found.space_axes.iter().zip(&found.initial_configuration).map(value);
-    let name = simulation::name(found.trial, found.point.as_deref(), found.simulation);
-    lines(found, &name, values)
-}
-
-/// Returns the replay of an exported counterexample, with the values of its file.
-pub fn counterexample_text(found: &Replay) -> String {
-    let value = |(axis, value): (&AxisFacts, &Option<f64>)| {
-        let value = value.map_or("random".to_string(), |value| value.to_string());
-        scenario::axis_value(&axis.name, &value, &axis.unit)
-    };
-    let values = found.space_axes.iter().zip(&found.initial_configuration).map(value);
-    lines(found, &found.target, values)
-}
-
-fn lines(found: &Replay, name: &str, values: impl Iterator<Item = String>) -> String {
     format!(
         "{name}, {}, seed {}{}\nformula {}\nrobustness {} after {}",
         values.collect::<Vec<_>>().join(", "),
