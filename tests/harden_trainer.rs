@@ -237,8 +237,12 @@ fn mistakes_are_errors_before_anything_is_written() {
         Plan { harden: Some(table), ..good.clone() }
     };
     let command = |command: &str| table(&|table| table.trainer = Some(command.to_string()));
+    // The name of a shipped controller does not say its format.
+    let (target, controller) = ("point-reaching".to_string(), "vision".to_string());
+    let seeing = Plan { target, controller, ..table(&|table| table.trainer = None) };
     for (plan, part) in [
         (table(&|table| table.trainer = None), "--trainer"),
+        (seeing, "--trainer"),
         (table(&|table| table.is_trainer_typed = false), "MISHANDLE_ALLOW_PROGRAMS=1"),
         (table(&|table| table.settings = Some("a.toml".to_string())), "harden.settings"),
         (table(&|table| table.device = "gpu".to_string()), "harden.device"),

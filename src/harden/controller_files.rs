@@ -35,7 +35,11 @@ impl ControllerFiles {
     pub fn of_plan(plan: &Plan) -> Result<ControllerFiles, MishandleError> {
         match shipped_file(plan)? {
             ShippedFile::Path(path) => ControllerFiles::read(&path),
-            embedded => Ok(ControllerFiles::of_network(embedded.bytes()?.into_owned())),
+            embedded => Ok(ControllerFiles {
+                extension: if is_onnx(embedded.path()) { ONNX_EXTENSION } else { EXTENSION },
+                bytes: embedded.bytes()?.into_owned(),
+                sides: [None, None],
+            }),
         }
     }
 

@@ -31,7 +31,9 @@ use mishandle_training::AlgorithmSettings;
 
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
-use crate::resolve::{ResolvedPlan, STARTS, default_reward, has_scene, is_onnx, training_target};
+use crate::resolve::{
+    ResolvedPlan, STARTS, default_reward, has_scene, is_onnx, shipped_file, training_target,
+};
 use crate::run::{Device, Opening};
 use controller_files::ControllerFiles;
 use decision::decide;
@@ -150,10 +152,10 @@ impl CheckedHardening<'_> {
             check(&with_space(plan, plan.controller.clone())?, table, None)?;
             return Ok(CheckedHardening { plan, table, before, settings: None });
         }
-        if is_onnx(Path::new(&plan.controller)) {
+        if is_onnx(shipped_file(plan)?.path()) {
             let (what, value) = ("the controller of a hardening", plan.controller.clone());
-            let expected =
-                "a network of this program; an ONNX model needs a trainer: --trainer 'python train.py'";
+            let expected = "a network of this program; an ONNX model needs a trainer of yours: --trainer \
+                            'python train.py' (docs/guide/harden.md#with-your-own-trainer)";
             return Err(MishandleError::InvalidValue { what, value, expected });
         }
         let target = training_target(&plan.target, &table.device)?;
