@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[path = "../crates/interchange/tests/graph/mod.rs"]
+mod graph;
+
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -327,30 +330,41 @@ fn bytes_do_not_depend_on_the_batch_size_and_images_are_those_of_the_states() {
 }
 
 /// A recorded simulation shows the images again that were recorded of the same simulation, with its
-/// light, its noise and its late frames.
+/// light, its noise and its late frames; also those that the controller saw, which are recorded as
+/// it got them.
 #[test]
 fn images_of_a_replay_are_those_of_the_recording() {
     let folder = tempfile::tempdir().unwrap();
-    let space = "starts+light+camera+image+faults-camera".to_string();
-    let plan = Plan { space, ..plan("point-reaching", "expert", 2) };
-    let cameras = CameraSettings { names: vec!["wrist".to_string(), "over".to_string()], size: [12, 8] };
-    let settings = RecordSettings { cameras: Some(cameras.clone()), ..PLAIN };
-    let out = folder.path().join("recorded");
-    write(&plan, &settings, &out).unwrap();
-    let arrays = Arrays::read(&out);
-    let resolved = ResolvedPlan::new(&plan).unwrap();
-    let path = folder.path().join("run.sqlite");
-    let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let (_, trajectory) =
-        mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
-    let mut seen = trajectory.seen_by(&cameras).unwrap().unwrap();
-    let size = 3 * 8 * 12;
-    for (index, name) in cameras.names.iter().enumerate() {
-        let recorded = arrays.bytes(&format!("observation.images.{name}"));
-        for step in [0, 1, 40, 299] {
-            let frame = 300 + step;
-            assert_eq!(seen.image(index, step), recorded[frame * size..][..size], "{name} {step}");
+    let seeing = folder.path().join("seeing.onnx");
+    std::fs::write(&seeing, graph::seeing_policy([9, 3], 1, [12, 8])).unwrap();
+    let side = r#"{"task": "point-reaching", "images": [["i", "over"]], "chunk": {"execute": 3}}"#;
+    std::fs::write(folder.path().join("seeing.onnx.json"), side).unwrap();
+    let seeing = seeing.to_str().filter(|_| cfg!(feature = "onnx"));
+    for controller in seeing.into_iter().chain(["expert"]) {
+        let space = "starts+light+camera+image+faults-camera".to_string();
+        let mut plan = Plan { space, ..plan("point-reaching", controller, 2) };
+        let evaluate = plan.evaluate.as_mut().unwrap();
+        (evaluate.corners, evaluate.control) = (false, false);
+        let cameras = CameraSettings { names: vec!["wrist".to_string(), "over".to_string()], size: [12, 8] };
+        let settings = RecordSettings { cameras: Some(cameras.clone()), ..PLAIN };
+        let out = folder.path().join(format!("recorded-{}", controller.len()));
+        write(&plan, &settings, &out).unwrap();
+        let arrays = Arrays::read(&out);
+        let resolved = ResolvedPlan::new(&plan).unwrap();
+        let path = out.with_extension("sqlite");
+        let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
+        mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        let (_, trajectory) =
+            mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
+        let mut seen = trajectory.seen_by(&cameras).unwrap().unwrap();
+        let size = 3 * 8 * 12;
+        for (index, name) in cameras.names.iter().enumerate() {
+            let recorded = arrays.bytes(&format!("observation.images.{name}"));
+            for step in [0, 1, 2, 40, 41, 299] {
+                let frame = 300 + step;
+                let recorded = &recorded[frame * size..][..size];
+                assert_eq!(seen.image(index, step), recorded, "{controller} {name} {step}");
+            }
         }
     }
 }

@@ -78,3 +78,26 @@ pub enum Of {
     Numbers(Vec<i64>),
     Text(&'static str),
 }
+
+/// A policy without an input for the observation, whose actions depend on every byte of the last
+/// images in its input `i`. It predicts `length` actions of `actions` numbers.
+pub fn seeing_policy([actions, length]: [usize; 2], history: usize, [width, height]: [usize; 2]) -> Vec<u8> {
+    let [actions, length, width, height] = [actions, length, width, height].map(|size| size as i64);
+    let (inputs, outputs) = (history as i64 * 3 * width * height, length * actions);
+    let image = [3, height, width];
+    let shape =
+        if history == 1 { [&[1], &image[..]].concat() } else { [&[1, history as i64], &image[..]].concat() };
+    let number = |i: i64| 0.2 * (1.7 * i as f32 + ((i * i) % 977) as f32).sin();
+    let matrix: Vec<f32> = (0..inputs * outputs).map(number).collect();
+    let chunk = [1, length, actions];
+    let parts = [
+        value(11, "i", &shape),
+        weights("m", &[inputs, outputs], &matrix),
+        integers("s", &chunk),
+        node("Flatten", &["i"], &["f"]),
+        node("MatMul", &["f", "m"], &["y"]),
+        node("Reshape", &["y", "s"], &["a"]),
+        value(12, "a", &chunk),
+    ];
+    [integer(1, 8), bytes(7, &parts.concat()), bytes(8, &integer(2, 13))].concat()
+}
