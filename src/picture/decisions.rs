@@ -103,6 +103,10 @@ impl ControllerWorker for RecordedWorker {
         self.worker.reset(&mut state[1..], seed);
     }
 
+    fn needs_images(&self, state: &[f64]) -> bool {
+        self.keeps_images || self.worker.needs_images(&state[1..])
+    }
+
     fn look(&mut self, rows: usize, images: &[u8]) {
         if self.keeps_images {
             self.images.clear();

@@ -87,6 +87,10 @@ impl ControllerWorker for Worker {
         self.controller.reset(own, seed);
     }
 
+    fn needs_images(&self, state: &[f64]) -> bool {
+        self.guard.needs_action(state) && self.controller.needs_images(&state[self.guard_size..])
+    }
+
     fn look(&mut self, _rows: usize, images: &[u8]) {
         self.images.clear();
         self.images.extend_from_slice(images);

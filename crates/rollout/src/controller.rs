@@ -16,7 +16,7 @@ pub trait Controller: Send + Sync {
     fn signals(&self) -> &[Signal] {
         &[]
     }
-    /// Returns the images that the controller gets in each control step; none by default.
+    /// Returns the images that the controller gets; none by default.
     fn sees(&self) -> &[Image] {
         &[]
     }
@@ -33,8 +33,16 @@ pub trait ControllerWorker: Send {
     /// Random draws must come from [`Stream::Policy`](crate::Stream::Policy) of `seed`.
     fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
 
+    /// Returns whether the actions of a controller that [sees](Controller::sees), from the next call
+    /// of [`act`](Self::act) on, depend on the present images of a row with this state. By default,
+    /// they do.
+    fn needs_images(&self, _state: &[f64]) -> bool {
+        true
+    }
+
     /// Shows a controller that [sees](Controller::sees) the images of the next call of
-    /// [`act`](Self::act): those of each row, one row after another.
+    /// [`act`](Self::act): those of each row, one row after another. A row that [does not need
+    /// them](Self::needs_images) may have any bytes.
     fn look(&mut self, _rows: usize, _images: &[u8]) {}
 
     /// Computes the actions of `rows` simulations and updates the controller's states.

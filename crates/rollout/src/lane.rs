@@ -218,6 +218,12 @@ impl Lane {
         }
     }
 
+    /// Returns whether the controller needs the images of the next control step of a row.
+    pub(crate) fn needs_images(&self, rollout: &Rollout, rows: &LaneRows, row: usize) -> bool {
+        let size = rollout.controller.state_size();
+        self.controller.needs_images(&rows.controller_states[row * size..][..size])
+    }
+
     /// Shows the controller the images of the next control step of each row.
     pub(crate) fn look(&mut self, rows: usize, images: &[u8]) {
         self.controller.look(rows, images);

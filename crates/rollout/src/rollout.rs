@@ -307,7 +307,8 @@ impl RolloutWorker {
         let Some(sight) = &mut self.sight else { return };
         let size = rollout.environment.state_size();
         for (row, progress) in self.progress.iter().enumerate().filter(|(_, row)| row.is_running()) {
-            sight.look(row, progress.steps, &self.states[row * size..][..size]);
+            let is_needed = self.lane.needs_images(rollout, &self.rows, row);
+            sight.look(row, progress.steps, &self.states[row * size..][..size], is_needed);
         }
         self.lane.look(self.progress.len(), sight.images(self.progress.len()));
     }

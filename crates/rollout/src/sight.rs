@@ -1,6 +1,6 @@
 use crate::{Scenario, Seed};
 
-/// An image that a controller gets in each control step, besides its observation.
+/// An image that a controller gets, besides its observation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     /// Name of the camera.
@@ -34,9 +34,10 @@ pub trait EyesWorker: Send {
     /// Starts a simulation in a row. `scenario` is the environment's part.
     fn start(&mut self, row: usize, scenario: &Scenario, seed: Seed, state: &[f64]);
 
-    /// Writes the images of a row in control step `step`, one after another. Steps must come in
-    /// order from 0, each with the state in which the controller acts.
-    fn look(&mut self, row: usize, step: usize, state: &[f64], images: &mut [u8]);
+    /// Writes the images of a row in control step `step`, one after another; `None` if nobody needs
+    /// them. Otherwise the buffer is always the same one of the row. Steps must come in order from
+    /// 0, each with the state in which the controller acts.
+    fn look(&mut self, row: usize, step: usize, state: &[f64], images: Option<&mut [u8]>);
 }
 
 /// The images of the rows of one thread.
@@ -58,9 +59,10 @@ impl Sight {
         self.eyes.start(row, scenario, seed, state);
     }
 
-    /// Renders the images of a row.
-    pub(crate) fn look(&mut self, row: usize, step: usize, state: &[f64]) {
-        self.eyes.look(row, step, state, &mut self.images[row * self.bytes..][..self.bytes]);
+    /// Renders the images of a row, if they are needed. Otherwise the row keeps earlier ones.
+    pub(crate) fn look(&mut self, row: usize, step: usize, state: &[f64], is_needed: bool) {
+        let images = &mut self.images[row * self.bytes..][..self.bytes];
+        self.eyes.look(row, step, state, is_needed.then_some(images));
     }
 
     /// Returns the images of the first rows.

@@ -100,11 +100,11 @@ impl EyesWorker for Worker {
         });
     }
 
-    fn look(&mut self, row: usize, step: usize, state: &[f64], images: &mut [u8]) {
+    fn look(&mut self, row: usize, step: usize, state: &[f64], images: Option<&mut [u8]>) {
         let Some(Row { view, feed, seed, states, shown }) = &mut self.rows[row] else { return };
         states.extend_from_slice(state);
         let frames = feed.next(step);
-        let mut rest = images;
+        let Some(mut rest) = images else { return };
         for ((camera, size), shown) in self.eyes.images.iter().zip(shown) {
             let (rgb, others) = std::mem::take(&mut rest).split_at_mut(3 * size.pixels());
             rest = others;

@@ -74,9 +74,10 @@ impl Plan {
         (self.horizon - 1).saturating_mul(self.size).saturating_add(1)
     }
 
-    /// Returns whether the model runs in the next control step.
-    pub(super) fn needs_chunk(&self, memory: &[f64]) -> bool {
-        (memory[0] as usize).is_multiple_of(self.period)
+    /// Returns after how many control steps the model runs; 0 if it does in the next one.
+    pub(super) fn steps_to_chunk(&self, memory: &[f64]) -> usize {
+        let played = memory[0] as usize % self.period;
+        if played == 0 { 0 } else { self.period - played }
     }
 
     /// Writes the action of the next control step. `chunk` has the predictions of the model, if it

@@ -548,7 +548,7 @@ impl Core {
         if let Some(history) = &self.history {
             history.start(past, &observation, &images);
         }
-        match self.plan.as_ref().filter(|plan| !plan.needs_chunk(planned)) {
+        match self.plan.as_ref().filter(|plan| plan.steps_to_chunk(planned) > 0) {
             Some(plan) => plan.play(planned, None::<std::iter::Empty<f32>>, action),
             None => self.run((options, frames), seen, (state, past, planned), action)?,
         }
@@ -556,6 +556,14 @@ impl Core {
             history.push(past, observation, images);
         }
         Some(())
+    }
+
+    /// Returns whether a run of the model gets the images of the next control step of a row: those
+    /// of the step itself, or of one that has it in its history.
+    fn needs_images(&self, state: &[f64]) -> bool {
+        let Some(plan) = &self.plan else { return true };
+        let history = self.images.iter().filter_map(|(_, input)| input.history).max();
+        plan.steps_to_chunk(&state[state.len() - plan.memory_size()..]) < history.unwrap_or(1)
     }
 
     /// Returns the present image of each input.
@@ -703,6 +711,10 @@ struct OnnxWorker {
 impl ControllerWorker for OnnxWorker {
     fn reset(&mut self, state: &mut [f64], _seed: Seed) {
         state.fill(0.0);
+    }
+
+    fn needs_images(&self, state: &[f64]) -> bool {
+        self.core.needs_images(state)
     }
 
     fn look(&mut self, _rows: usize, images: &[u8]) {
