@@ -159,7 +159,7 @@ impl ControllerWorker for AskingWorker {
 }
 
 /// Simulates requests of point-reaching with a policy. Returns the episodes and the number of
-/// control steps whose images it asked for.
+/// control steps whose images it needed.
 fn episodes(
     policy: &Arc<dyn Controller>,
     asks_always: bool,
@@ -232,7 +232,7 @@ fn a_policy_that_plays_chunks_acts_as_one_that_gets_every_image() {
         assert!(expected[0].trace != expected[2].trace);
         assert_eq!(all, 5 * 300);
         // In the last period of an episode, no run follows that would have the images in its
-        // history; and an image may be asked for again while a fault pauses the controller.
+        // history; and an image may be needed again while a fault pauses the controller.
         let share = used as f64 / period as f64;
         assert!((asked as f64 - share * all as f64).abs() <= 60.0, "{side}: {asked} of {all} images");
     }
