@@ -13,6 +13,7 @@ import time
 import unittest
 import warnings
 
+import core
 import gymnasium
 import mishandle
 import numpy as np
@@ -20,8 +21,6 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from mishandle import MishandleError, TaskEnv, TaskVectorEnv, _native
 from mishandle.task_environments import TASKS
-
-ROOT = pathlib.Path(__file__).parents[2]
 
 
 def actions(step, rows, size):
@@ -55,10 +54,9 @@ def draws():
 class Bits(unittest.TestCase):
     def test_rows_are_bit_identical_to_the_core_for_any_number_of_threads(self):
         for task in ["point-reaching", "ball-balancing"]:
-            command = ["cargo", "run", "--quiet", "--example", "simulator_rows", "--", task, "5", "11", "40"]
-            core = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
+            expected = core.example("simulator_rows", task, 5, 11, 40)
             for threads in [1, 3]:
-                self.assertEqual(walk(task, 5, 11, 40, threads), core, (task, threads))
+                self.assertEqual(walk(task, 5, 11, 40, threads), expected, (task, threads))
 
     def test_a_vector_environment_equals_single_environments(self):
         vector = TaskVectorEnv("ball-balancing", 3)

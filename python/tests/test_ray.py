@@ -21,9 +21,7 @@ from mishandle.ray import RayExecutor, _SystemFactory
 from mishandle.ray.plans import HardeningFactory
 from mishandle.systems import TaskSystem
 from ray.cluster_utils import Cluster
-from test_fronts import tables
-
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+from test_fronts import COMMAND, tables
 
 os.environ["RAY_AUTH_MODE"] = "disabled"
 # A shell starts jobs in the background with SIGINT ignored, which the programs of these tests would
@@ -233,8 +231,8 @@ class RayTest(unittest.TestCase):
         (self.folder / "campaign.toml").write_text(CAMPAIGN)
         ended = self.campaign("campaign.toml", "--out", "ray")
         self.assertEqual(ended.returncode, 0, ended.stderr)
-        command = ["cargo", "run", "--quiet", "-p", "mishandle-cli", "--", "campaign", self.folder / "campaign.toml"]
-        subprocess.run([*command, "--out", self.folder / "local"], cwd=ROOT, check=False, capture_output=True)
+        command = [COMMAND, "campaign", self.folder / "campaign.toml", "--out", self.folder / "local"]
+        subprocess.run(command, check=False, capture_output=True)
         local = sorted((self.folder / "local").glob("*.sqlite"))
         self.assertEqual(len(local), 6)
         for path in local:

@@ -2,7 +2,6 @@
 
 import gc
 import os
-import pathlib
 import signal
 import subprocess
 import sys
@@ -10,11 +9,10 @@ import threading
 import time
 import unittest
 
+import core
 import mishandle
 import numpy as np
 from mishandle import MishandleError, TrainingEpisodes
-
-ROOT = pathlib.Path(__file__).parents[2]
 
 
 def actions(step, environments, size):
@@ -36,8 +34,7 @@ class Bits(unittest.TestCase):
     def test_rows_are_bit_identical_to_the_trainer(self):
         for task in ["point-reaching", "ball-balancing"]:
             numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
-            command = ["cargo", "run", "--quiet", "--example", "trainer_rows", "--", task, *map(str, numbers.values())]
-            trainer = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout
+            trainer = core.example("trainer_rows", task, *numbers.values())
             env = TrainingEpisodes(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
             self.assertEqual(walk(env, 70), trainer, task)
 

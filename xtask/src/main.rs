@@ -66,7 +66,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "tidy",
         arguments: "",
-        about: "compare ARCHITECTURE.md and the settings page with the crates; check rules and links",
+        about: "compare ARCHITECTURE.md with the crates; check rules and links",
         run: |root, _| tidy::check(root),
     },
     Chore {

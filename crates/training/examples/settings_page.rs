@@ -1,9 +1,13 @@
-//! Prints the reference of all settings; `cargo xtask settings` writes it to
-//! `docs/reference/algorithms/settings.md`.
+//! Writes the reference of all settings. `cargo xtask settings` runs it; the test of this example
+//! compares it with the file.
 
-#![allow(clippy::print_stdout, reason = "the page is the output")]
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use mishandle_training::{ALGORITHMS, Setting};
+
+/// The page.
+const PAGE: &str = "docs/reference/algorithms/settings.md";
 
 const HEAD: &str = "\
 # All settings
@@ -69,21 +73,38 @@ fn row(setting: &Setting, default: Option<&str>) -> String {
     format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.description))
 }
 
-fn main() {
-    println!("{HEAD}");
+/// Returns the path of the page.
+fn path() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(PAGE)
+}
+
+/// Returns the page.
+fn page() -> String {
+    let mut lines = vec![HEAD.to_string()];
     for entry in ALGORITHMS {
         let mut within = None;
         for (setting, default) in (entry.default)().values() {
             let (table, _) = setting.table_and_key();
             if within != Some(table) {
-                println!("\n{}\n", heading(entry.name, table));
+                lines.push(format!("\n{}\n", heading(entry.name, table)));
                 if table.is_empty() {
-                    println!("{}.\n", sentence(entry.summary));
+                    lines.push(format!("{}.\n", sentence(entry.summary)));
                 }
-                println!("| key | default | meaning | allowed |\n|---|---|---|---|");
+                lines.push("| key | default | meaning | allowed |\n|---|---|---|---|".to_string());
                 within = Some(table);
             }
-            println!("{}", row(&setting, default.as_deref()));
+            lines.push(row(&setting, default.as_deref()));
         }
     }
+    lines.join("\n") + "\n"
+}
+
+fn main() -> std::io::Result<()> {
+    fs::write(path(), page())
+}
+
+#[test]
+fn the_page_is_up_to_date() {
+    let found = fs::read_to_string(path()).unwrap();
+    assert!(found == page(), "{PAGE} is out of date; run: cargo xtask settings");
 }

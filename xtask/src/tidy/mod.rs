@@ -18,7 +18,6 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 
 use crate::process::{cargo, output};
-use crate::settings;
 
 /// The files of the repository: those that git tracks, or would if they were added.
 struct Tree {
@@ -108,7 +107,6 @@ pub fn check(root: &Path) -> Result<()> {
     for problem in &problems {
         eprintln!("{problem}");
     }
-    settings::check(root)?;
     check_fuzz_lock(root)?;
     match problems.len() {
         0 => {
