@@ -37,10 +37,9 @@ fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool)
 #[test]
 fn every_search_proposes_the_same_points_and_robustness_is_bounded() {
     let folder = tempfile::tempdir().unwrap();
-    for (task, search) in ["ball-balancing", "ball-pushing"]
-        .into_iter()
-        .flat_map(|task| SEARCHES.iter().map(move |entry| (task, entry.name)))
-    {
+    // A search knows no task. Those of the second task do not look at robustness.
+    let searches = SEARCHES.iter().map(|entry| ("ball-balancing", entry.name));
+    for (task, search) in searches.chain(["random", "sobol", "corners"].map(|name| ("ball-pushing", name))) {
         let whole = simulations(&folder, task, search, false);
         let early = simulations(&folder, task, search, true);
         assert_eq!(whole.len(), early.len(), "{task} {search}");
@@ -55,7 +54,6 @@ fn every_search_proposes_the_same_points_and_robustness_is_bounded() {
             assert_eq!(early.robustness, early.robustness_low, "{place}");
         }
         let steps = |rows: &[Simulation]| rows.iter().map(|row| row.steps).sum::<u32>();
-        let saves = task == "ball-balancing" || matches!(search, "random" | "sobol" | "corners");
-        assert!(steps(&early) < steps(&whole) || !saves, "{task} {search}");
+        assert!(steps(&early) < steps(&whole), "{task} {search}");
     }
 }

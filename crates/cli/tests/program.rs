@@ -404,17 +404,17 @@ fn a_campaign_without_counterexamples_returns_0() {
 fn a_killed_falsification_resumes_to_the_same_result() {
     let bench = Bench::new();
     // The formula holds, so every trial spends its budget and there is time to kill the process.
-    let arguments = format!("falsify point-reaching {FAST} --search dual-annealing --trials 4 --budget 120");
+    let arguments = format!("falsify point-reaching {FAST} --search dual-annealing --trials 4 --budget 60");
     let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
     let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
     wait_for_rows(&bench.path("killed.sqlite"), 40);
     child.kill().unwrap();
     child.wait().unwrap();
     let rows = simulations(&bench.path("killed.sqlite"));
-    assert!((40..480).contains(&rows), "it was killed after {rows} simulations");
+    assert!((40..240).contains(&rows), "it was killed after {rows} simulations");
     let resumed = bench.document("falsify --resume killed.sqlite --json", 0);
     assert_eq!(resumed, whole);
-    assert_eq!(simulations(&bench.path("killed.sqlite")), 480);
+    assert_eq!(simulations(&bench.path("killed.sqlite")), 240);
     let digest =
         |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
     assert_eq!(digest("killed.sqlite"), digest("whole.sqlite"));
@@ -456,13 +456,13 @@ fn wait_for_rows(path: &Path, rows: u64) {
 #[test]
 fn a_killed_evaluation_resumes_to_the_same_result() {
     let bench = Bench::new();
-    let arguments = format!("evaluate point-reaching {FAST} --episodes 400");
+    let arguments = format!("evaluate point-reaching {FAST} --episodes 200");
     let whole = bench.document(&format!("{arguments} --out whole.sqlite --json"), 0);
     let mut child = bench.command(&format!("{arguments} --out killed.sqlite")).spawn().unwrap();
     wait_for_rows(&bench.path("killed.sqlite"), 32);
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(simulations(&bench.path("killed.sqlite")) < 400);
+    assert!(simulations(&bench.path("killed.sqlite")) < 200);
     assert_eq!(bench.document("evaluate --resume killed.sqlite --json", 0), whole);
 }
 
@@ -516,8 +516,8 @@ fn flags_complete_a_plan_and_missing_keys_have_defaults() {
 fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
     let bench = Bench::new();
     for (command, name) in [
-        (format!("falsify point-reaching {FAST} --trials 4 --budget 100"), "INT"),
-        (format!("evaluate point-reaching {FAST} --episodes 400"), "TERM"),
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 50"), "INT"),
+        (format!("evaluate point-reaching {FAST} --episodes 200"), "TERM"),
     ] {
         let verb = command.split(' ').next().unwrap();
         let whole = bench.document(&format!("{command} --out {verb}.sqlite --json"), 0);
@@ -534,7 +534,7 @@ fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
         assert!(output.stdout.is_empty());
         let quoted = format!(r"Resume with: mishandle {verb} --resume 'it'\''s {verb}.sqlite'");
         assert!(err.contains(&quoted), "{err}");
-        assert!(simulations(&bench.path(&run)) < 400);
+        assert!(simulations(&bench.path(&run)) < 200);
         let resumed = bench.command(&format!("{verb} --json")).arg("--resume").arg(&run).output().unwrap();
         assert_eq!(without_run(serde_json::from_slice(&resumed.stdout).unwrap()), whole);
     }
@@ -544,8 +544,8 @@ fn an_interrupted_run_prints_the_command_that_resumes_it_to_the_same_result() {
 fn an_interrupted_run_prints_the_document_of_its_finished_simulations() {
     let bench = Bench::new();
     for (command, count) in [
-        (format!("falsify point-reaching {FAST} --trials 4 --budget 150 --json"), 600),
-        (format!("evaluate point-reaching {FAST} --episodes 600 --json"), 600),
+        (format!("falsify point-reaching {FAST} --trials 4 --budget 75 --json"), 300),
+        (format!("evaluate point-reaching {FAST} --episodes 300 --json"), 300),
     ] {
         let verb = command.split(' ').next().unwrap();
         let run = format!("{verb}.sqlite");

@@ -173,9 +173,11 @@ fn a_disturbed_episode_depends_on_neither_batch_nor_threads() {
     for task in TASKS.iter().filter(|task| !task.definition().name.starts_with("cloth")) {
         let target = target(*task);
         let all = target.space("all").unwrap();
-        // There are more rows with different constants than a worker keeps models.
+        // More than the 16 rows that a thread takes at a time. In one task, there are more rows
+        // with different constants than a worker keeps models.
+        let count = if task.definition().name == "ball-balancing" { 40 } else { 18 };
         let requests: Vec<Request> =
-            (0..40).map(|i| Request::new(all.sample(Seed(2), i), Seed(2).child(i))).collect();
+            (0..count).map(|i| Request::new(all.sample(Seed(2), i), Seed(2).child(i))).collect();
         let on = |threads: usize, requests: &[Request]| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| system(&target, *task, &all).rollout(requests).unwrap())
@@ -185,7 +187,7 @@ fn a_disturbed_episode_depends_on_neither_batch_nor_threads() {
         for (i, (a, b)) in together.iter().zip(&threaded).enumerate() {
             assert!(bits(a) == bits(b), "{} row {i}", task.definition().name);
         }
-        for i in [0, 17, 39] {
+        for i in [0, 17] {
             let alone = on(1, &requests[i..=i]);
             assert!(bits(&alone[0]) == bits(&together[i]), "{} row {i}", task.definition().name);
         }
