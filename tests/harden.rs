@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod hardening;
+
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -11,9 +13,10 @@ use mishandle::controllers::ControllerFile;
 use mishandle::counterexample::{Counterexample, suite_files};
 use mishandle::harden::{HardenProgress, build_differences, finished, harden, harden_folder, resume};
 use mishandle::plan::{AxisSetting, HardenPlan};
-use mishandle::results::Hardening;
 use mishandle::run::Opening;
 use mishandle::store::{IfExists, RunFile, RunWriter};
+
+use hardening::{few, in_parts, without_paths};
 
 /// A hardening of few simulations. Its training settings differ from those of the shipped
 /// controller in the number of environments only, so that it takes few steps.
@@ -28,15 +31,10 @@ fn plan(folder: &Path) -> Plan {
     std::fs::write(&file, settings.to_string()).unwrap();
     let table = HardenPlan {
         rounds: 2,
-        steps: 512,
         settings: Some(file.to_string_lossy().into_owned()),
-        searches: vec!["random".to_string()],
-        budget: 12,
         validation: 6,
         episodes: 6,
-        risk: 100,
-        margin: 20,
-        ..HardenPlan::default()
+        ..few()
     };
     let mut plan = Plan { space: "starts+delay".to_string(), ..Plan::new("point-reaching", "ppo") };
     plan.axes.insert("action_delay".to_string(), AxisSetting::Range([1.0, 3.0]));
@@ -72,12 +70,6 @@ fn rows(files: &[PathBuf]) -> (BTreeSet<u64>, BTreeSet<Vec<u64>>) {
     (seeds, scenarios)
 }
 
-fn without_paths(mut found: Hardening) -> Hardening {
-    found.folder = String::new();
-    found.after = found.after.map(|_| String::new());
-    found
-}
-
 #[test]
 fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoint() {
     let home = tempfile::tempdir().unwrap();
@@ -101,20 +93,11 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
 
     // A second one stops at the first report of each phase.
     let other = home.path().join("parts.safetensors");
-    let mut stopped = BTreeSet::new();
-    let mut stop_once = |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    };
-    let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
-    let mut calls = 1;
-    while found.is_none() {
-        found = resume(&harden_folder(&other), Opening::default(), None, &mut stop_once).unwrap();
-        calls += 1;
-        assert!(calls < 100, "it does not end");
-    }
-    assert!(calls > 5, "{calls} calls");
-    assert_eq!(without_paths(found.unwrap()), without_paths(whole.clone()));
+    let found = in_parts(|is_first, watch| match is_first {
+        true => harden(&plan, &other, None, watch).unwrap(),
+        false => resume(&harden_folder(&other), Opening::default(), None, watch).unwrap(),
+    });
+    assert_eq!(without_paths(found), without_paths(whole.clone()));
 
     // Both have the same regression suite: the failure modes of the round, minimized.
     let suite = |out: &Path| -> Vec<(String, String)> {

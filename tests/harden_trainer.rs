@@ -2,19 +2,26 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod cart_pole;
+mod hardening;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use mishandle::controllers::ControllerFile;
+use mishandle::controllers::{ControllerFile, Header, Policy, TrainingRecord};
 use mishandle::harden::{HardenProgress, harden, harden_folder, is_hardening, resume, resume_plan};
 use mishandle::interchange::onnx_bytes;
+use mishandle::network::{Activation, Mlp};
 use mishandle::plan::{AxisSetting, HardenPlan};
+use mishandle::resolve::robot_file;
 use mishandle::results::Hardening;
 use mishandle::run::Opening;
 use mishandle::{MishandleError, Plan};
 use sha2::{Digest, Sha256};
+
+use hardening::{few, in_parts, without_paths};
 
 /// Reads its arguments, notes them, and does what the file `task` says.
 const SCRIPT: &str = r#"
@@ -35,8 +42,26 @@ case $(cat task) in
 esac
 "#;
 
-/// A folder with the script, a controller that delays break, one of the same task that they do not
-/// break, and one of another task.
+/// Returns a linear policy of the cart: the weights of the position and angle and of their speeds.
+fn linear(robot: &Path, weights: [f32; 4]) -> Vec<u8> {
+    let robot = robot_file(&Plan::new(&robot.to_string_lossy(), "")).unwrap();
+    let mut network = Mlp::new(&[4, 1], Activation::Elu, Activation::Identity).unwrap();
+    network.update(|parameters| parameters[..4].copy_from_slice(&weights));
+    let policy = Policy::new(vec![0.0; 4], vec![1.0; 4], network, vec![0.0]).unwrap();
+    let header = Header {
+        task: robot.name().to_string(),
+        algorithm: "none".to_string(),
+        preset: String::new(),
+        reward: String::new(),
+        layout: robot.layout(),
+        task_hash: String::new(),
+        training: TrainingRecord::default(),
+    };
+    onnx_bytes(&ControllerFile { header, policy }, "test")
+}
+
+/// A folder with the script, a controller of a pole on a cart that delays break, one that they do
+/// not break, and one of a task.
 struct Bench {
     home: tempfile::TempDir,
 }
@@ -44,15 +69,12 @@ struct Bench {
 impl Bench {
     fn new(task: &str) -> Bench {
         let bench = Bench { home: tempfile::tempdir().unwrap() };
-        for (name, shipped) in [
-            ("ppo.onnx", "ball-balancing/ppo"),
-            ("better.onnx", "ball-balancing/ppo-2"),
-            ("other.onnx", "point-reaching/ppo"),
-        ] {
-            let file = format!("controllers/{shipped}.safetensors");
-            let file = ControllerFile::load(Path::new(&file)).unwrap();
-            fs::write(bench.path(name), onnx_bytes(&file, "test")).unwrap();
-        }
+        let robot = cart_pole::write(bench.home.path(), |text| text);
+        // Little damping: a delay of one control step more makes the pole swing.
+        fs::write(bench.path("stiff.onnx"), linear(&robot, [0.0, 0.1, 6.0, 0.4])).unwrap();
+        fs::write(bench.path("better.onnx"), linear(&robot, [0.1, 0.2, 3.0, 0.8])).unwrap();
+        let file = ControllerFile::load(Path::new("controllers/point-reaching/ppo.safetensors")).unwrap();
+        fs::write(bench.path("other.onnx"), onnx_bytes(&file, "test")).unwrap();
         fs::write(bench.path("train.sh"), SCRIPT).unwrap();
         bench.set_task(task);
         bench
@@ -60,6 +82,10 @@ impl Bench {
 
     fn path(&self, name: &str) -> PathBuf {
         self.home.path().join(name)
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.path(name).to_string_lossy().into_owned()
     }
 
     fn text(&self, name: &str) -> String {
@@ -71,21 +97,10 @@ impl Bench {
     }
 
     fn plan(&self) -> Plan {
-        let table = HardenPlan {
-            rounds: 1,
-            steps: 512,
-            trainer: Some("sh 'train.sh'".to_string()),
-            is_trainer_typed: true,
-            searches: vec!["random".to_string()],
-            budget: 12,
-            validation: 12,
-            episodes: 12,
-            risk: 100,
-            margin: 20,
-            ..HardenPlan::default()
-        };
-        let controller = self.path("ppo.onnx").to_string_lossy().into_owned();
-        let mut plan = Plan { space: "starts+delay".to_string(), ..Plan::new("ball-balancing", &controller) };
+        let table =
+            HardenPlan { trainer: Some("sh 'train.sh'".to_string()), is_trainer_typed: true, ..few() };
+        let plan = Plan::new(&self.name("cartpole.toml"), &self.name("stiff.onnx"));
+        let mut plan = Plan { space: "starts+delay".to_string(), ..plan };
         plan.axes.insert("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]));
         plan.axes.insert("observation_delay".to_string(), AxisSetting::Value(2.0));
         let folder = self.home.path().to_string_lossy().into_owned();
@@ -95,12 +110,6 @@ impl Bench {
 
 fn go_on(_: &HardenProgress) -> ControlFlow<()> {
     ControlFlow::Continue(())
-}
-
-fn without_paths(mut found: Hardening) -> Hardening {
-    found.folder = String::new();
-    found.after = found.after.map(|_| String::new());
-    found
 }
 
 fn error(result: Result<Option<Hardening>, MishandleError>) -> String {
@@ -149,7 +158,7 @@ fn a_better_controller_is_accepted_also_after_interruptions() {
     assert_eq!(flags, expected);
     let value = |flag: &str| words[words.iter().position(|word| *word == flag).unwrap() + 1];
     for (flag, expected) in [
-        ("--target", "ball-balancing".to_string()),
+        ("--target", bench.name("cartpole.toml")),
         ("--controller", name("before.onnx")),
         ("--archive", name("round-1/failures")),
         ("--space", "starts+delay".to_string()),
@@ -168,20 +177,11 @@ fn a_better_controller_is_accepted_also_after_interruptions() {
 
     // A second one stops at the first report of each phase, and in the training.
     let other = bench.path("parts.onnx");
-    let mut stopped = BTreeSet::new();
-    let mut stop_once = |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    };
-    let mut found = harden(&plan, &other, None, &mut stop_once).unwrap();
-    let mut calls = 1;
-    while found.is_none() {
-        found = resume_plan(&harden_folder(&other), &plan, None, &mut stop_once).unwrap();
-        calls += 1;
-        assert!(calls < 100, "it does not end");
-    }
-    assert!(calls > 5, "{calls} calls");
-    assert_eq!(without_paths(found.unwrap()), without_paths(whole.clone()));
+    let found = in_parts(|is_first, watch| match is_first {
+        true => harden(&plan, &other, None, watch).unwrap(),
+        false => resume_plan(&harden_folder(&other), &plan, None, watch).unwrap(),
+    });
+    assert_eq!(without_paths(found), without_paths(whole.clone()));
     assert!(bench.text("stopped").starts_with("stopped"), "an interruption ends the trainer");
 
     // A finished one needs neither the trainer nor a permission.
@@ -229,7 +229,9 @@ fn a_trainer_that_fails_is_named_and_called_again_and_the_same_controller_is_no_
 #[test]
 fn mistakes_are_errors_before_anything_is_written() {
     let bench = Bench::new("better");
-    let good = bench.plan();
+    // Only a task has an expert and shipped controllers.
+    let controller = bench.name("other.onnx");
+    let good = Plan { target: "point-reaching".to_string(), controller, ..bench.plan() };
     let out = bench.path("out.onnx");
     let table = |change: &dyn Fn(&mut HardenPlan)| {
         let mut table = good.harden.clone().unwrap();

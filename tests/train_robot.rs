@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod cart_pole;
 mod silent;
 
 use std::ops::ControlFlow;
@@ -23,41 +24,8 @@ use mishandle::training::{
 };
 use mishandle::{MishandleError, Plan};
 
+use cart_pole::MODEL;
 use silent::Silent;
-
-const MODEL: &str = r#"<mujoco>
-  <option timestep="0.01"/>
-  <worldbody>
-    <body name="cart">
-      <joint name="slide" type="slide" axis="1 0 0" damping="0.1"/>
-      <geom type="box" size="0.15 0.1 0.06" mass="1" contype="0"/>
-      <body name="pole">
-        <joint name="hinge" axis="0 1 0" damping="0.002"/>
-        <geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1" contype="0"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><motor name="force" joint="slide"/></actuator>
-</mujoco>"#;
-
-const ROBOT: &str = r#"
-format = 1
-name = "cartpole"
-model.file = "cartpole.xml"
-control = { period = 0.02, steps = 100 }
-start = { hinge = "tilt" }
-observation.state = "[*qpos('slide'), *qvel('slide'), *qpos('hinge'), *qvel('hinge')]"
-policy = { action = "10 * action", limit = 1 }
-signals.angle = { value = "abs(qpos('hinge')[0])", unit = "rad" }
-rewards = { upright = "1 - angle ** 2" }
-ends = { fallen = "angle > 0.5" }
-formulas = { upright = "always(angle <= 0.3)" }
-
-[axes]
-tilt = { range = [-0.1, 0.1], unit = "rad" }
-pole = { kind = "model", range = [0.5, 2], nominal = 1, scale = "body_mass('pole')" }
-gust = { kind = "event", body = "pole", time = [0.2, 1], duration = 0.1, x = [-3, 3] }
-"#;
 
 const PPO: &str = "
 rollout_steps = 64
@@ -71,9 +39,7 @@ run = { validation_episodes = 40, validation_interval = 10, total_steps = 30720 
 
 /// Writes the robot with its file changed, and settings; returns the plan of a training run.
 fn plan(folder: &Path, change: impl Fn(String) -> String, settings: &str) -> TrainPlan {
-    let file = folder.join("cartpole.toml");
-    std::fs::write(folder.join("cartpole.xml"), MODEL).unwrap();
-    std::fs::write(&file, change(ROBOT.to_string())).unwrap();
+    let file = cart_pole::write(folder, change);
     let path = folder.join("settings.toml");
     std::fs::write(&path, settings).unwrap();
     TrainPlan {

@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 mod bench;
+#[path = "../../../tests/cart_pole/mod.rs"]
+mod cart_pole;
 
 use std::process::Stdio;
 use std::time::Duration;
@@ -87,9 +89,9 @@ fn mistakes_are_reported_before_the_folder_is_created() {
     bench.refuses("campaign campaign.toml --out all", &["all exists already", "--resume"]);
 }
 
-/// Two hardenings of few simulations.
-const HARDENINGS: &str = "target = 'point-reaching'\ncontroller = 'ppo'\nspace = 'starts+delay'\nseed = [5, 6]\n[axes]\n\
-                          action_delay = [1, 3]\n[harden]\nrounds = 1\nsteps = 256\nsettings = 'settings.toml'\n\
+/// Two hardenings of few simulations, whose training takes longer than a signal.
+const HARDENINGS: &str = "target = 'cartpole.toml'\ncontroller = './start.safetensors'\nspace = 'starts+delay'\nseed = [5, 6]\n[axes]\n\
+                          action_delay = [1, 3]\n[harden]\nrounds = 1\nsteps = 40960\nsettings = 'settings.toml'\n\
                           searches = ['random']\nbudget = 8\nvalidation = 4\nepisodes = 4\nrisk = 100\nmargin = 10\n";
 
 /// Training settings with which an iteration takes few steps.
@@ -114,6 +116,8 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     let bench = Bench::new();
     bench.write("hardenings.toml", HARDENINGS);
     bench.write("settings.toml", SETTINGS);
+    cart_pole::write(&bench.path(""), |text| text);
+    bench.check("train cartpole.toml --settings settings.toml --steps 512 --out start.safetensors", 0);
     let whole = bench.run("campaign hardenings.toml --out whole --jobs 2 --json");
     let document: Value = serde_json::from_str(&text(&whole.stdout)).unwrap();
     let runs = document["runs"].as_array().unwrap();
