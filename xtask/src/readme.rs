@@ -4,38 +4,44 @@
 //!
 //! In a code block marked `console`, a line that starts with `$ ` is a command (`\` at its end
 //! continues it on the next line), and the lines below are its output. The blocks of a page run in
-//! order, each command in its own shell, in an empty folder, with the build of the tests on the
-//! path. A command must exit with 0, unless a comment directly above the block gives the code of
-//! each of its commands: `<!-- exit: 0 1 -->`. The command must print every output line that the
-//! page shows, to stdout or stderr. Numbers and the width of gaps are not compared; a page may
-//! leave lines out.
+//! order, each command in its own shell, in a folder of the page, which is empty at first, with the
+//! build of the tests on the path. Two pages run at a time. A command must exit with 0, unless a
+//! comment directly above the block gives the code of each of its commands: `<!-- exit: 0 1 -->`.
+//! The command must print every output line that the page shows, to stdout or stderr. Numbers and
+//! the width of gaps are not compared; a page may leave lines out.
 
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::sync::Mutex;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 
 use crate::process::{cargo, run};
 
+/// The longest first.
 const PAGES: [&str; 15] = [
-    "README.md",
+    "docs/guide/margin.md",
     "docs/guide/tour.md",
-    "docs/reference/scenarios.md",
+    "docs/guide/check.md",
+    "README.md",
     "docs/guide/explain.md",
+    "docs/guide/metamorphic.md",
+    "docs/guide/faults.md",
+    "docs/guide/record.md",
+    "docs/guide/guard.md",
+    "docs/reference/scenarios.md",
     "docs/guide/logs.md",
     "docs/guide/requirements.md",
     "docs/guide/online.md",
-    "docs/guide/guard.md",
-    "docs/guide/margin.md",
-    "docs/guide/metamorphic.md",
-    "docs/guide/check.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
-    "docs/guide/faults.md",
-    "docs/guide/record.md",
 ];
+/// Number of pages that run at a time. Parts of a command use one core.
+const AT_A_TIME: usize = 2;
+/// Its commands that other pages show with the same output run there only.
+const FRONT_PAGE: &str = "README.md";
 /// Time limit for one command, s: long enough for a loaded machine.
 const LIMIT_SECS: u32 = 600;
 /// Exit code of `timeout` at the limit.
@@ -50,7 +56,7 @@ const SKIPPED: &[(&str, &str)] = &[
     ("cargo bench", "takes minutes"),
 ];
 
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Shown {
     /// Line of its page, from 1.
     line: usize,
@@ -60,13 +66,40 @@ struct Shown {
     output: Vec<(usize, String)>,
 }
 
+impl Shown {
+    /// Returns whether a check of this command checks the other one, too.
+    fn covers(&self, other: &Shown) -> bool {
+        let has =
+            |line: &str| self.output.iter().any(|(_, own)| without_numbers(own) == without_numbers(line));
+        (&self.command, self.exit) == (&other.command, other.exit)
+            && other.output.iter().all(|(_, line)| has(line))
+    }
+}
+
 /// Builds the program, then runs every command of the pages.
 ///
 /// # Errors
 /// The first command that differs from its page, with its line.
 pub fn check(root: &Path) -> Result<()> {
     build(root)?;
-    PAGES.iter().try_for_each(|page| check_page(root, page).map(drop))
+    let others = PAGES.iter().filter(|page| **page != FRONT_PAGE).map(|page| shown(root, page));
+    let others = others.collect::<Result<Vec<_>>>()?.concat();
+    let pages = Mutex::new(PAGES.iter());
+    let next = || pages.lock().ok().and_then(|mut pages| pages.next());
+    std::thread::scope(|scope| {
+        let check_pages = || {
+            while let Some(page) = next() {
+                let elsewhere = if *page == FRONT_PAGE { &others[..] } else { &[] };
+                if let Err(error) = check_page(root, page, elsewhere) {
+                    while next().is_some() {}
+                    return Err(error);
+                }
+            }
+            Ok(())
+        };
+        let threads: Vec<_> = (0..AT_A_TIME).map(|_| scope.spawn(check_pages)).collect();
+        threads.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|_| bail!("a panic")))
+    })
 }
 
 /// Does the same as [`check`] and, with `--update`, writes the printed lines to the pages.
@@ -93,7 +126,7 @@ pub fn build(root: &Path) -> Result<()> {
 }
 
 fn update_page(root: &Path, page: &str) -> Result<()> {
-    let printed = check_page(root, page)?;
+    let printed = check_page(root, page, &[])?;
     let path = root.join(page);
     let text = fs::read_to_string(&path).with_context(|| format!("cannot read {page}"))?;
     fs::write(&path, replace_lines(&text, &printed)).with_context(|| format!("cannot write {page}"))
@@ -108,13 +141,18 @@ fn replace_lines(text: &str, new: &[(usize, String)]) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Runs the commands of a page. Returns what they printed in place of each shown line, with its
-/// line of the page.
-fn check_page(root: &Path, page: &str) -> Result<Vec<(usize, String)>> {
+/// Returns what a page shows.
+fn shown(root: &Path, page: &str) -> Result<Vec<Shown>> {
     let text = fs::read_to_string(root.join(page)).with_context(|| format!("cannot read {page}"))?;
-    let shown = commands(&text).with_context(|| page.to_string())?;
+    commands(&text).with_context(|| page.to_string())
+}
+
+/// Runs the commands of a page, except those that are shown `elsewhere`, too. Returns what they
+/// printed in place of each shown line, with its line of the page.
+fn check_page(root: &Path, page: &str, elsewhere: &[Shown]) -> Result<Vec<(usize, String)>> {
+    let shown = shown(root, page)?;
     // An empty folder, so that files of an earlier run cannot interfere.
-    let folder = root.join("target/readme");
+    let folder = root.join("target/readme").join(page.replace('/', "-"));
     if folder.exists() {
         fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
     }
@@ -124,6 +162,10 @@ fn check_page(root: &Path, page: &str) -> Result<Vec<(usize, String)>> {
         let place = format!("{page}:{}: `{}`", shown.line, shown.command);
         if let Some((_, reason)) = SKIPPED.iter().find(|(start, _)| shown.command.starts_with(start)) {
             eprintln!("{place}: not run, {reason}");
+            continue;
+        }
+        if elsewhere.iter().any(|other| other.covers(shown)) {
+            eprintln!("{place}: not run, another page shows it, too");
             continue;
         }
         let started = Instant::now();
@@ -295,6 +337,15 @@ mod tests {
         let printed = try_out(&root, &root, &commands(page).unwrap()[0]).unwrap();
         let expected = page.replace("a 7", "a 1").replace("a 8", "a 22");
         assert_eq!(replace_lines(page, &printed), expected);
+    }
+
+    #[test]
+    fn a_command_covers_the_same_one_with_fewer_lines() {
+        let long = shown(1, "run", 1, &["falsified 2", "took 3 s"]);
+        assert!(long.covers(&shown(7, "run", 1, &["took 4 s"])) && long.covers(&shown(7, "run", 1, &[])));
+        for other in [("run", 1, "other"), ("run", 0, "took 3 s"), ("run it", 1, "took 3 s")] {
+            assert!(!long.covers(&shown(7, other.0, other.1, &[other.2])), "{other:?}");
+        }
     }
 
     #[test]
