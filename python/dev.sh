@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the Python package, installs it into the virtual environment target/python-venv, checks its types and runs its tests and
-# notebooks. With arguments, which are those of unittest, it runs the named tests only.
+# notebooks. With arguments, which are those of unittest, it checks the types and runs the named tests only.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # They would override the instruction set and library paths of .cargo/config.toml.
@@ -21,20 +21,28 @@ if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]} ${peers[*]}
 fi
 cargo xtask mujoco
 PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet
-"$VIRTUAL_ENV/bin/mypy" --strict python/mishandle
 # In another folder, so that the tests import the installed package.
-root="$PWD"
+export root="$PWD" tests="$PWD/python/tests"
 cd "$VIRTUAL_ENV"
-tests="$root/python/tests"
+check_types() { (cd "$root" && "$VIRTUAL_ENV/bin/mypy" --strict python/mishandle); }
 if [ $# -gt 0 ]; then
+    check_types
     exec bin/python -m unittest discover --start-directory "$tests" "$@"
 fi
-# One process per module, as many at a time as there are cores, the largest modules first.
-(cd "$tests" && ls -S test_*.py) | xargs -P "$(nproc)" -I{} bash -c '
-    if log=$(bin/python -m unittest discover --start-directory "$1" --pattern "$2" 2>&1); then
-        echo "$2: $(grep "^Ran " <<< "$log")"
+check() {
+    case $1 in
+        types) check_types ;;
+        notebooks) bin/python "$root/python/notebooks/run.py" --check ;;
+        *) bin/python -m unittest discover --start-directory "$tests" --pattern "$1" ;;
+    esac
+}
+export -f check check_types
+# One process for each, as many at a time as there are cores, those that take longest first.
+printf "%s\n" test_gpu.py test_ray.py test_fronts.py notebooks types $(cd "$tests" && ls -S test_*.py) | awk '!seen[$0]++' |
+    xargs -P "$(nproc)" -I{} bash -c '
+    if log=$(check "$1" 2>&1); then
+        echo "$1: $(grep "^Ran " <<< "$log" || echo passed)"
     else
-        printf "%s\n%s\n" "$2" "$log" >&2
+        printf "%s\n%s\n" "$1" "$log" >&2
         exit 1
-    fi' _ "$tests" {}
-bin/python "$root/python/notebooks/run.py" --check
+    fi' _ {}
