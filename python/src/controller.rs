@@ -6,8 +6,9 @@ use std::sync::{Mutex, PoisonError};
 use mishandle::controllers::ControllerFile;
 use mishandle::interchange::onnx_bytes;
 
-use mishandle::rollout::{Controller, ControllerWorker, Seed};
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use mishandle::rollout::{Controller, ControllerWorker, Image, Seed};
+use numpy::ndarray::Axis;
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray4};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -18,6 +19,8 @@ use crate::{InvalidStateError, InvalidValueError, raised};
 pub struct PyController {
     acting: Mutex<Acting>,
     sizes: (usize, usize),
+    /// Images that it gets.
+    sees: Vec<Image>,
     /// Length of what the controller remembers of one simulation.
     state_size: usize,
     task: String,
@@ -43,6 +46,7 @@ impl PyController {
         PyController {
             acting: Mutex::new(Acting { worker: controller.worker(), states: Vec::new() }),
             sizes: (controller.observation_size(), controller.action_size()),
+            sees: controller.sees().to_vec(),
             state_size: controller.state_size(),
             task,
             hash,
@@ -52,14 +56,6 @@ impl PyController {
 
     fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
         let policy = mishandle::resolve::onnx_policy(Path::new(name), task).map_err(raised)?;
-        if let Some(image) = policy.sees().first() {
-            let message = format!(
-                "the model sees through the camera `{}`, so its action is no function of an observation; run it \
-                 with a task, for instance mishandle.evaluate(TASK, policy={name:?})",
-                image.camera
-            );
-            return Err(InvalidValueError::new_err(message));
-        }
         let task = task.or(policy.task()).unwrap_or_default().to_string();
         Ok(Self::of(&policy, task, policy.hash().to_string(), None))
     }
@@ -110,6 +106,12 @@ impl PyController {
         self.sizes.1
     }
 
+    /// The images that it gets, in their order: name of the camera, width and height.
+    #[getter]
+    fn images(&self) -> Vec<(&str, usize, usize)> {
+        self.sees.iter().map(|image| (image.camera.as_str(), image.width, image.height)).collect()
+    }
+
     /// Whether actions depend on earlier observations.
     #[getter]
     fn is_recurrent(&self) -> bool {
@@ -121,11 +123,13 @@ impl PyController {
         self.acting.lock().unwrap_or_else(PoisonError::into_inner).states.clear();
     }
 
-    /// Returns one action per row of observations, and remembers them if it is recurrent.
+    /// Returns one action per row of observations and images, and remembers them if it is
+    /// recurrent. Each array of images has the shape (rows, height, width, 3).
     fn act<'py>(
         &self,
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f32>,
+        images: Vec<PyReadonlyArray4<'py, u8>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let (observation_size, action_size) = self.sizes;
         let (rows, found) = observations.as_array().dim();
@@ -134,6 +138,16 @@ impl PyController {
                 format!("an observation has {found} numbers; the controller takes {observation_size}");
             return Err(InvalidValueError::new_err(message));
         }
+        let shapes = self.sees.iter().map(|image| (rows, image.height, image.width, 3));
+        if !images.iter().map(|images| images.as_array().dim()).eq(shapes) {
+            return Err(InvalidValueError::new_err(
+                "the images have other shapes than those of the controller",
+            ));
+        }
+        let seen = (0..rows).flat_map(|row| images.iter().map(move |images| (row, images)));
+        let seen: Vec<u8> = seen
+            .flat_map(|(row, images)| images.as_array().index_axis_move(Axis(0), row).into_iter().copied())
+            .collect();
         let observations: Vec<f32> = observations.as_array().iter().copied().collect();
         let size = self.state_size;
         let acted = py.detach(|| {
@@ -147,6 +161,7 @@ impl PyController {
                 return Err(states.len() / size);
             }
             let mut actions = vec![0.0; rows * action_size];
+            worker.look(rows, &seen);
             worker.act(rows, &observations, states, &mut actions);
             Ok(actions)
         });

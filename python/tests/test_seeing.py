@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import shutil
 import tempfile
 import unittest
 
@@ -11,7 +12,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 
-def seeing(path, camera="over"):
+def seeing(path, camera="over", sizes=(9, 9)):
     """Writes a policy whose action is a product of the mean color and the joints."""
     nodes = [
         helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
@@ -28,13 +29,13 @@ def seeing(path, camera="over"):
     weights = {
         "white": np.float32(255),
         "kernel": draw(size=(4, 3, 3, 3)).astype(np.float32),
-        "matrix": draw(size=(13, 9)).astype(np.float32),
+        "matrix": draw(size=(4 + sizes[0], sizes[1])).astype(np.float32),
     }
     graph = helper.make_graph(
         nodes, "policy",
-        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, ["N", 9]),
+        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, ["N", sizes[0]]),
          helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", 24, 32, 3])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", 9])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", sizes[1]])],
         [numpy_helper.from_array(value, name) for name, value in weights.items()],
     )
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
@@ -44,6 +45,59 @@ def seeing(path, camera="over"):
         "mishandle.images": json.dumps([["image", camera]]),
     })
     onnx.save(made, path)
+
+
+def remembering(path):
+    """Writes a policy that sees the last two images, and plays three of the four actions that it predicts."""
+    nodes = [
+        helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
+        helper.make_node("Flatten", ["bytes"], ["pixels"]),
+        helper.make_node("Flatten", ["joints"], ["numbers"]),
+        helper.make_node("Concat", ["pixels", "numbers"], ["all"], axis=1),
+        helper.make_node("MatMul", ["all", "matrix"], ["flat"]),
+        helper.make_node("Reshape", ["flat", "shape"], ["action"]),
+    ]
+    weights = {
+        "matrix": np.random.default_rng(1).normal(scale=1e-4, size=(2 * 6 * 8 * 3 + 9, 4 * 9)).astype(np.float32),
+        "shape": np.array([1, 4, 9]),
+    }
+    graph = helper.make_graph(
+        nodes, "policy",
+        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, [1, 9]),
+         helper.make_tensor_value_info("image", TensorProto.UINT8, [1, 2, 6, 8, 3])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 4, 9])],
+        [numpy_helper.from_array(value, name) for name, value in weights.items()],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(made, {
+        "mishandle.task": "point-reaching",
+        "mishandle.parts": json.dumps(["joint_positions"]),
+        "mishandle.images": json.dumps([["image", "over"]]),
+        "mishandle.history": "2",
+        "mishandle.chunk": json.dumps({"execute": 3}),
+    })
+    onnx.save(made, path)
+
+
+ROBOT = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 0.1"/>
+  <body name="arm" pos="0 0 0.5"><joint name="hinge" axis="0 1 0" damping="0.5"/>
+    <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.04" rgba="0.2 0.3 0.7 1"/></body></worldbody>
+  <actuator><motor name="torque" joint="hinge"/></actuator></mujoco>"""
+
+TARGET = """
+format = 1
+name = "seen"
+model.file = "seen.xml"
+control = { period = 0.02, steps = 50 }
+start = { hinge = "tilt" }
+observation = { angle = "qpos('hinge')" }
+policy.action = "action"
+signals = { angle = "qpos('hinge')[0]" }
+axes = { tilt = { range = [-0.3, 0.3], unit = "rad" } }
+formulas = { small = "always(angle <= 2)" }
+[cameras]
+desk = { position = [1.5, 0, 1], look_at = [0, 0, 0], fovy = 50 }
+"""
 
 
 class Seeing(unittest.TestCase):
@@ -68,10 +122,88 @@ class Seeing(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovre`, but point-reaching has only over, wrist"):
             mishandle.evaluate("point-reaching", space="starts", policy=str(self.path), episodes=1)
 
-    def test_a_policy_that_sees_is_not_a_function_of_an_observation(self):
-        seeing(self.path)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "sees through the camera `over`"):
+    def robot(self):
+        (self.path.parent / "seen.xml").write_text(ROBOT)
+        file = self.path.parent / "seen.toml"
+        file.write_text(TARGET)
+        return file
+
+    def recorded(self, size):
+        """Returns what the policy got and did in two simulations."""
+        out = self.path.parent / "recorded"
+        mishandle.record(
+            "point-reaching", policy=self.path, space="starts+light+image+faults-camera", out=out, episodes=2, seed=3, format="npz",
+            cameras=["over"], size=size,
+        )
+        with np.load(out / "data.npz") as arrays:
+            starts = arrays["episode_starts"]
+            names = ("observation.state", "observation.images.over", "action")
+            return [[arrays[name][first:end] for name in names] for first, end in zip(starts, starts[1:])]
+
+    def test_a_loaded_controller_acts_as_in_a_simulation(self):
+        for write, size in ((seeing, (32, 24)), (remembering, (8, 6))):
+            write(self.path)
+            controller = mishandle.load_controller(self.path)
+            self.assertEqual((controller.images, controller.observation_size), ([("over", (size[1], size[0], 3))], 27))
+            episodes = self.recorded(size)
+            for states, images, actions in episodes:
+                controller.reset()
+                found = [controller(state, {"over": image, "wrist": None}) for state, image in zip(states, images)]
+                self.assertEqual(executed(np.stack(found)), actions.tobytes())
+                self.assertGreater(np.std(actions[:, 0]), 0)
+            # Both at once, in the three forms of the same arguments.
+            controller.reset()
+            batches = [np.stack(both) for both in zip(*episodes)]
+            for step in range(20):
+                state, image, action = (batch[:, step] for batch in batches)
+                arguments = [(state, {"over": image}), (state, [image]), ({"state": state, "over": image},)][step % 3]
+                self.assertEqual(executed(controller(*arguments)), action.tobytes())
+            shutil.rmtree(self.path.parent / "recorded")
+        # A chunk is a memory: the rows of an episode stay the same until a reset.
+        self.assertTrue(controller.is_recurrent)
+        with self.assertRaisesRegex(mishandle.InvalidStateError, "2 rows .* 1 were given: call `reset"):
+            controller(states[0], [images[0]])
+        controller.reset()
+        self.assertEqual(executed(controller(states[0], [images[0]])), actions[0].tobytes())
+
+    def test_a_policy_of_a_target_file_is_loaded_with_its_parts(self):
+        seeing(self.path, sizes=(1, 1))
+        description = {"parts": ["angle"], "images": [["image", "desk"]]}
+        self.path.with_name("seeing.onnx.json").write_text(json.dumps(description))
+        file = self.robot()
+        file.write_text(TARGET.replace("observation = {", 'observation = { other = "[1, 2]",'))
+        with self.assertRaisesRegex(mishandle.MishandleError, "only a task has parts"):
             mishandle.load_controller(self.path)
+        controller = mishandle.load_controller(self.path, task=file)
+        image = np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8)
+        act = lambda *numbers: controller(numbers, {"desk": image})
+        self.assertEqual((controller.observation_size, act(1, 2, 0.5)), (3, act(8, 9, 0.5)))
+        self.assertNotEqual(act(1, 2, 0.5), act(1, 2, 0.6))
+
+    def test_images_that_a_loaded_controller_cannot_use_are_named(self):
+        seeing(self.path)
+        controller = mishandle.load_controller(self.path)
+        state, image = np.zeros(27), np.zeros((24, 32, 3), np.uint8)
+        for arguments, message in [
+            ((state,), "needs an image of the camera `over`; given: none"),
+            ((state, {"wrist": image, "ovr": image}), "camera `over`; given: wrist, ovr"),
+            (({"state": state, "wrist": image},), "camera `over`; given: wrist"),
+            (({"over": image},), "expected `state`"),
+            ((state, [image, image]), "number of images is 2; .* through over"),
+            ((state, [image / 255]), r"`over` has the shape \(24, 32, 3\) and the type float64; expected \(24, 32, 3\) and uint8"),
+            ((state, [image.transpose(2, 0, 1)]), r"the shape \(3, 24, 32\)"),
+            ((np.zeros((2, 27)), [image]), r"expected \(2, 24, 32, 3\)"),
+        ]:
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                controller(*arguments)
+        blind = mishandle.load_controller("point-reaching/ppo")
+        self.assertEqual(blind.images, [])
+        self.assertEqual(blind({"state": state, "over": image}).tobytes(), blind(state).tobytes())
+
+
+def executed(actions):
+    """Returns the bytes of actions as a task executes them."""
+    return np.clip(actions, -1, 1).tobytes()
 
 
 if __name__ == "__main__":

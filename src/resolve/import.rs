@@ -11,7 +11,8 @@ use mishandle_interchange::{
 use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
-use crate::resolve::task;
+use crate::plan::Plan;
+use crate::resolve::{is_target_file, robot_file, task};
 use crate::shipped::ShippedFile;
 
 /// Imports a policy of Stable-Baselines3, skrl or PyTorch as a controller of the task `task_name`.
@@ -76,12 +77,16 @@ pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleEr
     Ok(normalizer)
 }
 
-/// Loads an ONNX model for the task `task_name`, or for the task that it names itself. A model that
-/// names no task of ours has the sizes that it states.
+/// Loads an ONNX model for `task_name`, a task or the path of a target file, or for the task that
+/// it names itself. A model that names no task of ours has the sizes that it states.
 ///
 /// # Errors
-/// If the task is unknown, or the model cannot be used for it.
+/// If the task is unknown, the target file is wrong, or the model cannot be used for it.
 pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
+    if let Some(name) = task_name.filter(|name| is_target_file(name)) {
+        let robot = robot_file(&Plan::new(name, ""))?;
+        return Ok(OnnxPolicy::load(path, &[robot.name()], &robot.layout())?);
+    }
     if let Some(name) = task_name {
         return onnx_policy_of(&ShippedFile::Path(path.into()), task(name)?.definition());
     }
