@@ -341,11 +341,13 @@ class Target:
     @property
     def formulas(self) -> list[tuple[str, str]]: ...
 
-def robot_facts(path: str) -> tuple[str, int, int]: ...
-def robot_target(
-    path: str,
+def policy_interface(target: str) -> tuple[str, int, int]: ...
+def policy_target(
+    target: str,
     policy: Any,
     *,
+    images: Sequence[tuple[str, int, int]],
+    preset: str,
     name: str,
     identified: tuple[str, str, list[str]],
     space: str,

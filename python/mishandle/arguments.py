@@ -25,6 +25,21 @@ def check_applicable(given: Mapping[str, object], applicable: Sequence[str], kin
             raise InvalidTypeError(f"the argument `{name}` has no effect on {kind}; leave it out")
 
 
+def check_cameras(cameras: Sequence[str]) -> Sequence[str]:
+    """Checks the names of cameras, and returns them."""
+    if isinstance(cameras, str) or not all(isinstance(name, str) for name in cameras):
+        raise InvalidTypeError(f"cameras is {cameras!r}; expected a list of names, such as ['over', 'wrist']")
+    return cameras
+
+
+def checked_size(name: str, size: object) -> tuple[int, int]:
+    """Checks the size of an image, and returns its width and its height."""
+    sides = list(size) if isinstance(size, (tuple, list)) else []
+    if len(sides) != 2 or not all(isinstance(side, int) and 1 <= side <= 1024 for side in sides):
+        raise InvalidValueError(f"{name} is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)")
+    return sides[0], sides[1]
+
+
 def check_steps(steps: object) -> None:
     """Checks the number of control steps."""
     if steps is not None and (not isinstance(steps, numbers.Integral) or isinstance(steps, bool) or steps < 1):

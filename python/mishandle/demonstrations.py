@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 
 from mishandle import _native, results
-from mishandle.arguments import check_number, check_settings, is_real
+from mishandle.arguments import check_cameras, check_number, checked_size, check_settings, is_real
 from mishandle.documents import read
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.files import PathLike
@@ -101,11 +101,8 @@ def record(
     check_settings(given)
     check_number("episodes", episodes, 1)
     check_number("seed", seed, 0)
-    if isinstance(cameras, str) or not all(isinstance(name, str) for name in cameras):
-        raise InvalidTypeError(f"cameras is {cameras!r}; expected a list of names, such as ['over', 'wrist']")
-    sides = list(size) if isinstance(size, (tuple, list)) else []
-    if len(sides) != 2 or not all(isinstance(side, int) and 1 <= side <= 1024 for side in sides):
-        raise InvalidValueError(f"size is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)")
+    check_cameras(cameras)
+    sides = checked_size("size", size)
     if not is_real(archive_share):
         raise InvalidTypeError(f"archive_share is {archive_share!r}; it must be a number from 0 to 1")
     text = _native.record(
@@ -122,7 +119,7 @@ def record(
         format=format,
         relabel=None if relabel is None else os.fspath(relabel),
         cameras=list(cameras),
-        size=sides,
+        size=list(sides),
         only_successful=successful,
         archive=None if archive is None else os.fspath(archive),
         archive_share=float(archive_share),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Union
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from mishandle import _native
@@ -291,27 +291,34 @@ def _takes_seed(function: Callable[..., Any]) -> bool:
     return any(parameter.name == "seed" for parameter in parameters)
 
 
-class RobotSystem(System):
-    """A robot that a file describes with a policy in Python. The Rust core simulates it and requests the actions of up to 16
-    simulations at once."""
+class CoreSystem(System):
+    """A task, or a robot that a file describes, with a policy in Python that may see. The Rust core simulates it and requests the
+    actions of up to 16 simulations at once. ``images`` are names of cameras, widths and heights."""
 
-    def __init__(self, file: str, policy: Any, batched_policy: bool) -> None:
-        self.name, observation_size, self._action_size = _native.robot_facts(file)
-        spaces = (Box(-np.inf, np.inf, (observation_size,)), Box(-np.inf, np.inf, (self._action_size,)))
+    def __init__(self, target: str, policy: Any, batched_policy: bool, images: Sequence[tuple[str, int, int]]) -> None:
+        self.name, observation_size, self._action_size = _native.policy_interface(target)
+        self.images = images
+        seen = {camera: Box(0, 255, (height, width, 3), np.uint8) for camera, width, height in images}
+        state = Box(-np.inf, np.inf, (observation_size,))
+        spaces = (Dict({"state": state, **seen}) if seen else state, Box(-np.inf, np.inf, (self._action_size,)))
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
         self.has_timed_out = False
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
-    def act(self, observations: NDArray[np.float32], rows: int, is_start: bool) -> NDArray[np.float32] | None:
+    def act(
+        self, observations: NDArray[np.float32], images: Sequence[NDArray[np.uint8]], rows: int, is_start: bool
+    ) -> NDArray[np.float32] | None:
         """Returns one action per row; ``None`` after an exception."""
+        names = [camera for camera, *_ in self.images]
+        seen: Any = [{"state": row[0], **dict(zip(names, row[1:]))} for row in zip(observations, *images)] if names else observations
         try:
             if is_start:
                 self._policy.reset(rows)
-            actions = np.array(self._policy.act(observations, rows), dtype=np.float32)
+            actions = np.array(self._policy.act(seen, rows), dtype=np.float32)
             if actions.size != rows * self._action_size:
                 raise InvalidValueError(
-                    f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; the robot takes "
+                    f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; {self.name} takes "
                     f"{self._action_size} for each"
                 )
             return actions.reshape(rows, self._action_size)

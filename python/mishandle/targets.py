@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
+    check_cameras,
     check_period,
     check_settings,
     check_space,
     check_steps,
     check_termination,
     check_time,
+    checked_size,
     named_formulas,
     task_formulas,
 )
@@ -42,7 +44,7 @@ from mishandle.processes import Process
 from mishandle.ray import RayExecutor
 from mishandle.requests import Request, Scenario
 from mishandle.starts import Invalid, Settle
-from mishandle.systems import Frames, FunctionSystem, NativeSystem, Outcome, RobotSystem, Source, System, TaskSystem
+from mishandle.systems import CoreSystem, Frames, FunctionSystem, NativeSystem, Outcome, Source, System, TaskSystem
 from mishandle.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
@@ -117,6 +119,11 @@ class TargetOptions(TypedDict, total=False):
     a shipped controller, such as ``"ppo"``."""
     batched_policy: bool
     """Whether a policy that is a function takes a batch of observations and returns one action per row."""
+    cameras: Sequence[str]
+    """Cameras of a task or a target file whose images a policy in Python gets. Its observation is then a dictionary with ``"state"`` and an
+    image of each camera, bytes of the shape (height, width, 3), as that of ``TaskEnv(task, cameras=...)``."""
+    image_size: tuple[int, int]
+    """Width and height of these images, pixels; (64, 64) by default."""
     signals: Mapping[str, Source | tuple[Source, str]]
     """Signals of an environment: source, or source and unit, by name."""
     units: Mapping[str, str]
@@ -233,16 +240,16 @@ def make_target(
             raise InvalidValueError(f"there is no ONNX file {policy}")
     if isinstance(system, str) and system.startswith(tuple(DEFAULT_SPACES)):
         # It is its own controller, and only the Rust core knows its spaces.
-        if space is not None and not isinstance(space, str):
-            raise InvalidTypeError(f"the space of {system} is one of its own, by name; `mishandle targets {system}` lists them")
         default = next(default for kind, default in DEFAULT_SPACES.items() if system.startswith(kind))
-        return _task_in_space(system, formula, space or default, {"policy": "", **options}, check)
+        return _task_in_space(system, formula, _named(system, space) or default, {"policy": "", **options}, check)
     if isinstance(system, Process):
         return _simulator(system, formula, space, options, check)
     if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):
         return _robot(pathlib.Path(system), formula, space, options, check)
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
+    if isinstance(system, str) and options.get("cameras"):
+        return _in_core(system, formula, _named(system, space), {**options, "policy": policy}, check)
     has_file = isinstance(policy, (str, os.PathLike))
     is_native = any(options.get(name) for name in NATIVE_OPTIONS) or (has_file and bool(options.get("axes")))
     if isinstance(system, str) and space is None and is_native:
@@ -430,14 +437,13 @@ def _robot(
 ) -> Target:
     """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file, another file or a policy in
     Python."""
-    if space is not None and not isinstance(space, str):
-        raise InvalidTypeError(f"the space of {path} is one of its own, by name; `mishandle targets {path}` lists them")
+    name = _named(str(path), space)
     policy = options.get("policy", "")
     if not isinstance(policy, (str, os.PathLike)):
-        return _robot_in_python(path.absolute(), formula, space or "", options, check)
+        return _in_core(str(path.absolute()), formula, name, options, check)
     # Absolute, because workers of a cluster have other working folders.
     policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
-    return _task_in_space(str(path.absolute()), formula, space or "", {**options, "policy": policy}, check)
+    return _task_in_space(str(path.absolute()), formula, name, {**options, "policy": policy}, check)
 
 
 def _simulator(
@@ -456,22 +462,39 @@ def _simulator(
     return _task_in_space(process.target, formula, space or "", {**options, "policy": policy}, check, folder=str(process.folder))
 
 
-def _robot_in_python(
-    path: pathlib.Path, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+def _named(target: str, space: Space) -> str:
+    """Returns the name of a space of a target; empty for its first one."""
+    if space is not None and not isinstance(space, str):
+        raise InvalidTypeError(f"the space of {target} is one of its own, by name; `mishandle targets {target}` lists them")
+    return space or ""
+
+
+def _in_core(
+    target: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a robot that a file describes with a policy in Python, in a space of the file."""
-    check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
+    """Returns a task, or a robot that a file describes, with a policy in Python, in a space that the Rust core knows."""
+    if target.endswith(".toml"):
+        check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
+    else:
+        check_applicable(options, ("preset", *ROBOT_OPTIONS), "a task with a policy in Python that sees")
     policy, version = options["policy"], options.get("version")
-    system = RobotSystem(str(path), policy, options.get("batched_policy", False))
+    if isinstance(policy, (str, os.PathLike)):
+        raise InvalidTypeError(f"`cameras` are those of a policy in Python; {os.fspath(policy)} says itself what it sees: leave them out")
+    cameras, size = check_cameras(options.get("cameras", ())), checked_size("image_size", options.get("image_size", (64, 64)))
+    images = [(camera, *size) for camera in cameras]
+    system = CoreSystem(target, policy, options.get("batched_policy", False), images)
     given = [f"{name} {digest}" for name, digest in file_hashes(options.get("files", ()))]
+    given += [repr(image) for image in images]
     watch = Watch({"policy": policy})
 
-    def made(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:
+    def make(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:
         found = watch.fingerprints()
         parts = "\n".join([_policy_hash(policy, found), repr(version), *given])
-        target = _native.robot_target(
-            str(path),
+        made = _native.policy_target(
+            target,
             system,
+            images=images,
+            preset=options.get("preset", "paper"),
             name=options.get("name", system.name),
             identified=(
                 getattr(policy, "name", type(policy).__name__),
@@ -484,9 +507,9 @@ def _robot_in_python(
             versions=_versions(system, found, version),
             is_deterministic=is_deterministic,
         )
-        return target, found["policy"].gaps
+        return made, found["policy"].gaps
 
-    native, _ = made(True)
+    native, _ = make(True)
     nominal = [axis[5] for axis in native.axes]
     first, second = (_native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0] for _ in range(2))
     if system.exceptions:
@@ -498,7 +521,7 @@ def _robot_in_python(
             stacklevel=4,
         )
     # What the simulations changed is a state of the policy.
-    native, gaps = made(is_deterministic and states_determinism(policy))
+    native, gaps = make(is_deterministic and states_determinism(policy))
     if gaps and version is None:
         _warn_of_gaps(gaps)
     return _in_named_space(native, system, formula, space, options, check, gaps)
@@ -596,7 +619,10 @@ NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise", "guard")
 COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
 ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)
-ROBOT_OPTIONS = ("policy", "batched_policy", "axes", "requirements", "name", "version", "files", "action_noise", "observation_noise")
+ROBOT_OPTIONS = (
+    *("policy", "batched_policy", "cameras", "image_size", "axes", "requirements", "name", "version", "files"),
+    *("action_noise", "observation_noise"),
+)
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 

@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from mishandle import _native
+from mishandle.arguments import check_cameras, checked_size
 from mishandle.axes import Axis
 from mishandle.errors import InvalidStateError, InvalidValueError
 
@@ -71,10 +72,8 @@ class _Eyes:
     """The cameras of a task in its observation."""
 
     def __init__(self, task: str, names: Sequence[str], size: tuple[int, int]) -> None:
-        if isinstance(names, str):
-            raise InvalidValueError(f"cameras is {names!r}; expected a list of names, such as ['over', 'wrist']")
-        self._names = list(names)
-        width, height = size
+        self._names = list(check_cameras(names))
+        width, height = checked_size("image_size", size)
         self._native = _native.TaskCameras(task, self._names, width, height)
         self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}
         self.axes = [(space, axis) for space, axis in _native.task_sight_axes(task) if space in _OF_SCENES]

@@ -156,7 +156,7 @@ class TestRobots(unittest.TestCase):
         for tilt, end in zip(ends["tilt"], ends["end"]):
             self.assertEqual(end, "crashed" if abs(tilt) > 0.25 else "completed")
         self.assertIn("too far", found.exceptions[0])
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "returned 2 numbers for 1 observation; the robot takes 1"):
+        with self.assertRaisesRegex(mishandle.InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"):
             mishandle.evaluate(self.file, policy=lambda state: [0.0, 0.0], episodes=2)
         with self.assertRaisesRegex(mishandle.InvalidTypeError, "`steps` has no effect on a robot in a file"):
             mishandle.evaluate(self.file, policy=balance, steps=3, episodes=2)

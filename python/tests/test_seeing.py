@@ -119,8 +119,11 @@ class Seeing(unittest.TestCase):
 
     def test_an_unknown_camera_is_named(self):
         seeing(self.path, camera="ovre")
-        with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovre`, but point-reaching has only over, wrist"):
+        with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovre`, but point-reaching has only over, wrist; did you mean `over`?"):
             mishandle.evaluate("point-reaching", space="starts", policy=str(self.path), episodes=1)
+        for system in ("point-reaching", self.robot()):
+            with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovr`, but .*(; did you mean `over`|has only desk)"):
+                mishandle.evaluate(system, policy=lambda observation: np.zeros(9), cameras=["ovr"], episodes=1)
 
     def robot(self):
         (self.path.parent / "seen.xml").write_text(ROBOT)
@@ -179,6 +182,13 @@ class Seeing(unittest.TestCase):
         act = lambda *numbers: controller(numbers, {"desk": image})
         self.assertEqual((controller.observation_size, act(1, 2, 0.5)), (3, act(8, 9, 0.5)))
         self.assertNotEqual(act(1, 2, 0.5), act(1, 2, 0.6))
+        # In a simulation, too.
+        given = {"space": "starts", "trials": 1, "budget": 2, "search": "random"}
+        rows = [
+            mishandle.open_run(mishandle.falsify(file, "always(angle <= 9)", policy=policy, **how, **given).path).columns()["robustness"]
+            for policy, how in [(str(self.path), {}), (controller, {"cameras": ["desk"], "image_size": (32, 24)})]
+        ]
+        self.assertEqual(*rows)
 
     def test_images_that_a_loaded_controller_cannot_use_are_named(self):
         seeing(self.path)
@@ -200,10 +210,70 @@ class Seeing(unittest.TestCase):
         self.assertEqual(blind.images, [])
         self.assertEqual(blind({"state": state, "over": image}).tobytes(), blind(state).tobytes())
 
+    def test_a_policy_in_python_sees_what_an_onnx_policy_sees(self):
+        for write, size in ((seeing, (32, 24)), (remembering, (8, 6))):
+            write(self.path)
+            controller = mishandle.load_controller(self.path)
+            shapes = set()
+
+            def policy(observation):
+                shapes.add((observation["state"].shape, observation["over"].shape, observation["over"].dtype.name))
+                return controller(observation)
+
+            policy.reset = controller.reset
+            # No random scenario violates it.
+            question = {"formula": "always(finger_target_distance <= 9)", "space": "starts+light+faults-camera", "search": "random"}
+            question |= {"trials": 1, "budget": 3, "seed": 2}
+            expected = mishandle.falsify("point-reaching", policy=str(self.path), **question)
+            # A memory is that of one simulation, or of the rows of a batch.
+            asked = [(policy, {"batched_policy": False})] if write is seeing else []
+            for own, how in [*asked, (lambda both: controller(both), {"batched_policy": True}), (controller, {})]:
+                if write is remembering and how:
+                    own.reset = controller.reset
+                found = mishandle.falsify("point-reaching", policy=own, cameras=["over"], image_size=size, **how, **question)
+                rows = [mishandle.open_run(run.path).columns() for run in (expected, found)]
+                for name in ("seed", "robustness", "steps", "end", "lamp_strength"):
+                    self.assertEqual(rows[0][name], rows[1][name], name)
+                self.assertEqual(len(set(rows[0]["robustness"])), 3)
+            self.assertLessEqual(shapes, {((27,), (size[1], size[0], 3), "uint8")})
+
+    def test_a_replay_and_a_target_file_show_a_policy_the_images(self):
+        file = self.robot()
+        given = {"policy": bright, "cameras": ["desk"], "image_size": (12, 8)}
+        found = mishandle.falsify(file, "always(angle <= 0.2)", space="starts+light", trials=1, budget=20, **given)
+        self.assertEqual(found.falsified_trials, 1)
+        worst = found.counterexamples[0]
+        again = mishandle.replay(found.path, file, "always(angle <= 0.2)", space="starts+light", trial=1, number=worst.simulation, **given)
+        self.assertEqual(again.differences, ())
+        # Another size is another system.
+        question = {"trials": 1, "budget": 2, "out": self.path.parent / "run.sqlite"}
+        mishandle.falsify(file, **question, **given)
+        mishandle.falsify(file, **question, **given, resume=True)
+        with self.assertRaisesRegex(mishandle.MishandleError, "hash of the target"):
+            mishandle.falsify(file, **question, **{**given, "image_size": (12, 9)}, resume=True)
+
+    def test_cameras_without_a_policy_that_gets_images_are_errors(self):
+        seeing(self.path)
+        for system, given, message in [
+            ("point-reaching", {"policy": str(self.path)}, "seeing.onnx says itself what it sees"),
+            ("point-reaching", {"policy": bright, "cameras": "over"}, "expected a list of names"),
+            ("point-reaching", {"policy": bright, "image_size": (0, 8)}, "image_size is .*; expected a width and a height"),
+            ("point-reaching", {"policy": bright, "image_size": 64}, "image_size is 64; expected a width and a height"),
+            ("point-reaching", {"policy": bright, "rows": 3}, "`rows` has no effect on a task with a policy in Python that sees"),
+            ("point-reaching", {"policy": bright, "space": [mishandle.Axis("x", 0, 1)]}, "one of its own, by name"),
+            (lambda scenario: {"y": [0.0, 1.0]}, {"formula": "always(y <= 2)", "space": [mishandle.Axis("x", 0, 1)]}, "`cameras` has no effect"),
+        ]:
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                mishandle.evaluate(system, **{"cameras": ["over"], "episodes": 1, **given})
+
 
 def executed(actions):
     """Returns the bytes of actions as a task executes them."""
     return np.clip(actions, -1, 1).tobytes()
+
+
+def bright(observation):
+    return np.full(1, observation["desk"].mean() / 255 - 0.5)
 
 
 if __name__ == "__main__":

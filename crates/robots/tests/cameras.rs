@@ -407,7 +407,10 @@ fn the_axes_of_all_are_those_of_what_the_controller_sees() {
         assert_eq!([has(&blind, axis), has(&seeing, axis)], expected, "{axis}");
     }
     let error = Watcher::new(["hand", "dsk"]).target(&file).err().unwrap();
-    assert!(error.contains("the camera `dsk`, but seen has only desk, model, hand"), "{error}");
+    assert!(
+        error.contains("the camera `dsk`, but seen has only desk, model, hand; did you mean `desk`?"),
+        "{error}"
+    );
     let without = FILE.split("[cameras]").next().unwrap().replace("sight = { object = \"ball\" }", "");
     let error = Watcher::new(["hand", "desk"]).target(&read(folder.path(), &without).unwrap()).err().unwrap();
     assert!(error.contains("the camera `hand`, but seen has no cameras"), "{error}");

@@ -124,8 +124,10 @@ pub enum RolloutError {
     },
     /// A controller asks for an image of a camera that the environment does not have.
     #[error(
-        "the controller sees through the camera `{camera}`, but {environment} has {}",
-        if known.is_empty() { "no cameras".to_string() } else { format!("only {}", known.join(", ")) }
+        "the controller sees through the camera `{camera}`, but {environment} has {}{}",
+        if known.is_empty() { "no cameras".to_string() } else { format!("only {}", known.join(", ")) },
+        mishandle_stl::nearest(camera, known.iter().map(String::as_str))
+            .map_or(String::new(), |near| format!("; did you mean `{near}`?"))
     )]
     NoCamera {
         /// Name of the environment.

@@ -1,16 +1,18 @@
-//! A policy in Python as the controller of a robot that a file describes.
+//! A policy in Python as the controller of a task, or of a robot that a file describes.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 
 use mishandle::plan::AxisSetting;
+use mishandle::resolve::{is_target_file, preset as task_preset, robot_file, task};
 use mishandle::rollout::{
-    Component, Controller, ControllerWorker, Episode, EpisodeEnd, Identity, Noise, Request, RolloutError,
-    Seed, Space, Specification, System, SystemFactory,
+    Component, Controller, ControllerWorker, Episode, EpisodeEnd, Identity, Image, Noise, Request,
+    RolloutError, Seed, Space, Specification, System, SystemFactory,
 };
 use mishandle::store::ComponentRecord;
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::tasks::TaskTarget;
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -22,26 +24,38 @@ use crate::{InvalidValueError, raised};
 /// Number of simulations that the policy acts in at once: as many as a thread steps together.
 const ROWS: usize = 16;
 
-/// Returns the name of a robot, and the lengths of its observations and actions.
+/// Returns the name of a task or of the robot of a file, and the lengths of observations and
+/// actions.
 #[pyfunction]
-pub fn robot_facts(py: Python<'_>, path: &str) -> PyResult<(String, usize, usize)> {
-    let robot = py.detach(|| mishandle::resolve::robot_file(&Plan::new(path, ""))).map_err(raised)?;
-    Ok((robot.name().to_string(), robot.observation_size(), robot.actions()))
+pub fn policy_interface(py: Python<'_>, target: &str) -> PyResult<(String, usize, usize)> {
+    py.detach(|| interface(target)).map_err(raised)
+}
+
+fn interface(target: &str) -> Result<(String, usize, usize), MishandleError> {
+    if is_target_file(target) {
+        let robot = robot_file(&Plan::new(target, ""))?;
+        return Ok((robot.name().to_string(), robot.observation_size(), robot.actions()));
+    }
+    let layout = task(target)?.definition().layout();
+    Ok((target.to_string(), layout.observation_size(), layout.action_size()))
 }
 
 /// A policy in Python: its name, its hash, and what the hash does not cover.
 type Identified = (String, String, Vec<String>);
 
-/// Returns the target of a robot with a policy. `policy` has the method `act(observations, rows,
-/// is_start)`, which returns one action per row, or `None` after an exception that it has kept. The
-/// attribute `has_timed_out` says whether that was a time limit.
+/// Returns a task, or the robot of a file, with a policy that sees `images`: name of the camera,
+/// width and height. `policy` has the method `act(observations, images, rows, is_start)`, which
+/// returns one action per row, or `None` after an exception that it has kept. The attribute
+/// `has_timed_out` says whether that was a time limit.
 #[pyfunction]
-#[pyo3(signature = (path, policy, *, name, identified, space, axes, noise, versions, is_deterministic))]
+#[pyo3(signature = (target, policy, *, images, preset, name, identified, space, axes, noise, versions, is_deterministic))]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-pub fn robot_target(
+pub fn policy_target(
     py: Python<'_>,
-    path: &str,
+    target: &str,
     policy: Py<PyAny>,
+    images: Vec<(String, usize, usize)>,
+    preset: &str,
     name: String,
     identified: Identified,
     space: &str,
@@ -65,15 +79,21 @@ pub fn robot_target(
     let axes: BTreeMap<String, AxisSetting> =
         axes.into_iter().map(|(name, setting)| (name, setting.into())).collect();
     let made = || {
-        let robot = mishandle::resolve::robot_file(&Plan::new(path, ""))?;
+        let (_, observation_size, action_size) = interface(target)?;
+        let image = |(camera, width, height)| Image { camera, width, height };
         let shared = Arc::new(Shared {
             policy,
+            images: images.into_iter().map(image).collect(),
             pending: pending.clone(),
             has_failed: AtomicBool::new(false),
-            sizes: (robot.observation_size(), robot.actions()),
+            sizes: (observation_size, action_size),
         });
-        let controller = Arc::new(PythonPolicy(shared.clone()));
-        let mut target = robot.target((controller, vec![component("policy", policy_name, hash)]), noise)?;
+        let controller: Arc<dyn Controller> = Arc::new(PythonPolicy(shared.clone()));
+        let controller = (controller, vec![component("policy", policy_name, hash)]);
+        let mut target = match is_target_file(target) {
+            true => robot_file(&Plan::new(target, ""))?.target(controller, noise)?,
+            false => TaskTarget::new(task(target)?, task_preset(preset)?, controller, noise)?.target()?,
+        };
         let uncovered = not_covered.into_iter();
         target
             .components
@@ -87,7 +107,7 @@ pub fn robot_target(
         target.factory = Arc::new(move |space: &Space, specification: &Specification| {
             // Reports now what a simulation would report.
             inner(space, specification)?;
-            Ok(Box::new(RobotSystem {
+            Ok(Box::new(PolicySystem {
                 space: space.clone(),
                 specification: specification.clone(),
                 factory: inner.clone(),
@@ -104,7 +124,7 @@ pub fn robot_target(
         };
         // Checks the space and the settings, which the axes then have.
         let ResolvedPlan { target, space, plan, .. } = ResolvedPlan::with_target(&plan, target)?;
-        Ok::<_, mishandle::MishandleError>((target, space, plan))
+        Ok::<_, MishandleError>((target, space, plan))
     };
     let (target, space, plan) = py.detach(made).map_err(raised)?;
     Ok(PyTarget::of_parts(target, plan, space, pending))
@@ -113,6 +133,8 @@ pub fn robot_target(
 /// The parts that the systems of a target share.
 struct Shared {
     policy: Py<PyAny>,
+    /// Images that the policy gets.
+    images: Vec<Image>,
     pending: Pending,
     /// Whether the policy raised an exception in the running simulations.
     has_failed: AtomicBool,
@@ -132,8 +154,12 @@ impl Controller for PythonPolicy {
         self.0.sizes.1
     }
 
+    fn sees(&self) -> &[Image] {
+        &self.0.images
+    }
+
     fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Worker { shared: self.0.clone(), is_start: true })
+        Box::new(Worker { shared: self.0.clone(), is_start: true, images: Vec::new() })
     }
 }
 
@@ -141,6 +167,8 @@ struct Worker {
     shared: Arc<Shared>,
     /// Whether the next actions are the first ones of their episodes.
     is_start: bool,
+    /// Images of all rows.
+    images: Vec<u8>,
 }
 
 impl ControllerWorker for Worker {
@@ -148,12 +176,18 @@ impl ControllerWorker for Worker {
         self.is_start = true;
     }
 
+    fn look(&mut self, _rows: usize, images: &[u8]) {
+        self.images.clear();
+        self.images.extend_from_slice(images);
+    }
+
     fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
         let is_start = std::mem::take(&mut self.is_start);
         if self.shared.has_failed.load(Ordering::Relaxed) {
             return actions.fill(f32::NAN);
         }
-        let acted = Python::attach(|py| self.shared.act(py, (rows, is_start), observations, actions));
+        let seen = (observations, &self.images[..]);
+        let acted = Python::attach(|py| self.shared.act(py, (rows, is_start), seen, actions));
         let has_acted = acted.unwrap_or_else(|exception| {
             keep(&self.shared.pending, exception);
             false
@@ -171,11 +205,20 @@ impl Shared {
         &self,
         py: Python<'_>,
         (rows, is_start): (usize, bool),
-        observations: &[f32],
+        (observations, images): (&[f32], &[u8]),
         actions: &mut [f32],
     ) -> PyResult<bool> {
         let observations = PyArray1::from_slice(py, observations).reshape([rows, self.sizes.0])?;
-        let given = self.policy.call_method1(py, "act", (observations, rows, is_start))?;
+        let mut first = 0;
+        let array = |image: &Image| {
+            let place = first..first + image.bytes();
+            first = place.end;
+            let bytes: Vec<u8> =
+                images.chunks(images.len() / rows).flat_map(|row| &row[place.clone()]).copied().collect();
+            PyArray1::from_vec(py, bytes).reshape([rows, image.height, image.width, 3])
+        };
+        let images = self.images.iter().map(array).collect::<PyResult<Vec<_>>>()?;
+        let given = self.policy.call_method1(py, "act", (observations, images, rows, is_start))?;
         let Some(given) = given.extract::<Option<PyReadonlyArray2<'_, f32>>>(py)? else { return Ok(false) };
         if given.shape() != [rows, self.sizes.1] {
             let message = format!("the actions have the shape {:?}", given.shape());
@@ -187,7 +230,7 @@ impl Shared {
 }
 
 /// Simulates on one thread, so that the rows of a policy stay together.
-struct RobotSystem {
+struct PolicySystem {
     space: Space,
     specification: Specification,
     factory: Arc<SystemFactory>,
@@ -195,7 +238,7 @@ struct RobotSystem {
     shared: Arc<Shared>,
 }
 
-impl System for RobotSystem {
+impl System for PolicySystem {
     fn space(&self) -> &Space {
         &self.space
     }
@@ -222,7 +265,7 @@ impl System for RobotSystem {
     }
 }
 
-impl RobotSystem {
+impl PolicySystem {
     /// Returns whether the last exception of the policy was a time limit.
     fn has_timed_out(&self) -> Result<bool, RolloutError> {
         Python::attach(|py| {
