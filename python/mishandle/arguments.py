@@ -8,6 +8,8 @@ import numbers
 import os
 from collections.abc import Iterable, Mapping, Sequence
 
+from typing import Any
+
 from typing_extensions import TypeGuard
 
 from mishandle.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, parse_path
@@ -25,19 +27,27 @@ def check_applicable(given: Mapping[str, object], applicable: Sequence[str], kin
             raise InvalidTypeError(f"the argument `{name}` has no effect on {kind}; leave it out")
 
 
-def check_cameras(cameras: Sequence[str]) -> Sequence[str]:
+def checked_cameras(cameras: object) -> list[str]:
     """Checks the names of cameras, and returns them."""
-    if isinstance(cameras, str) or not all(isinstance(name, str) for name in cameras):
+    names: list[Any] = list(cameras) if isinstance(cameras, Iterable) and not isinstance(cameras, str) else [None]
+    if not all(isinstance(name, str) for name in names):
         raise InvalidTypeError(f"cameras is {cameras!r}; expected a list of names, such as ['over', 'wrist']")
-    return cameras
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidValueError(f"the camera `{name}` is named twice")
+    return names
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
 def checked_size(name: str, size: object) -> tuple[int, int]:
     """Checks the size of an image, and returns its width and its height."""
     sides = list(size) if isinstance(size, (tuple, list)) else []
-    if len(sides) != 2 or not all(isinstance(side, int) and 1 <= side <= 1024 for side in sides):
+    if len(sides) != 2 or not all(_is_whole(side) and 1 <= side <= 1024 for side in sides):
         raise InvalidValueError(f"{name} is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)")
-    return sides[0], sides[1]
+    return int(sides[0]), int(sides[1])
 
 
 def check_steps(steps: object) -> None:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 
 from mishandle import _native, results
-from mishandle.arguments import check_cameras, check_number, checked_size, check_settings, is_real
+from mishandle.arguments import checked_cameras, check_number, checked_size, check_settings, is_real
 from mishandle.documents import read
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.files import PathLike
@@ -101,7 +101,7 @@ def record(
     check_settings(given)
     check_number("episodes", episodes, 1)
     check_number("seed", seed, 0)
-    check_cameras(cameras)
+    cameras = checked_cameras(cameras)
     sides = checked_size("size", size)
     if not is_real(archive_share):
         raise InvalidTypeError(f"archive_share is {archive_share!r}; it must be a number from 0 to 1")
@@ -118,7 +118,7 @@ def record(
         episodes=int(episodes),
         format=format,
         relabel=None if relabel is None else os.fspath(relabel),
-        cameras=list(cameras),
+        cameras=cameras,
         size=list(sides),
         only_successful=successful,
         archive=None if archive is None else os.fspath(archive),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mishandle import _native
 from mishandle.applications import PolicyArguments
 from mishandle.axes import Axis
+from mishandle.controllers import Controller
 from mishandle.errors import InvalidScenario, InvalidTypeError, InvalidValueError
 from mishandle.fault_lines import Disturbed, FaultLine
 from mishandle.fingerprints import walk
@@ -291,6 +292,24 @@ def _takes_seed(function: Callable[..., Any]) -> bool:
     return any(parameter.name == "seed" for parameter in parameters)
 
 
+def _one_per_row(given: Any, rows: int) -> NDArray[np.float32]:
+    """Returns the actions of a batch. Rows in another dimension are an error: they would be another policy."""
+    actions = np.array(given, dtype=np.float32)
+    if len(np.atleast_1d(actions)) != rows and (rows > 1 or actions.ndim > 1):
+        raise InvalidValueError(f"the policy returned the shape {actions.shape} for a batch of {rows}; expected one action per row")
+    return actions.reshape(rows, -1)
+
+
+def _check_sees(controller: Controller, images: Sequence[tuple[str, int, int]]) -> None:
+    """Checks that a controller gets the images that it needs."""
+    given = {camera: (height, width, 3) for camera, width, height in images}
+    if any(given.get(camera) != shape for camera, shape in controller.images):
+        cameras = [camera for camera, _ in controller.images]
+        (height, width, _), *others = {shape for _, shape in controller.images}
+        size = f", image_size={(width, height)}" if not others else ""
+        raise InvalidValueError(f"the controller {controller.name} needs cameras={cameras}{size}")
+
+
 class CoreSystem(System):
     """A task, or a robot that a file describes, with a policy in Python that may see. The Rust core simulates it and requests the
     actions of up to 16 simulations at once. ``images`` are names of cameras, widths and heights."""
@@ -298,6 +317,10 @@ class CoreSystem(System):
     def __init__(self, target: str, policy: Any, batched_policy: bool, images: Sequence[tuple[str, int, int]]) -> None:
         self.name, observation_size, self._action_size = _native.policy_interface(target)
         self.images = images
+        if any(camera == "state" for camera, *_ in images):
+            raise InvalidValueError("a policy in Python cannot see through a camera `state`: this is the key of the other observations")
+        if isinstance(policy, Controller):
+            _check_sees(policy, images)
         seen = {camera: Box(0, 255, (height, width, 3), np.uint8) for camera, width, height in images}
         state = Box(-np.inf, np.inf, (observation_size,))
         spaces = (Dict({"state": state, **seen}) if seen else state, Box(-np.inf, np.inf, (self._action_size,)))
@@ -315,13 +338,13 @@ class CoreSystem(System):
         try:
             if is_start:
                 self._policy.reset(rows)
-            actions = np.array(self._policy.act(seen, rows), dtype=np.float32)
+            actions = _one_per_row(self._policy.act(seen, rows), rows)
             if actions.size != rows * self._action_size:
                 raise InvalidValueError(
                     f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; {self.name} takes "
                     f"{self._action_size} for each"
                 )
-            return actions.reshape(rows, self._action_size)
+            return actions
         except (Exception, TimeLimitExceeded) as error:
             self.has_timed_out = isinstance(error, TimeLimitExceeded)
             self.keep_exception()
@@ -343,6 +366,8 @@ class TaskSystem(System):
         space: Sequence[Axis] = (),
     ) -> None:
         check_time_limit(time_limit)
+        if isinstance(policy, Controller):
+            _check_sees(policy, [])
         self._time_limit = time_limit
         self._arguments = (task, policy, preset, rows, batched_policy, time_limit, space)
         self._rows = rows
@@ -433,7 +458,7 @@ class TaskSystem(System):
             try:
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
-                actions = np.array(given, dtype=np.float32).reshape(rows, -1)
+                actions = _one_per_row(given, rows)
             except TimeLimitExceeded as error:
                 reason = self.keep_reason(error)
                 reasons = [reason if end is None else "" for end in ends]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mishandle import _native, results
 from mishandle.arguments import (
     check_applicable,
-    check_cameras,
+    checked_cameras,
     check_period,
     check_settings,
     check_space,
@@ -258,9 +258,13 @@ def make_target(
         return _task_in_space(system, formula, space, options, check)
     if isinstance(system, str):
         check_applicable(options, TASK_OPTIONS, "a task")
-        if isinstance(policy, str):
-            is_path = "/" in policy or policy.endswith(".safetensors")
-            policy = load_controller(policy if is_path else f"{system}/{policy}")
+        if isinstance(policy, (str, pathlib.Path)):
+            is_path = "/" in os.fspath(policy) or os.fspath(policy).endswith(".safetensors")
+            controller = load_controller(policy if is_path else f"{system}/{policy}")
+            if controller.images:
+                # The Rust core draws what it sees.
+                return _task_in_space(system, formula, "starts", options, check)
+            policy = controller if isinstance(policy, str) else policy
         system = TaskSystem(
             system,
             policy,
@@ -480,7 +484,10 @@ def _in_core(
     policy, version = options["policy"], options.get("version")
     if isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(f"`cameras` are those of a policy in Python; {os.fspath(policy)} says itself what it sees: leave them out")
-    cameras, size = check_cameras(options.get("cameras", ())), checked_size("image_size", options.get("image_size", (64, 64)))
+    cameras = checked_cameras(options.get("cameras", ()))
+    if "image_size" in options and not cameras:
+        raise InvalidTypeError("the argument `image_size` has no effect without `cameras`; leave it out")
+    size = checked_size("image_size", options.get("image_size", (64, 64)))
     images = [(camera, *size) for camera in cameras]
     system = CoreSystem(target, policy, options.get("batched_policy", False), images)
     given = [f"{name} {digest}" for name, digest in file_hashes(options.get("files", ()))]
@@ -514,6 +521,7 @@ def _in_core(
     first, second = (_native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0] for _ in range(2))
     if system.exceptions:
         raise InvalidStateError(f"the nominal scenario raised an exception:\n{system.exceptions[0]}")
+    _warn_of_nominal([name for name, _ in native.signals], dict(zip([axis[0] for axis in native.axes], nominal)), first["samples"], first["end"])
     is_deterministic = first["end"] == second["end"] and np.array_equal(first["samples"], second["samples"], equal_nan=True)
     if not is_deterministic:
         warnings.warn(
@@ -542,7 +550,7 @@ def _task_in_space(
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
             f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
-            "space to test another policy from the initial states"
+            "space to test another policy from the initial states, or give a policy that sees its `cameras`"
         )
     noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
     preset = options.get("preset", "paper")
@@ -632,7 +640,7 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     for each in (system, other):
         if each.exceptions:
             raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
-    _warn_of_nominal(system, nominal, first)
+    _warn_of_nominal([name for name, _ in system.signals], nominal, first.samples, first.end)
     if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):
@@ -642,15 +650,14 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     return float(np.nanmax(np.abs(first.samples - second.samples)))
 
 
-def _warn_of_nominal(system: System, nominal: Scenario, outcome: Outcome) -> None:
+def _warn_of_nominal(signals: Sequence[str], nominal: Mapping[str, Any], samples: NDArray[np.float64], end: str) -> None:
     """Warns of a nominal scenario without a verdict: probably most scenarios will have none."""
-    bad = np.argwhere(~np.isfinite(outcome.samples))
+    bad = np.argwhere(~np.isfinite(samples))
     if len(bad) > 0:
         sample, signal = bad[0]
-        value = outcome.samples[sample, signal]
-        problem = f"the signal `{system.signals[signal][0]}` is {value} at sample {sample}"
-    elif outcome.end in ("completed", "terminated"):
+        problem = f"the signal `{signals[signal]}` is {samples[sample, signal]} at sample {sample}"
+    elif end in ("completed", "terminated"):
         return
     else:
-        problem = f"the simulation ends as {outcome.end!r}"
+        problem = f"the simulation ends as {end!r}"
     warnings.warn(f"the nominal scenario {nominal} has no verdict: {problem}", stacklevel=5)

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from mishandle import _native
-from mishandle.arguments import check_cameras, checked_size
+from mishandle.arguments import checked_cameras, checked_size
 from mishandle.axes import Axis
 from mishandle.errors import InvalidStateError, InvalidValueError
 
@@ -72,7 +72,7 @@ class _Eyes:
     """The cameras of a task in its observation."""
 
     def __init__(self, task: str, names: Sequence[str], size: tuple[int, int]) -> None:
-        self._names = list(check_cameras(names))
+        self._names = checked_cameras(names)
         width, height = checked_size("image_size", size)
         self._native = _native.TaskCameras(task, self._names, width, height)
         self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}

@@ -5,6 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use mishandle::controllers::ControllerFile;
 use mishandle::interchange::onnx_bytes;
+use mishandle::resolve::is_onnx;
+use mishandle::shipped::ShippedFile;
 
 use mishandle::rollout::{Controller, ControllerWorker, Image, Seed};
 use numpy::ndarray::Axis;
@@ -54,8 +56,8 @@ impl PyController {
         }
     }
 
-    fn onnx(name: &str, task: Option<&str>) -> PyResult<PyController> {
-        let policy = mishandle::resolve::onnx_policy(Path::new(name), task).map_err(raised)?;
+    fn onnx(file: &ShippedFile, task: Option<&str>) -> PyResult<PyController> {
+        let policy = mishandle::resolve::onnx_policy(file, task).map_err(raised)?;
         let task = task.or(policy.task()).unwrap_or_default().to_string();
         Ok(Self::of(&policy, task, policy.hash().to_string(), None))
     }
@@ -66,11 +68,15 @@ impl PyController {
     #[new]
     #[pyo3(signature = (name, task=None))]
     fn new(name: &str, task: Option<&str>) -> PyResult<Self> {
-        if mishandle::resolve::is_onnx(Path::new(name)) {
-            return Self::onnx(name, task);
+        let found = mishandle::resolve::find_controller(name).map_err(raised)?;
+        if is_onnx(Path::new(name)) {
+            return Self::onnx(&found, task);
         }
-        let file =
-            mishandle::resolve::find_controller(name).and_then(|found| found.controller()).map_err(raised)?;
+        if is_onnx(found.path()) {
+            // A shipped one: `TASK/NAME`.
+            return Self::onnx(&found, task.or(name.split_once('/').map(|(own, _)| own)));
+        }
+        let file = found.controller().map_err(raised)?;
         if let Some(task) = task.filter(|task| *task != file.header.task) {
             let message = format!("the controller was trained for {}, not for {task}", file.header.task);
             return Err(InvalidValueError::new_err(message));

@@ -112,10 +112,10 @@ class Seeing(unittest.TestCase):
         self.assertEqual(run({}), run({}))
         self.assertNotEqual(run({}), run({"lamp_strength": 0.3}))
 
-    def test_a_task_without_a_named_space_says_how_to_run_it(self):
+    def test_a_task_without_a_named_space_starts_as_in_starts(self):
         seeing(self.path)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, 'sees through cameras of a task; .* space="starts"'):
-            mishandle.evaluate("point-reaching", policy=str(self.path), episodes=1)
+        run = lambda **given: mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2, **given).success_rate
+        self.assertEqual(run(), run(space="starts"))
 
     def test_an_unknown_camera_is_named(self):
         seeing(self.path, camera="ovre")
@@ -210,6 +210,20 @@ class Seeing(unittest.TestCase):
         self.assertEqual(blind.images, [])
         self.assertEqual(blind({"state": state, "over": image}).tobytes(), blind(state).tobytes())
 
+    def test_a_shipped_policy_that_sees_is_loaded_and_keeps_nan(self):
+        controller = mishandle.load_controller("point-reaching/vision")
+        self.assertEqual([camera for camera, _ in controller.images], ["over", "wrist"])
+        state, images = np.zeros(27), [np.zeros(shape, np.uint8) for _, shape in controller.images]
+        self.assertTrue(np.isfinite(controller(state, images)).all())
+        state[0] = np.nan
+        self.assertTrue(np.isnan(controller(state, images)).any())
+        with self.assertRaisesRegex(mishandle.InvalidValueError, r"needs cameras=\['over', 'wrist'\], image_size=\(64, 64\)"):
+            mishandle.simulate("point-reaching", policy=controller, cameras=["over"])
+        # A model that names cameras which its task lacks.
+        seeing(self.path, camera="ovre")
+        with self.assertRaisesRegex(mishandle.MishandleError, "did you mean `over`"):
+            mishandle.load_controller(self.path, task="point-reaching")
+
     def test_a_policy_in_python_sees_what_an_onnx_policy_sees(self):
         for write, size in ((seeing, (32, 24)), (remembering, (8, 6))):
             write(self.path)
@@ -251,6 +265,27 @@ class Seeing(unittest.TestCase):
         mishandle.falsify(file, **question, **given, resume=True)
         with self.assertRaisesRegex(mishandle.MishandleError, "hash of the target"):
             mishandle.falsify(file, **question, **{**given, "image_size": (12, 9)}, resume=True)
+
+    def test_one_action_for_each_row_is_needed(self):
+        message = r"shape \(9, \d+\) for a batch of \d+; expected one action per row"
+        for count, given in ((len, {}), (lambda observations: len(observations["state"]), {"cameras": ["over"], "image_size": (4, 4)})):
+            policy = lambda observations: np.full((9, count(observations)), 0.1)
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                mishandle.evaluate("point-reaching", policy=policy, batched_policy=True, episodes=4, **given)
+
+    def test_a_nominal_scenario_without_a_verdict_is_a_warning(self):
+        policy = lambda observation: np.full(9, np.nan)
+        with self.assertWarnsRegex(UserWarning, "the nominal scenario .* has no verdict"):
+            mishandle.simulate("point-reaching", policy=policy, cameras=["over"], image_size=(4, 4))
+
+    def test_cameras_are_names_that_differ(self):
+        for cameras in (3, "over", [3], ["over", "over"]):
+            with self.assertRaisesRegex(mishandle.MishandleError, "camera"):
+                mishandle.simulate("point-reaching", policy=bright, cameras=cameras)
+        robot = self.robot()
+        robot.write_text(TARGET.replace("desk", "state"))
+        with self.assertRaisesRegex(mishandle.MishandleError, "camera `state`"):
+            mishandle.simulate(robot, policy=bright, cameras=["state"], image_size=(8, 8))
 
     def test_cameras_without_a_policy_that_gets_images_are_errors(self):
         seeing(self.path)

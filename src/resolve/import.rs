@@ -8,11 +8,12 @@ use mishandle_interchange::{
     ImportOptions, InterchangeError, ObservationNormalizer, OnnxPolicy, TorchProblem, import,
 };
 
+use mishandle_rollout::{Controller, RolloutError};
 use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{is_target_file, robot_file, task};
+use crate::resolve::{camera_names, is_target_file, robot_file, task};
 use crate::shipped::ShippedFile;
 
 /// Imports a policy of Stable-Baselines3, skrl or PyTorch as a controller of the task `task_name`.
@@ -82,18 +83,34 @@ pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleEr
 ///
 /// # Errors
 /// If the task is unknown, the target file is wrong, or the model cannot be used for it.
-pub fn onnx_policy(path: &Path, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
+pub fn onnx_policy(file: &ShippedFile, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
+    let path = file.path();
     if let Some(name) = task_name.filter(|name| is_target_file(name)) {
         let robot = robot_file(&Plan::new(name, ""))?;
-        return Ok(OnnxPolicy::load(path, &[robot.name()], &robot.layout())?);
+        return with_cameras(OnnxPolicy::load(path, &[robot.name()], &robot.layout())?, name);
     }
     if let Some(name) = task_name {
-        return onnx_policy_of(&ShippedFile::Path(path.into()), task(name)?.definition());
+        return with_cameras(onnx_policy_of(file, task(name)?.definition())?, name);
     }
     let own = OnnxPolicy::task_of(path)?;
     match own.and_then(|name| mishandle_tasks::task(&name)) {
-        Some(known) => onnx_policy_of(&ShippedFile::Path(path.into()), known.definition()),
+        Some(known) => {
+            let definition = known.definition();
+            with_cameras(onnx_policy_of(file, definition)?, definition.name)
+        }
         None => Ok(OnnxPolicy::load_with_own_sizes(path)?),
+    }
+}
+
+/// Returns a policy that sees through cameras of the target only.
+fn with_cameras(policy: OnnxPolicy, target: &str) -> Result<OnnxPolicy, MishandleError> {
+    let known = camera_names(target)?;
+    match policy.sees().iter().find(|image| !known.contains(&image.camera)) {
+        Some(image) => {
+            let (environment, camera) = (target.to_string(), image.camera.clone());
+            Err(RolloutError::NoCamera { environment, camera, known }.into())
+        }
+        None => Ok(policy),
     }
 }
 

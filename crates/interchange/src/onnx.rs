@@ -9,6 +9,7 @@
 //! - [`images`]: the inputs that get images of cameras.
 //! - [`interface`]: which input is the observation, which output the action.
 //! - [`meaning`]: operators that the runtime computes in another way than the standard says.
+//! - [`nan`]: operators of the runtime that lose NaN.
 //! - [`names`]: the values that a control step reads and writes.
 //! - [`dry_run`]: computes a model once, with bounds.
 //! - [`order`]: the order in which values are computed.
@@ -40,6 +41,8 @@ mod meaning;
 mod message;
 #[cfg(feature = "onnx")]
 mod names;
+#[cfg(feature = "onnx")]
+mod nan;
 #[cfg(feature = "onnx")]
 mod order;
 #[cfg(feature = "onnx")]

@@ -6,7 +6,7 @@
 
 mod graph;
 
-use graph::{bytes, integer, integers, node, value};
+use graph::{Of, bytes, integer, integers, node, node_with, value, weights};
 use mishandle_controllers::{ControllerFile, Entry, Header, Layout, Policy, TrainingRecord};
 use mishandle_interchange::{OnnxPolicy, onnx_bytes};
 use mishandle_network::{Activation, Mlp};
@@ -183,10 +183,112 @@ fn nested_messages_and_lengths_beyond_the_file_are_errors() {
 /// Loads a model of opset 13 with the input `o` and the output `a`, one number each, these parts of
 /// a graph, and a state.
 fn load(parts: &[Vec<u8>], state: &str) -> Result<OnnxPolicy, mishandle_interchange::OnnxProblem> {
+    load_opset(13, parts, state)
+}
+
+fn load_opset(
+    opset: i64,
+    parts: &[Vec<u8>],
+    state: &str,
+) -> Result<OnnxPolicy, mishandle_interchange::OnnxProblem> {
     let graph = [parts.concat(), value(11, "o", &[1, 1]), value(12, "a", &[1, 1])].concat();
     let state = [bytes(1, b"mishandle.state"), bytes(2, state.as_bytes())].concat();
-    let model = [integer(1, 8), bytes(7, &graph), bytes(8, &integer(2, 13)), bytes(14, &state)].concat();
+    let model = [integer(1, 8), bytes(7, &graph), bytes(8, &integer(2, opset)), bytes(14, &state)].concat();
     OnnxPolicy::from_bytes(&model, None, &["test"], &layout(1, 1))
+}
+
+/// Returns the action of a model without a state.
+fn action_of(policy: &OnnxPolicy, observation: f32) -> f32 {
+    let mut action = [0.0];
+    policy.worker().act(1, &[observation], &mut [], &mut action);
+    action[0]
+}
+
+/// The results of NumPy, by which the ONNX standard defines these operators.
+#[test]
+fn nan_in_an_observation_is_nan_in_the_action() {
+    let one = [
+        "Abs",
+        "Acos",
+        "Asin",
+        "Atan",
+        "Ceil",
+        "Clip",
+        "Cos",
+        "Elu",
+        "Erf",
+        "Exp",
+        "Floor",
+        "HardSigmoid",
+        "HardSwish",
+        "Identity",
+        "LeakyRelu",
+        "Log",
+        "Neg",
+        "Reciprocal",
+        "ReduceL2",
+        "ReduceMax",
+        "ReduceMean",
+        "ReduceMin",
+        "ReduceProd",
+        "Relu",
+        "Round",
+        "Sigmoid",
+        "Sign",
+        "Sin",
+        "Softmax",
+        "Softplus",
+        "Softsign",
+        "Sqrt",
+        "Tan",
+        "Tanh",
+    ];
+    let two = ["Add", "Div", "Max", "Mean", "Min", "Mul", "Pow", "PRelu", "Sub", "Sum"];
+    let bounds = || weights("low", &[], &[-1.0]).into_iter().chain(weights("high", &[], &[2.0])).collect();
+    let models = one
+        .iter()
+        .map(|name| (*name, vec![node(name, &["o"], &["a"])]))
+        .chain(two.iter().map(|name| (*name, vec![bounds(), node(name, &["o", "high"], &["a"])])))
+        .chain([("Clip", vec![bounds(), node("Clip", &["o", "low", "high"], &["a"])])]);
+    let mut lost = Vec::new();
+    for (name, parts) in models {
+        let opset = if name == "HardSwish" { 14 } else { 13 };
+        let policy = load_opset(opset, &parts, "[]").unwrap();
+        if !action_of(&policy, f32::NAN).is_nan() {
+            lost.push(name);
+        }
+    }
+    assert!(lost.is_empty(), "{lost:?}");
+}
+
+#[test]
+fn bounds_are_those_of_the_standard() {
+    let weights = [weights("low", &[], &[-1.0]), weights("high", &[], &[2.0])].concat();
+    let clip = |inputs: &[&str]| load(&[weights.clone(), node("Clip", inputs, &["a"])], "[]").unwrap();
+    let attributes = [("min", Of::Real(-1.0)), ("max", Of::Real(2.0))];
+    let old = load_opset(10, &[node_with("Clip", &["o"], &["a"], &attributes)], "[]").unwrap();
+    let relu = load(&[node("Relu", &["o"], &["a"])], "[]").unwrap();
+    let infinity = f32::INFINITY;
+    for (policy, [low, high]) in [
+        (relu, [0.0, infinity]),
+        (clip(&["o"]), [-infinity, infinity]),
+        (clip(&["o", "low"]), [-1.0, infinity]),
+        (clip(&["o", "", "high"]), [-infinity, 2.0]),
+        (clip(&["o", "low", "high"]), [-1.0, 2.0]),
+        (old, [-1.0, 2.0]),
+    ] {
+        for x in [-infinity, -3.0, -1.0, -0.5, 0.0, 1.5, 2.0, 7.0, infinity] {
+            assert_eq!(action_of(&policy, x), x.max(low).min(high), "{x} between {low} and {high}");
+        }
+    }
+    // The names of values in a model can be those of the bounds.
+    let named = [
+        weights.clone(),
+        node("Clip", &["o", "low", "high"], &["bound of a"]),
+        node("Relu", &["bound of a"], &["bound 0"]),
+        node("Clip", &["bound 0", "low", "high"], &["a"]),
+    ];
+    assert_eq!(action_of(&load(&named, "[]").unwrap(), 5.0), 2.0);
 }
 
 #[test]

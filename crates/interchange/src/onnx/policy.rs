@@ -21,6 +21,7 @@ use super::history::History;
 use super::images::ImageInput;
 use super::interface::Interface;
 use super::names::{Names, check_outputs};
+use super::nan::keep_nan;
 use super::order;
 use crate::{InterchangeError, OnnxProblem};
 
@@ -194,6 +195,7 @@ impl OnnxPolicy {
         let names = Names::new(&proto, &interface)?;
         prepare(&mut proto, &names, expected)?;
         let images = ImageInput::prepare(&mut proto, &names)?;
+        proto.graph.iter_mut().for_each(keep_nan);
         let mut core = Core::new(&proto, &names, (images, places), (&interface, expected))?;
         if let Some((_, layout)) = environment {
             core.sizes.0 = layout.observation_size();

@@ -63,6 +63,7 @@ pub fn node_with(operator: &str, inputs: &[&str], outputs: &[&str], attributes: 
             Of::Numbers(numbers) => {
                 [numbers.iter().flat_map(|n| integer(8, *n)).collect(), integer(20, 7)].concat()
             }
+            Of::Real(number) => [&[2 << 3 | 5][..], &number.to_le_bytes(), &integer(20, 1)].concat(),
             Of::Text(text) => [bytes(4, text.as_bytes()), integer(20, 3)].concat(),
         };
         bytes(5, &[bytes(1, name.as_bytes()), value].concat())
@@ -76,6 +77,7 @@ pub type Attribute<'a> = (&'a str, Of);
 pub enum Of {
     Number(i64),
     Numbers(Vec<i64>),
+    Real(f32),
     Text(&'static str),
 }
 
