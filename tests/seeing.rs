@@ -19,6 +19,7 @@ use mishandle::rollout::{
     Component, Controller, ControllerWorker, Episode, Image, Noise, Request, Scenario, Seed, Space,
 };
 use mishandle::run::{Engine, create_run};
+use mishandle::shipped::ShippedFile;
 use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_tasks::{Preset, TaskTarget, task};
@@ -222,7 +223,8 @@ fn a_policy_that_plays_chunks_acts_as_one_that_gets_every_image() {
         let side =
             format!(r#"{{"task": "point-reaching", "images": [["i", "over"]], "chunk": {play}{own}}}"#);
         write_policy(&path, [9, 6], history, &side);
-        let policy: Arc<dyn Controller> = Arc::new(onnx_policy(&path, None).unwrap());
+        let policy: Arc<dyn Controller> =
+            Arc::new(onnx_policy(&ShippedFile::Path(path.clone()), None).unwrap());
         let (expected, all) = episodes(&policy, true, space, requests);
         let (found, asked) = episodes(&policy, false, space, requests);
         for (index, (a, b)) in expected.iter().zip(&found).enumerate() {
