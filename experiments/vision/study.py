@@ -1,11 +1,12 @@
-"""Measures what breaks policies that see, and writes the tables of README.md.
+"""Measures what breaks policies that see, and writes the tables of docs/notebook/2026-11-28-seeing.md.
 
-    python study.py --episodes 100                  rates in each space of sight, with a control arm
-    python study.py --searches                      searches against random scenarios, at equal budget
+    python study.py --episodes 100          rates in each space of sight, with a control arm
+    python study.py --axes --spaces light --policies cube-stacking/vision --episodes 20
+                                            rates with one axis of the spaces alone
     python study.py --tables
 
 Each line is saved when it is measured, in figures/, and not measured again with the same file of the policy, seed and
-numbers. `MISHANDLE` names the program (default: mishandle).
+number. `MISHANDLE` names the program (default: mishandle).
 """
 
 import argparse
@@ -20,20 +21,18 @@ import tempfile
 HERE = pathlib.Path(__file__).parent
 ROOT = HERE.parent.parent
 FIGURES = HERE / "figures"
-BEGIN, END = "<!-- figures: vision -->", "<!-- end of figures -->"
+PAGE = ROOT / "docs" / "notebook" / "2026-11-28-seeing.md"
+BEGIN, END = "<!-- figures: {} -->", "<!-- end of figures -->"
 SPACES = ["light", "camera", "appearance", "clutter", "image", "faults-camera"]
 TASKS = ["point-reaching", "ball-pushing", "peg-in-hole", "door-opening", "cube-stacking"]
 # Name, task, file.
 POLICIES = [(f"{task}/vision", task, ROOT / "controllers" / task / "vision.onnx") for task in TASKS]
 POLICIES += [(path.stem, "cube-stacking", path) for path in sorted((HERE / "policies").glob("cube-stacking-*.onnx"))]
-SEARCHES = ["random", "portfolio", "cma-es"]
-# Spaces in which the policy succeeds too often for a few random scenarios to be enough.
-SEARCHED = [("cube-stacking/vision", "camera"), ("cube-stacking/vision", "clutter"), ("cube-stacking-light", "light")]
 
 
 def ask(program, *words):
     with tempfile.TemporaryDirectory() as folder:
-        command = [*program, *map(str, words), "--json", "--out", f"{folder}/run.sqlite"]
+        command = [*program, *map(str, words), "--json"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode not in (0, 1):
             raise SystemExit(f"{shlex.join(command)}: {done.stderr}")
@@ -54,7 +53,8 @@ def interval(rate):
     return [rate["value"], rate["low"], rate["high"]]
 
 
-def rates(program, options):
+def policies(options):
+    """The chosen ones: name, task, file, path of the figures, figures of this file."""
     for name, task, file in POLICIES:
         if options.policies and name not in options.policies:
             continue
@@ -63,6 +63,11 @@ def rates(program, options):
         if record.get("sha256", digest) != digest:
             record = {}
         record["sha256"] = digest
+        yield name, task, file, path, record
+
+
+def rates(program, options):
+    for name, task, file, path, record in policies(options):
         for space in options.spaces:
             setting = {"episodes": options.episodes, "seed": options.seed}
             found = record.setdefault("rates", {}).get(space, {})
@@ -82,25 +87,34 @@ def rates(program, options):
             print(name, space, record["rates"][space], flush=True)
 
 
-def searches(program, options):
-    files = {name: (task, file) for name, task, file in POLICIES}
-    for name, space in SEARCHED:
-        task, file = files[name]
-        path, record = known(name)
-        for search in SEARCHES:
-            setting = {"trials": options.trials, "budget": options.budget, "seed": options.seed}
-            found = record.setdefault("searches", {}).setdefault(space, {}).get(search, {})
-            if {key: found.get(key) for key in setting} == setting:
-                continue
-            result = ask(
-                program, "falsify", task, "--controller", file, "--space", f"starts+{space}", "--search", search,
-                "--trials", options.trials, "--budget", options.budget, "--seed", options.seed,
-            )
-            record["searches"][space][search] = setting | {
-                key: result[key] for key in ["falsified_trials", "median_simulations", "restricted_mean_simulations"]
-            }
-            save(path, record)
-            print(name, space, search, record["searches"][space][search], flush=True)
+def axes(program, options):
+    """Each axis alone, over the whole of its range, from the starts of the rates."""
+    for name, task, file, path, record in policies(options):
+        of_starts = {axis["name"] for axis in facts(program, task, file, "starts")}
+        for space in options.spaces:
+            for axis in facts(program, task, file, f"starts+{space}"):
+                setting = {"episodes": options.episodes, "seed": options.seed}
+                found = record.setdefault("axes", {}).setdefault(space, {}).get(axis["name"], {})
+                if axis["name"] in of_starts or {key: found.get(key) for key in setting} == setting:
+                    continue
+                try:
+                    result = ask(
+                        program, "evaluate", task, "--controller", file, "--space", "starts",
+                        "--axis", f"{axis['name']}={axis['low']}:{axis['high']}", "--no-control",
+                        "--episodes", options.episodes, "--seed", options.seed,
+                    )
+                except SystemExit as error:
+                    # Such as the place of a second lamp of strength 0.
+                    if "has no effect" not in str(error):
+                        raise
+                    continue
+                record["axes"][space][axis["name"]] = setting | {"success": interval(result["success_rate"])}
+                save(path, record)
+                print(name, axis["name"], record["axes"][space][axis["name"]]["success"], flush=True)
+
+
+def facts(program, task, file, space):
+    return ask(program, "simulate", task, "--controller", file, "--space", space)["space_axes"]
 
 
 def percent(values, sign=""):
@@ -108,13 +122,38 @@ def percent(values, sign=""):
     return f"{value:{sign}.1f} [{low:{sign}.1f}, {high:{sign}.1f}]"
 
 
-def tables():
+def rate_table():
     lines = ["| policy | space | n | success, % | control arm, % | difference, % |", "|---|---|--:|--:|--:|--:|"]
     for name, _, _ in POLICIES:
-        for space, found in known(name)[1].get("rates", {}).items():
+        measured = known(name)[1].get("rates", {})
+        for space in filter(measured.get, SPACES):
+            found = measured[space]
             cells = [percent(found["success"]), percent(found["control"]), percent(found["difference"], "+")]
             lines.append(f"| `{name}` | `{space}` | {found['episodes']} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    return lines
+
+
+def axis_table():
+    """The axes with a failure, the worst first."""
+    lines = ["| policy | space | n | success with one axis alone, % | axes without a failure |", "|---|---|--:|---|--:|"]
+    for name, _, _ in POLICIES:
+        for space, measured in known(name)[1].get("axes", {}).items():
+            worst = sorted(measured.items(), key=lambda item: item[1]["success"][0])
+            broken = [f"`{axis}` {100 * found['success'][0]:.0f}" for axis, found in worst if found["success"][0] < 1]
+            count = len(measured) - len(broken)
+            episodes = {found["episodes"] for found in measured.values()}
+            numbers = ", ".join(map(str, sorted(episodes)))
+            lines.append(f"| `{name}` | `{space}` | {numbers} | {', '.join(broken) or '-'} | {count} of {len(measured)} |")
+    return lines
+
+
+def write(name, lines):
+    text = PAGE.read_text()
+    before, begin, rest = text.partition(BEGIN.format(name))
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise SystemExit(f"{PAGE} lacks {BEGIN.format(name)} or {END}")
+    PAGE.write_text("\n".join([before + begin, *lines, end + after]))
 
 
 def main():
@@ -122,22 +161,16 @@ def main():
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--spaces", nargs="+", default=SPACES, choices=SPACES)
     parser.add_argument("--policies", nargs="+", metavar="NAME", choices=[name for name, _, _ in POLICIES])
-    parser.add_argument("--searches", action="store_true", help="run the searches instead of the rates")
-    parser.add_argument("--trials", type=int, default=20)
-    parser.add_argument("--budget", type=int, default=60)
     parser.add_argument("--seed", type=int, default=77)
-    parser.add_argument("--tables", action="store_true", help="write the tables of README.md")
+    parser.add_argument("--axes", action="store_true", help="measure each axis alone instead of the spaces")
+    parser.add_argument("--tables", action="store_true", help="write the tables of the page, and measure nothing")
     options = parser.parse_args()
     program = shlex.split(os.environ.get("MISHANDLE", "mishandle"))
     if options.tables:
-        readme = HERE / "README.md"
-        before, begin, rest = readme.read_text().partition(BEGIN)
-        _, end, after = rest.partition(END)
-        if not (begin and end):
-            raise SystemExit(f"{readme} lacks {BEGIN} or {END}")
-        readme.write_text(f"{before}{BEGIN}\n{tables()}\n{END}{after}")
-    elif options.searches:
-        searches(program, options)
+        write("spaces", rate_table())
+        write("axes", axis_table())
+    elif options.axes:
+        axes(program, options)
     else:
         rates(program, options)
 
