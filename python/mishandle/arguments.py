@@ -38,7 +38,7 @@ def checked_cameras(cameras: object) -> list[str]:
     return names
 
 
-def _is_whole(value: object) -> bool:
+def _is_whole(value: object) -> TypeGuard[int]:
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
@@ -52,7 +52,7 @@ def checked_size(name: str, size: object) -> tuple[int, int]:
 
 def check_steps(steps: object) -> None:
     """Checks the number of control steps."""
-    if steps is not None and (not isinstance(steps, numbers.Integral) or isinstance(steps, bool) or steps < 1):
+    if steps is not None and (not _is_whole(steps) or steps < 1):
         raise InvalidValueError(f"steps is {steps!r}; it must be a whole number of at least 1")
 
 
@@ -105,7 +105,7 @@ def check_number(name: str, value: object, least: int, most: int = 2**64 - 1) ->
         ...
     mishandle.errors.InvalidValueError: batch is 0; it must be a whole number from 1 to 18446744073709551615
     """
-    if not isinstance(value, numbers.Integral) or isinstance(value, bool) or not least <= int(value) <= most:
+    if not _is_whole(value) or not least <= int(value) <= most:
         raise InvalidValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")
 
 
