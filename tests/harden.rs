@@ -11,8 +11,11 @@ use std::path::{Path, PathBuf};
 use mishandle::Plan;
 use mishandle::controllers::ControllerFile;
 use mishandle::counterexample::{Counterexample, suite_files};
-use mishandle::harden::{HardenProgress, build_differences, finished, harden, harden_folder, resume};
+use mishandle::harden::{
+    FinalRun, HardenProgress, build_differences, final_runs, finished, harden, harden_folder, resume,
+};
 use mishandle::plan::{AxisSetting, HardenPlan};
+use mishandle::resolve::recorded_plan;
 use mishandle::run::Opening;
 use mishandle::store::{IfExists, RunFile, RunWriter};
 
@@ -190,6 +193,17 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     // Training draws given scenarios of the searches only.
     let archive = std::fs::read_to_string(harden_folder(&out).join("round-1/failures/archive.csv")).unwrap();
     assert_eq!(archive.lines().next().unwrap().split(',').next(), Some("weight"));
+
+    // The final runs name the controllers of a folder that was moved.
+    let moved = home.path().join("moved.harden");
+    std::fs::rename(harden_folder(&out), &moved).unwrap();
+    let runs = final_runs(&moved, &whole);
+    assert_eq!(runs.len(), 1 + usize::from(whole.after.is_some()));
+    for FinalRun { run, controller } in runs {
+        let run = RunFile::open(&run).unwrap();
+        assert!(recorded_plan(run.header(), None).is_err(), "the path in the run");
+        recorded_plan(run.header(), Some(path(&controller).as_str())).unwrap();
+    }
 }
 
 #[test]

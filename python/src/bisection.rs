@@ -68,7 +68,7 @@ pub fn bisection_report(
     py.detach(|| {
         let evidence = BisectionEvidence::collect(&found, violated, |path| -> Result<_, Error> {
             let run = RunFile::open(path)?;
-            let report = run_report(&run, probes, sensitivity)?;
+            let report = run_report(&run, None, probes, sensitivity)?;
             Ok(Some((run, report)))
         });
         Ok(bisection_page(&found, &evidence?.unwrap_or_default()))

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::harden::{HardenProgress, final_runs, finished, harden_folder, resume_plan};
+use mishandle::harden::{FinalRun, HardenProgress, final_runs, finished, harden_folder, resume_plan};
 use mishandle::plan::{GuardPlan, HardenPlan};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, Plan};
@@ -98,8 +98,10 @@ pub fn hardening_report(
         InvalidStateError::new_err("the hardening is not finished; continue it with `resume=True`")
     })?;
     let made = || -> Result<String, Error> {
-        let runs = final_runs(&folder);
-        let reports = runs.iter().map(|path| run_report(&RunFile::open(path)?, probes, sensitivity));
+        let runs = final_runs(&folder, &found);
+        let reports = runs.iter().map(|FinalRun { run, controller }| {
+            run_report(&RunFile::open(run)?, Some(&controller.to_string_lossy()), probes, sensitivity)
+        });
         let failures = match probes {
             None => HardenedModes::skipped("`simulate` is False"),
             Some(_) => HardenedModes::simulate(&folder, &found, || false).unwrap_or_default(),

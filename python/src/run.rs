@@ -149,7 +149,7 @@ impl PyRun {
     fn report(&self, py: Python<'_>, probes: Option<u32>, sensitivity: u32) -> PyResult<String> {
         py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-            let report = run_report(&run, probes, sensitivity)?;
+            let report = run_report(&run, None, probes, sensitivity)?;
             Ok(page(&[report]))
         })
         .map_err(|error: MishandleError| raised(error))
@@ -159,14 +159,14 @@ impl PyRun {
 /// Returns the report of a run. Without `probes`, nothing is simulated.
 pub(crate) fn run_report(
     run: &RunFile,
+    controller: Option<&str>,
     probes: Option<u32>,
     sensitivity: u32,
 ) -> Result<RunReport, MishandleError> {
     let mut report = RunReport::load(run, &run.path().to_string_lossy())?;
     let measured = match probes {
-        Some(probes) => {
-            report.measure(run, None, Samples { probes, sensitivity }, |_, _| ControlFlow::Continue(()))?
-        }
+        Some(probes) => report
+            .measure(run, controller, Samples { probes, sensitivity }, |_, _| ControlFlow::Continue(()))?,
         None => Measurement::Skipped { reason: "simulate=False was given".to_string() },
     };
     if let Measurement::Skipped { reason } = &measured {

@@ -196,12 +196,24 @@ pub fn plan_file(folder: &Path) -> PathBuf {
     folder.join(folder::PLAN)
 }
 
-/// Returns the run files of the final comparison with failures to look at: of random scenarios in
-/// the space, before and after.
-pub fn final_runs(folder: &Path) -> Vec<PathBuf> {
+/// A run of the final comparison.
+pub struct FinalRun {
+    /// Run file.
+    pub run: PathBuf,
+    /// Present path of its controller: the run names the path at which the folder was made.
+    pub controller: PathBuf,
+}
+
+/// Returns the runs of the final comparison with failures to look at: of random scenarios in the
+/// space, before and after.
+pub fn final_runs(folder: &Path, found: &Hardening) -> Vec<FinalRun> {
     let folder = Folder::at(folder);
-    let path = |name: &str| measure::path_of(&folder.of_final(name), "space");
-    ["before", "after"].map(path).into_iter().filter(|path| path.exists()).collect()
+    let run = |name: &str| measure::path_of(&folder.of_final(name), "space");
+    let before = FinalRun { run: run("before"), controller: folder.before() };
+    let accepted = found.rounds.iter().rev().find(|round| round.accepted);
+    let after =
+        accepted.map(|round| FinalRun { run: run("after"), controller: folder.candidate(round.number) });
+    [Some(before), after].into_iter().flatten().collect()
 }
 
 /// Checks that the hardening of a folder has this plan.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
-use mishandle::harden::{final_runs, finished, is_hardening};
+use mishandle::harden::{FinalRun, final_runs, finished, is_hardening};
 use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::store::RunFile;
 use mishandle_report::{
@@ -126,9 +126,10 @@ pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<Hardenin
     };
     let Some(failures) = failures else { return Ok(None) };
     let mut reports = Vec::new();
-    for path in final_runs(folder) {
-        let file = file::read(&path, options.skip_check)?;
-        match report(&file, &path, options).with_context(|| path.display().to_string())? {
+    for FinalRun { run, controller } in final_runs(folder, &found) {
+        let file = file::read(&run, options.skip_check)?;
+        let options = Options { controller: Some(&path_text(&controller)), ..*options };
+        match report(&file, &run, &options).with_context(|| run.display().to_string())? {
             Some(report) => reports.push(report),
             None => return Ok(None),
         }
