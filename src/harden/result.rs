@@ -11,7 +11,7 @@ use mishandle_results::{
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_text::path_text;
 
-use super::decision::{Measure, adjusted, worse};
+use super::decision::{Measure, adjusted, is_better, worse};
 use super::measure::{measure, path_of};
 use super::search::{search, search_files};
 use super::{FINAL, Hardener, Watch};
@@ -268,11 +268,11 @@ fn verdict(
             failure(rates.first)
         )
     });
-    let confirmed = space
-        .is_some_and(|Measure { rates, .. }| rates.second_only > rates.first_only && rates.p_value < 0.05);
-    match (worse, confirmed) {
-        (worse, _) if !worse.is_empty() => format!("Worse: {}. Otherwise {rates}.", worse.join(", ")),
-        (_, true) => format!("Better: {rates}, and no other measure is worse."),
-        (_, false) => format!("The final set does not confirm an improvement: {rates}."),
+    let doubt = format!("The final set does not confirm an improvement: {rates}.");
+    match (worse.is_empty(), is_better(measures)) {
+        (true, true) => format!("Better: {rates}, and no other measure is worse."),
+        (true, false) => doubt,
+        (false, true) => format!("Worse: {}. Otherwise {rates}.", worse.join(", ")),
+        (false, false) => format!("Worse: {}. {doubt}", worse.join(", ")),
     }
 }
