@@ -3,7 +3,7 @@
     pip install scipy==1.17.1 lifelines==0.30.3
     python experiments/paper/recompute.py experiments/paper/results/DATE
 
-The values are those of docs/notebook/2026-11-23-paper. The intervals of DBR and TCT depend on the order of all episodes, so they are
+The values are those of docs/notebook/2026-11-28-paper. The intervals of DBR and TCT depend on the order of all episodes, so they are
 stored in `evaluations.csv` and printed as they are; `mishandle reproduce verify` runs the episodes again.
 """
 

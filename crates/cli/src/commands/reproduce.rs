@@ -42,7 +42,7 @@ pub enum ReproduceCommand {
     /// Show the tables of existing campaigns or results, without simulations
     #[command(after_help = "Examples:
   mishandle reproduce tables runs/falsification
-  mishandle reproduce tables experiments/paper/results/DATE --pages docs/notebook/2026-11-23-paper
+  mishandle reproduce tables experiments/paper/results/DATE --pages docs/notebook/2026-11-28-paper
 
 A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle campaign`
 get the same tables.")]
