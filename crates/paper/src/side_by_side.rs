@@ -15,9 +15,10 @@ pub(crate) fn algorithm(controller: &str) -> (&str, &'static Generation) {
     Generation::of(controller).unwrap_or_else(|| (controller, Generation::of_paper()))
 }
 
-/// A row: runs whose plans differ in the generation of the controller alone.
+/// A row: runs whose plans differ in the generation of the controller alone, and in the numbers of
+/// trials or episodes, which the cells state.
 pub(crate) struct Row<T> {
-    /// Their plan, with the algorithm as the controller.
+    /// The plan of the first of them, with the algorithm as the controller.
     pub plan: Plan,
     /// One for each generation.
     sides: Vec<Side<T>>,
@@ -46,6 +47,18 @@ pub(crate) enum Column<T> {
 pub(crate) struct SideBySide<T> {
     pub rows: Vec<Row<T>>,
     generations: Vec<&'static Generation>,
+}
+
+/// Returns a plan without its numbers of trials and episodes.
+fn without_size(plan: &Plan) -> Plan {
+    let mut plan = plan.clone();
+    if let Some(falsify) = &mut plan.falsify {
+        falsify.trials = 0;
+    }
+    if let Some(evaluate) = &mut plan.evaluate {
+        evaluate.episodes = 0;
+    }
+    plan
 }
 
 impl<T> Row<T> {
@@ -88,7 +101,9 @@ impl<T> SideBySide<T> {
             let plan = Plan { controller: algorithm.to_string(), ..plan.clone() };
             let place = place(generation);
             present[place] = true;
-            let is_free = |row: &&mut Row<T>| row.plan == plan && matches!(row.sides[place], Side::Absent);
+            let is_free = |row: &&mut Row<T>| {
+                matches!(row.sides[place], Side::Absent) && without_size(&row.plan) == without_size(&plan)
+            };
             match rows.iter_mut().find(is_free) {
                 Some(row) => row.sides[place] = side,
                 None => {
@@ -179,6 +194,7 @@ fn place(generation: &Generation) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mishandle::plan::{EvaluatePlan, FalsifyPlan};
 
     fn plan(controller: &str) -> Plan {
         Plan::new("ball-pushing", controller)
@@ -219,6 +235,19 @@ mod tests {
     fn one_generation_is_named_unless_it_is_that_of_the_paper() {
         assert_eq!(table(&["ppo"], &[]).0, ["controller", "n", "paper"]);
         assert_eq!(table(&["ppo-2"], &[]).0, ["controller", "n, second", "paper"]);
+    }
+
+    #[test]
+    fn numbers_of_trials_and_episodes_may_differ() {
+        let of = |name: &str, episodes, trials| Plan {
+            evaluate: Some(EvaluatePlan { episodes, ..EvaluatePlan::default() }),
+            falsify: Some(FalsifyPlan { trials, ..FalsifyPlan::default() }),
+            ..plan(name)
+        };
+        let all = [of("ppo", 1000, 30), of("ppo-2", 100, 5)];
+        let found = SideBySide::new(all.iter().zip(1..), std::iter::empty());
+        let both = found.rows.iter().map(|row| row.all(&GENERATIONS.iter().collect::<Vec<_>>()));
+        assert_eq!(both.collect::<Vec<_>>(), [Some(vec![&1, &2])]);
     }
 
     #[test]

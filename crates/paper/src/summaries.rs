@@ -125,7 +125,8 @@ impl Results {
             campaigns: self.campaigns.iter().map(entry).collect(),
         };
         let path = folder.join(MANIFEST);
-        let text = serde_json::to_string_pretty(&manifest);
+        // Compact: indentation is a third of it.
+        let text = serde_json::to_string(&manifest);
         let text = text.map_err(|error| PaperError::results(&path, &error))?;
         write(&path, (text + "\n").as_bytes())
     }

@@ -200,11 +200,11 @@ fn contradictions_are_errors() {
     let manifest = |from: &'static str, to: &'static str| {
         error(&falsification, "manifest.json", move |text| first(text, from, to))
     };
-    let outside = manifest("\"name\": \"random\"", "\"name\": \"../random\"");
+    let outside = manifest("\"name\":\"random\"", "\"name\":\"../random\"");
     assert!(outside.contains("`../random` is not in the folder"), "{outside}");
-    let twice = manifest("\"name\": \"random\"", "\"name\": \"nelder-mead\"");
+    let twice = manifest("\"name\":\"random\"", "\"name\":\"nelder-mead\"");
     assert!(twice.contains("the manifest lists the run `nelder-mead` twice"), "{twice}");
-    let format = manifest("\"format\": 2", "\"format\": 1");
+    let format = manifest("\"format\":2", "\"format\":1");
     assert!(format.contains("format 1, this program reads format 2"), "{format}");
     let evaluation = results(EVALUATION);
     let name = |run: &RunResults| format!("c/{}.csv", run.facts.name);
