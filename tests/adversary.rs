@@ -1,7 +1,5 @@
 //! Falsification by an adversary: its simulations are recorded as scenarios that replay without it.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 use std::path::Path;
 

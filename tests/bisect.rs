@@ -1,5 +1,4 @@
 //! Bisections that are interrupted and continued.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 use std::path::Path;

@@ -4,8 +4,6 @@
 //!
 //! An intended change of physics, of a search or of a controller requires a new golden file.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::plan::FalsifyPlan;

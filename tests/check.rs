@@ -1,5 +1,4 @@
 //! The requirements of a file, checked on targets in closed form.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 use std::path::Path;

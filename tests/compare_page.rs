@@ -1,8 +1,6 @@
 //! COMPARE.md states facts about Mishandle: names, counts and versions. These tests compare them
 //! with the code, and their messages say what to write.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeSet;
 
 use mishandle::{Plan, ResolvedPlan};

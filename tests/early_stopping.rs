@@ -1,7 +1,5 @@
 //! Early stopping changes neither the points of a search nor the trials that it falsifies.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::plan::FalsifyPlan;

@@ -1,8 +1,6 @@
 //! A run file whose rows were changed and whose hashes were computed again is reported, with the
 //! name of what differs.
 
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 

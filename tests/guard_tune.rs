@@ -1,5 +1,4 @@
 //! The tuning of a guard: its threshold, its scenarios, and its three held-out evaluations.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;

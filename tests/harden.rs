@@ -1,9 +1,5 @@
 //! Hardening: phases that continue after an interruption, and three sets of seeds.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod hardening;
-
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -19,7 +15,7 @@ use mishandle::resolve::recorded_plan;
 use mishandle::run::Opening;
 use mishandle::store::{IfExists, RunFile, RunWriter};
 
-use hardening::{few, in_parts, without_paths};
+use crate::hardening::{few, in_parts, without_paths};
 
 /// A hardening of few simulations. Its training settings differ from those of the shipped
 /// controller in the number of environments only, so that it takes few steps.

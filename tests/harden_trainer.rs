@@ -1,10 +1,6 @@
 //! Hardening with a trainer of the user: a script that hands out finished controllers.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod cart_pole;
-mod hardening;
-
+use crate::cart_pole;
 use std::collections::BTreeSet;
 use std::fs;
 use std::ops::ControlFlow;
@@ -21,7 +17,7 @@ use mishandle::run::Opening;
 use mishandle::{MishandleError, Plan};
 use sha2::{Digest, Sha256};
 
-use hardening::{few, in_parts, without_paths};
+use crate::hardening::{few, in_parts, without_paths};
 
 /// Reads its arguments, notes them, and does what the file `task` says.
 const SCRIPT: &str = r#"

@@ -1,8 +1,6 @@
 //! The simulations that move a counterexample toward nominal count in nothing, and say which axes
 //! cause it.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::plan::FalsifyPlan;

@@ -1,6 +1,5 @@
 //! Runs whose trials continue after their first violation: records, resumption, replay and the
 //! survey of their modes.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;

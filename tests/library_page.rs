@@ -1,8 +1,6 @@
 //! The output in docs/guide/library.md matches the output of its program. `cargo xtask external`
 //! runs the commands of the page.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle::rollout::{Request, Seed};
 use mishandle::{Plan, ResolvedPlan};
 

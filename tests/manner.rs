@@ -1,7 +1,5 @@
 //! The signals of the manner are computed where something reads them, and nowhere else.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::counterexample::Counterexample;

@@ -1,14 +1,10 @@
 //! The images that a policy saw in a simulation, and the pixels on which its action depends.
 
 #![cfg(feature = "onnx")]
-#![allow(clippy::unwrap_used)]
-
-#[path = "../crates/interchange/tests/graph/mod.rs"]
-mod graph;
 
 use std::path::Path;
 
-use graph::{Of, bytes, integer, node, node_with, value, weights};
+use crate::graph::{Of, bytes, integer, node, node_with, value, weights};
 use mishandle::picture::{CameraSettings, policy_views, simulate_states};
 use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Image, Request, Scenario, Seed};

@@ -1,7 +1,5 @@
 //! Every question is asked in one go or in pieces, with the same answer and the same rows.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 use std::path::Path;
 

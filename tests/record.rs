@@ -1,10 +1,6 @@
 //! Recorded demonstrations agree with evaluations, with the environment, and with the controllers.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "../crates/interchange/tests/graph/mod.rs"]
-mod graph;
-
+use crate::graph;
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::path::Path;

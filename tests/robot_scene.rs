@@ -1,7 +1,5 @@
 //! Robots that a file describes: states for pictures, and full records.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 

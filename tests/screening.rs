@@ -1,8 +1,6 @@
 //! A rate from screened simulations is that of the system's own simulations, if the engines agree
 //! or every simulation is repeated.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::falsification::{FalsificationOutcome, ScreenedCounts, TrialOutcome};

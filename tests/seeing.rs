@@ -2,17 +2,13 @@
 //! they do not need are not rendered.
 
 #![cfg(feature = "onnx")]
-#![allow(clippy::unwrap_used)]
-
-#[path = "../crates/interchange/tests/graph/mod.rs"]
-mod graph;
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use graph::seeing_policy;
+use crate::graph::seeing_policy;
 use mishandle::plan::EvaluatePlan;
 use mishandle::resolve::onnx_policy;
 use mishandle::rollout::{

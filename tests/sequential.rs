@@ -1,8 +1,6 @@
 //! Evaluations and comparisons that stop by themselves, and control arms: in one go or in pieces,
 //! with the same rows and the same answer.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 use std::path::Path;
 

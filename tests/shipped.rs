@@ -1,7 +1,5 @@
 //! The files in `controllers/`: each belongs to one generation, by its name and its header.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,5 @@
 //! Records of a robot that a file describes: what changed is named, and its files can move.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 

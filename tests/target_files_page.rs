@@ -1,7 +1,5 @@
 //! The reference of target files lists all functions, and the guide's robot works as it says.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::PathBuf;
 
 fn page(name: &str) -> (PathBuf, String) {

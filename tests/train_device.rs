@@ -1,10 +1,6 @@
 //! Training in worlds of another physics engine. Here that engine is MuJoCo C behind the interface
 //! of the engines.
 
-#![allow(clippy::unwrap_used, reason = "a test")]
-
-mod silent;
-
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,7 +9,7 @@ use mishandle::run::Device;
 use mishandle::train::{Curve, TrainPlan, TrainReport};
 use mishandle::world::CpuDevice;
 
-use silent::Silent;
+use crate::silent::Silent;
 
 const SETTINGS: &str = "
 rollout_steps = 8

@@ -1,10 +1,6 @@
 //! Training and hardening of a robot that a file describes: a pole on a cart.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod cart_pole;
-mod silent;
-
+use crate::cart_pole;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -24,8 +20,8 @@ use mishandle::training::{
 };
 use mishandle::{MishandleError, Plan};
 
-use cart_pole::MODEL;
-use silent::Silent;
+use crate::cart_pole::MODEL;
+use crate::silent::Silent;
 
 const PPO: &str = "
 rollout_steps = 64

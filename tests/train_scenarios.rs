@@ -1,10 +1,6 @@
 //! Training on scenarios: the policy sees and acts as in an evaluation, on the CPU and through the
 //! interface of other engines, and a run that is resumed has the same bits.
 
-#![allow(clippy::unwrap_used)]
-
-mod silent;
-
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -23,7 +19,7 @@ use mishandle_rollout::{
 };
 use mishandle_world::CpuDevice;
 
-use silent::Silent;
+use crate::silent::Silent;
 
 /// A policy that reacts to each entry of the observation, and keeps what it saw.
 struct Recorder {

@@ -1,7 +1,5 @@
 //! Training that starts from a controller: `train --from`.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use std::path::Path;
 
 use mishandle::MishandleError;

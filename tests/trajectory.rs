@@ -1,7 +1,5 @@
 //! State trajectories contain the simulated states.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::inspect::EventKind;

@@ -1,7 +1,5 @@
 //! A variant of a task accepts the controllers of its base task.
 
-#![allow(clippy::unwrap_used)]
-
 use std::borrow::Cow;
 use std::sync::{Arc, LazyLock, Once};
 

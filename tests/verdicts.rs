@@ -1,7 +1,5 @@
 //! Where a robustness is 0, every command counts the Boolean verdict.
 
-#![allow(clippy::unwrap_used)]
-
 use std::ops::ControlFlow;
 
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan};

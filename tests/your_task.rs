@@ -1,7 +1,6 @@
 //! Every command accepts a task outside the benchmark: the one of `examples/your_task`.
 
-#![allow(clippy::unwrap_used)]
-
+use crate::cube_flipping;
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
@@ -10,9 +9,6 @@ use std::sync::Once;
 use mishandle::store::RunFile;
 use mishandle::train::TrainPlan;
 use mishandle::training::AlgorithmSettings;
-
-#[path = "../examples/your_task/cube_flipping.rs"]
-mod cube_flipping;
 
 /// Registers the task once for all tests.
 fn add_task() {

@@ -1,97 +1,126 @@
-//! `cargo xtask test`: runs the steps of CI in order and stops at the first failure.
+//! `cargo xtask test`: runs the steps in order and stops at the first failure. With `--all` it runs
+//! more of each step, and steps that few changes need; CI does that.
 
+use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
-use crate::process::{as_typed, cargo, run};
-use crate::{clients, deny, monitor, mujoco, readme, tidy};
+use crate::process::{as_typed, cargo, linted, run};
+use crate::{budget, clients, demo, deny, monitor, mujoco, readme, tidy};
+
+/// How much is tested.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// The checks that every change needs, in minutes.
+    Usual,
+    /// Everything, long tests and large packages included.
+    All,
+}
 
 struct Step {
     name: &'static str,
-    action: Action,
+    /// The smallest extent with this step.
+    from: Extent,
+    action: fn(&Path, Extent) -> Result<()>,
 }
 
-enum Action {
-    /// Arguments of `cargo`.
-    Cargo(&'static [&'static str]),
-    /// Another chore.
-    Chore(fn(&Path) -> Result<()>),
-}
-
-/// Fast checks first. Clippy compiles the benchmarks; they are not run, because they take minutes.
+/// Fast checks first. The lints come with the build of the tests; benchmarks are not run, because
+/// they take minutes.
 const STEPS: &[Step] = &[
-    Step { name: "mujoco", action: Action::Chore(mujoco::fetch) },
-    Step { name: "fmt", action: Action::Cargo(&["fmt", "--all", "--check"]) },
-    Step { name: "tidy", action: Action::Chore(tidy::check) },
+    Step { name: "mujoco", from: Extent::Usual, action: |root, _| mujoco::fetch(root) },
     Step {
-        name: "clippy",
-        action: Action::Cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]),
+        name: "fmt",
+        from: Extent::Usual,
+        action: |root, _| run_cargo(root, &["fmt", "--all", "--check"]),
     },
-    // The build of the demo, without optional parts.
+    Step { name: "tidy", from: Extent::Usual, action: |root, _| tidy::check(root) },
+    Step { name: "build", from: Extent::Usual, action: |root, _| build(root) },
+    Step { name: "tests", from: Extent::Usual, action: tests },
     Step {
-        name: "small build",
-        action: Action::Cargo(&[
-            "check",
-            "--package",
-            "mishandle-cli",
-            "--no-default-features",
-            "--features",
-            "render",
-        ]),
+        name: "doc tests",
+        from: Extent::Usual,
+        action: |root, _| run_cargo(root, &["test", "--workspace", "--doc"]),
     },
-    Step { name: "tests", action: Action::Chore(tests) },
-    Step { name: "docs", action: Action::Cargo(&["doc", "--workspace", "--no-deps", "--quiet"]) },
-    Step { name: "doc tests", action: Action::Cargo(&["test", "--workspace", "--doc"]) },
-    Step { name: "dependencies", action: Action::Chore(deny::check_if_installed) },
-    Step { name: "python", action: Action::Chore(python) },
-    Step { name: "monitor", action: Action::Chore(monitor::check) },
-    Step { name: "clients", action: Action::Chore(clients::test) },
-    Step { name: "readme", action: Action::Chore(readme::check) },
+    Step { name: "python", from: Extent::Usual, action: python },
+    Step { name: "monitor", from: Extent::Usual, action: |root, _| monitor::check(root) },
+    Step { name: "clients", from: Extent::Usual, action: clients::test },
+    Step { name: "pages", from: Extent::Usual, action: readme::check },
+    Step {
+        name: "docs",
+        from: Extent::All,
+        action: |root, _| run_cargo(root, &["doc", "--workspace", "--no-deps", "--quiet"]),
+    },
+    Step { name: "dependencies", from: Extent::All, action: |root, _| deny::check_if_installed(root) },
+    Step { name: "demo", from: Extent::All, action: |root, _| demo::demo(root) },
 ];
 
-/// Runs every step.
+/// Runs the steps.
 ///
 /// # Errors
-/// If a step fails, with its name and its command.
-pub fn check(root: &Path) -> Result<()> {
-    let started = Instant::now();
-    for (number, step) in (1..).zip(STEPS) {
-        let label = format!("[{number}/{}] {}", STEPS.len(), step.name);
-        let step_started = Instant::now();
-        let result = match step.action {
-            Action::Cargo(arguments) => {
-                let mut command = cargo(root, arguments);
-                eprintln!("{label}: {}", as_typed(&command));
-                run(&mut command, &[0])
-            }
-            Action::Chore(chore) => {
-                eprintln!("{label}");
-                chore(root)
-            }
+/// If a step fails, with its name and its command; or for another argument than `--all`.
+pub fn check(root: &Path, arguments: &[String]) -> Result<()> {
+    let extent = match arguments {
+        [] => Extent::Usual,
+        [all] if all == "--all" => Extent::All,
+        [other, ..] => bail!("unknown argument `{other}`; expected --all or nothing"),
+    };
+    let chosen: Vec<&Step> =
+        STEPS.iter().filter(|step| extent == Extent::All || step.from == Extent::Usual).collect();
+    let mut spent = Vec::new();
+    for (number, step) in (1..).zip(&chosen) {
+        let label = format!("[{number}/{}] {}", chosen.len(), step.name);
+        eprintln!("{label}");
+        let (started, cpu) = (Instant::now(), budget::cpu_secs());
+        (step.action)(root, extent).with_context(|| format!("step `{}` failed", step.name))?;
+        let time = budget::Time {
+            step: step.name,
+            wall_secs: started.elapsed().as_secs_f64(),
+            cpu_secs: budget::cpu_secs() - cpu,
         };
-        result.with_context(|| format!("step `{}` failed", step.name))?;
-        eprintln!("{label}: passed in {:.1} s\n", step_started.elapsed().as_secs_f64());
+        eprintln!("{label}: passed in {:.1} s\n", time.wall_secs);
+        spent.push(time);
     }
-    eprintln!("all {} steps passed in {:.1} s", STEPS.len(), started.elapsed().as_secs_f64());
+    let budget = fs::read_to_string(root.join(budget::FILE)).with_context(|| budget::FILE.to_string())?;
+    eprint!("{}", budget::table(&budget, extent == Extent::All, &spent)?);
     Ok(())
 }
 
-/// Runs the tests with nextest if it is installed, otherwise with cargo's own runner.
-fn tests(root: &Path) -> Result<()> {
+fn run_cargo(root: &Path, arguments: &[&str]) -> Result<()> {
+    let mut command = cargo(root, arguments);
+    eprintln!("$ {}", as_typed(&command));
+    run(linted(&mut command), &[0])
+}
+
+/// Builds everything that later steps run, and checks the lints.
+fn build(root: &Path) -> Result<()> {
+    run_cargo(root, &["build", "--workspace", "--all-targets"])
+}
+
+/// Runs the tests with nextest if it is installed, otherwise with cargo's own runner. Tests that
+/// are ignored take long.
+fn tests(root: &Path, extent: Extent) -> Result<()> {
     let has_nextest =
         cargo(root, &["nextest", "--version"]).output().is_ok_and(|output| output.status.success());
-    let arguments: &[&str] = if has_nextest {
-        &["nextest", "run", "--workspace"]
-    } else {
-        &["test", "--workspace", "--lib", "--bins", "--tests", "--examples"]
+    let mut arguments = match has_nextest {
+        true => vec!["nextest", "run", "--workspace"],
+        false => vec!["test", "--workspace", "--lib", "--bins", "--tests", "--examples"],
     };
-    run(&mut cargo(root, arguments), &[0])
+    match (extent, has_nextest) {
+        (Extent::Usual, _) => {}
+        (Extent::All, true) => arguments.extend(["--run-ignored", "all"]),
+        (Extent::All, false) => arguments.extend(["--", "--include-ignored"]),
+    }
+    run_cargo(root, &arguments)
 }
 
 /// Builds, installs and tests the Python package, in a virtual environment of its own.
-fn python(root: &Path) -> Result<()> {
-    run(Command::new("python/dev.sh").current_dir(root), &[0])
+fn python(root: &Path, extent: Extent) -> Result<()> {
+    let mut script = Command::new("python/dev.sh");
+    if extent == Extent::All {
+        script.arg("--all");
+    }
+    run(linted(script.current_dir(root)), &[0])
 }

@@ -4,6 +4,7 @@
 //! chores.
 
 mod book;
+mod budget;
 mod check;
 mod clients;
 mod corpus;
@@ -53,9 +54,9 @@ const CHORES: &[Chore] = &[
     },
     Chore {
         name: "test",
-        arguments: "",
-        about: "run everything that CI runs: fmt, tidy, clippy, tests, docs, dependencies, python, monitor, clients, readme",
-        run: |root, _| check::check(root),
+        arguments: "[--all]",
+        about: "run fmt, tidy, lints, tests, doc tests, python, monitor, clients, pages; --all: everything, as CI does",
+        run: check::check,
     },
     Chore {
         name: "mujoco",
@@ -79,7 +80,7 @@ const CHORES: &[Chore] = &[
         name: "clients",
         arguments: "",
         about: "test the clients of the simulator protocol in clients/",
-        run: |root, _| clients::test(root),
+        run: |root, _| clients::test(root, check::Extent::All),
     },
     Chore {
         name: "monitor",

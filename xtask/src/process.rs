@@ -21,6 +21,13 @@ pub fn cargo(root: &Path, arguments: &[&str]) -> Command {
     command
 }
 
+/// Makes cargo, also one that the command starts, compile the crates of this repository with
+/// Clippy's compiler, which checks the lints and writes the same programs as rustc: nothing is
+/// compiled once for the lints and again for the tests.
+pub fn linted(command: &mut Command) -> &mut Command {
+    command.env("RUSTC_WORKSPACE_WRAPPER", "clippy-driver").env("CLIPPY_ARGS", "-Dwarnings__CLIPPY_HACKERY__")
+}
+
 /// Runs a program with its output passed through. Exit codes that are not in `accepted` are errors.
 ///
 /// # Errors

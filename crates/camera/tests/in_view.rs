@@ -1,11 +1,8 @@
 //! The cameras of the tasks see the objects.
-#![allow(clippy::unwrap_used)]
 
-mod states;
-
+use crate::states::{cameras, expert_states};
 use mishandle_camera::Size;
 use mishandle_tasks::TASKS;
-use states::{cameras, expert_states};
 
 /// Along the expert's episodes from both corners and the center of the initial box, the object is
 /// in the image of the camera over the table for at least 90 % of the time.

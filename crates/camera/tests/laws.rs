@@ -1,8 +1,6 @@
 //! Laws of images: forms, threads, batches, effects and noise.
-#![allow(clippy::unwrap_used)]
 
-mod states;
-
+use crate::states::{cameras, expert_states};
 use mishandle_camera::{
     Camera, Form, Material, Mesh, NO_SHAPE, Optics, Output, Pose, PoseReader, Poses, Renderer, Scene, Shape,
     Shot, Size, StateShot, Studio,
@@ -10,7 +8,6 @@ use mishandle_camera::{
 use mishandle_random::Seed;
 use mishandle_tasks::task;
 use mishandle_world::Model;
-use states::{cameras, expert_states};
 
 fn size(side: usize) -> Size {
     Size::new(side, side).unwrap()

@@ -1,13 +1,10 @@
 //! Depth, segments and shadows against MuJoCo's own rays, on states of all tasks.
-#![allow(clippy::unwrap_used)]
 
-mod states;
-
+use crate::states::{cameras, expert_states};
 use mishandle_camera::{Camera, NO_SHAPE, Output, Scene, Size, StateShot, Studio};
 use mishandle_random::Seed;
 use mishandle_tasks::{TASKS, Task};
 use mishandle_world::{Model, World};
-use states::{cameras, expert_states};
 
 const SIDE: usize = 64;
 

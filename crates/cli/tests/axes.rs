@@ -1,10 +1,7 @@
 //! Axes with a narrower range or a fixed value.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench;
+use crate::bench::Bench;
 use serde_json::json;
 
 const CAR: &str = "falsify toy/car-following --space events --trials 2 --budget 40";

@@ -1,12 +1,9 @@
 //! `mishandle bisect`: the first checkpoint or revision that fails.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
+use crate::bench;
 use std::process::Command;
 
-use bench::{Bench, SMALL};
+use crate::bench::{Bench, SMALL};
 
 /// Makes `good.safetensors`, which is shipped, and `bad.safetensors`, which hardly trained.
 fn bench() -> Bench {

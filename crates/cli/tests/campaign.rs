@@ -1,15 +1,10 @@
 //! `mishandle campaign`: a grid of runs in a folder.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-#[path = "../../../tests/cart_pole/mod.rs"]
-mod cart_pole;
-
+use crate::cart_pole;
 use std::process::Stdio;
 use std::time::Duration;
 
-use bench::{Bench, signal, text};
+use crate::bench::{Bench, signal, text};
 use mishandle::store::RunFile;
 use serde_json::Value;
 

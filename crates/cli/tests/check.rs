@@ -1,10 +1,6 @@
 //! `mishandle check`: exit codes, files, and one file of requirements for targets and logs.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 /// The point (0.3, -0.4) must be avoided by 0.1: `x` and `y` of a scenario give the signal.
 const CHECK: &str =

@@ -1,10 +1,7 @@
 //! `mishandle compare`: two evaluations on the same scenarios and seeds.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench;
+use crate::bench::Bench;
 use mishandle::store::RunFile;
 
 const EXPERT: &str = "evaluate point-reaching --controller expert --seed 3";

@@ -1,14 +1,11 @@
 //! `mishandle counterexamples` and `regress`: failure modes, exported counterexamples and
 //! regression suites.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
+use crate::bench;
 use std::path::Path;
 use std::process::Command;
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::controllers::Policy;
 use mishandle::store::{IfExists, RunFile, RunWriter};
 use serde_json::Value;

@@ -1,10 +1,6 @@
 //! `mishandle diff`: how two runs differ.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 const EVALUATE: &str = "evaluate point-reaching --controller expert --seed 3 --episodes 40";
 

@@ -1,16 +1,12 @@
 //! `mishandle evidence`: folders of runs that others verify, also with OpenSSH and coreutils alone,
 //! and what a changed or hostile folder does.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::store::{IfExists, RunFile, RunWriter, TrialSummary};
 
 /// Makes two keys and an evidence folder of a toy and of a task whose controller is a file.

@@ -1,16 +1,12 @@
 //! `mishandle evidence verify`: what no replay can find is said, manifest, pages and README follow
 //! from the run files, nothing is written, and an interruption does not count as agreement.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::Command;
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::store::{
     IfExists, RunFile, RunHeader, RunWriter, Simulation, SimulationEnd, TrialStatus, TrialSummary,
 };

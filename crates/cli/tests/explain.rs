@@ -1,10 +1,6 @@
 //! `mishandle explain`: the decisive predicate and sample of a recorded simulation.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 use serde_json::Value;
 
 /// Reads a CSV file with a header.

@@ -1,15 +1,11 @@
 //! `monitor --follow`: pipes and files that grow, the exit code as soon as it is certain, signals.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bench::{Bench, signal, text};
+use crate::bench::{Bench, signal, text};
 use serde_json::Value;
 
 /// A program that follows a log, and its lines.

@@ -1,10 +1,6 @@
 //! Formulas in words with their traps, and mined parameters, as a person and a program see them.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::Plan;
 use mishandle::tasks::tasks;
 use mishandle_requirements::{Context, describe};

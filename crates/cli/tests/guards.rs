@@ -1,10 +1,6 @@
 //! Guarded controllers on the command line: of a task, and of the robot of the guide.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 use serde_json::Value;
 
 const PAGE: &str = include_str!("../../../docs/guide/robots.md");

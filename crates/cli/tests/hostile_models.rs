@@ -1,10 +1,6 @@
 //! Models of target files that would end the program, or keep it busy without end.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 const TARGET: &str = r#"
 format = 1

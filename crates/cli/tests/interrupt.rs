@@ -1,15 +1,11 @@
 //! Ctrl-C in commands that write no run file: they finish the running simulations and say what is
 //! kept and what is lost.
 
-#![allow(clippy::unwrap_used)]
-
 #[allow(dead_code, reason = "not every test uses all functions")]
-mod bench;
-
 use std::process::Stdio;
 use std::time::Duration;
 
-use bench::{Bench, signal, text};
+use crate::bench::{Bench, signal, text};
 use serde_json::Value;
 
 /// Runs a command, sends it SIGINT, and returns stdout and the last line of stderr.

@@ -1,12 +1,9 @@
 //! A controller that returns an infinite action for some initial states.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
+use crate::bench;
 use std::path::Path;
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::controllers::{ControllerFile, Policy};
 use serde_json::Value;
 

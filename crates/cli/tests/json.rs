@@ -1,12 +1,8 @@
 //! The documents that the commands print satisfy their JSON Schemas.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::path::Path;
 
-use bench::{Bench, SMALL};
+use crate::bench::{Bench, SMALL};
 use serde_json::Value;
 
 /// Reads the schema of a command's document.

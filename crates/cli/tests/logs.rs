@@ -1,10 +1,6 @@
 //! Logs of robots: sets of requirements, several logs, topics and the files of verdicts.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 const REQUIREMENTS: &str = r#"
 [[requirement]]

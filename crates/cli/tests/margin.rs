@@ -1,10 +1,6 @@
 //! The smallest disturbance that breaks a controller, and its witness.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 use serde_json::Value;
 
 const CAR: &str = "margin toy/car-following --space dynamics+events --budget 600";

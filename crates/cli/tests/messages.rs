@@ -1,10 +1,6 @@
 //! Error messages speak of the user's values and files, not of the libraries that read them.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 /// Returns the message of a command that must fail.
 #[track_caller]

@@ -1,10 +1,6 @@
 //! Relations between pairs of scenarios: flags, plans, exit codes, and the rows of the pairs.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 const SPHERE: &str = "metamorphic toy/sphere-2d --seed 7 --pairs 300";
 

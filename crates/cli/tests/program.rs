@@ -1,15 +1,11 @@
 //! End-to-end tests of the program.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bench::{Bench, SMALL, signal, text, without_run};
+use crate::bench::{Bench, SMALL, signal, text, without_run};
 use serde_json::Value;
 
 const FAST: &str = "--controller expert --seed 3";

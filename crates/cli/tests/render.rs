@@ -1,7 +1,6 @@
 //! End-to-end tests of pictures and videos. Without OpenGL, they only check the error message.
 
 #![cfg(feature = "render")]
-#![allow(clippy::unwrap_used)]
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

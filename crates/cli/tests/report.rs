@@ -1,10 +1,6 @@
 //! `mishandle report`: the page about runs.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 fn page(bench: &Bench, name: &str) -> String {
     std::fs::read_to_string(bench.path(name)).unwrap()

@@ -3,16 +3,12 @@
 //!
 //! The screenshots are in `target/tmp/report`, to look at.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use bench::Bench;
+use crate::bench::Bench;
 use mishandle::store::{
     AxisRecord, ComponentRecord, IfExists, RunFile, RunWriter, SignalRecord, Simulation, TargetRecord,
 };

@@ -1,13 +1,10 @@
 //! `mishandle reproduce`: the paper's tables from small campaigns.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
+use crate::bench;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use bench::Bench;
+use crate::bench::Bench;
 use mishandle::shipped::GENERATIONS;
 use mishandle::store::{RunFile, TrialStatus};
 use serde_json::Value;

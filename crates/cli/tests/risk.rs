@@ -1,10 +1,7 @@
 //! The probability of a failure, with what it assumes.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench;
+use crate::bench::Bench;
 use serde_json::Value;
 
 /// A disc with 7.9e-5 of the square: π 0.01² / 4.

@@ -1,10 +1,7 @@
 //! The robot of the guide, with the files and the output that the page shows.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench;
+use crate::bench::Bench;
 
 const PAGE: &str = include_str!("../../../docs/guide/robots.md");
 

@@ -1,10 +1,6 @@
 //! `mishandle runs` and `mishandle export`.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 #[test]
 fn runs_are_listed_with_their_contents_and_damaged_files_with_the_reason() {

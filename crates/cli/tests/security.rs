@@ -1,16 +1,12 @@
 //! The attacks of docs/reference/security.md on the command line: files that are not files, names
 //! with escape sequences, planted links and planted folders.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use bench::{Bench, SMALL, text};
+use crate::bench::{Bench, SMALL, text};
 use mishandle::controllers::ControllerFile;
 
 /// Sets the title of the window, clears the screen, and reverses the order of the characters that

@@ -1,13 +1,7 @@
 //! Commands about a policy that sees.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-#[path = "../../interchange/tests/graph/mod.rs"]
-mod graph;
-
-use bench::Bench;
-use graph::{Of, bytes, integer, node, node_with, value, weights};
+use crate::bench::Bench;
+use crate::graph::{Of, bytes, integer, node, node_with, value, weights};
 
 /// Writes a policy of point-reaching that sees 16 x 12 pixels, moves with their mean red, and never
 /// reaches the point.

@@ -1,10 +1,6 @@
 //! Settings files, dry runs and `mishandle controller`.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, SMALL, text};
+use crate::bench::{Bench, SMALL, text};
 use mishandle::training::AlgorithmSettings;
 
 const TRAIN: &str = "train point-reaching --settings ppo.toml";

@@ -1,10 +1,6 @@
 //! `mishandle simulate`: chosen scenarios, once or repeatedly.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::Bench;
+use crate::bench::Bench;
 
 #[test]
 fn a_scenario_and_seed_of_a_run_give_the_recorded_robustness() {

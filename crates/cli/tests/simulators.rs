@@ -1,15 +1,12 @@
 //! Simulators that are programs, from the command line: permission, folders, resuming, exports, and
 //! what is left of a command that is killed.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
+use crate::bench;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use bench::{Bench, signal, text};
+use crate::bench::{Bench, signal, text};
 
 /// A tank whose level overflows with the highest inflows, and that rejects some.
 const TANK: &str = r#"

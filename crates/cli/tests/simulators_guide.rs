@@ -1,10 +1,6 @@
 //! The simulators of the guide, with the files and the output that the page shows.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 const PAGE: &str = include_str!("../../../docs/guide/simulators.md");
 

@@ -1,10 +1,6 @@
 //! `mishandle target init`: a first target file for a policy of another tool.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 /// Two sliders without actuators. The policy names them in the other order.
 const MODEL: &str = r#"<mujoco>

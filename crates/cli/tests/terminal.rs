@@ -1,14 +1,10 @@
 //! The progress bar in a terminal: it fits the width, and it is cleared at every end of the
 //! command.
 
-#![allow(clippy::unwrap_used)]
-
 #[allow(dead_code, reason = "not every test uses all functions")]
-mod bench;
-
 use std::process::{Command, Output};
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 
 const TERMINAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/in_terminal.py");
 

@@ -1,15 +1,10 @@
 //! `mishandle train`: output files, interruption, resumption, early stopping.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-mod training;
-
-use bench::{Bench, SMALL, signal, text};
+use crate::bench::{Bench, SMALL, signal, text};
+use crate::training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 use mishandle::controllers::ControllerFile;
 use mishandle::train::{Curve, CurveRow};
 use serde_json::Value;
-use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 
 /// Writes the page of a curve and returns it.
 fn curve_page(bench: &Bench, curve: &str) -> String {

@@ -1,15 +1,10 @@
 //! `mishandle train` with full disks, unwritable files and signals.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-mod training;
-
 use std::process::{Child, Command, Output, Stdio};
 
-use bench::{Bench, SMALL, signal, text};
+use crate::bench::{Bench, SMALL, signal, text};
+use crate::training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 use mishandle::controllers::ControllerFile;
-use training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 
 /// Runs the program in a shell that limits files to `blocks` blocks of 512 bytes; larger writes are
 /// errors.

@@ -2,11 +2,7 @@
 //! other end is not a success, nothing without any verdict is a result, and a search whose first
 //! simulations all fail stops.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use serde_json::Value;
 
 /// A simulator that ends as the function `end` of its file says.

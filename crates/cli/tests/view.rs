@@ -1,13 +1,9 @@
 //! `mishandle view`: the states that MuJoCo's viewer gets, with a package in its place.
 
-#![allow(clippy::unwrap_used)]
-
-mod bench;
-
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use bench::{Bench, text};
+use crate::bench::{Bench, text};
 use mishandle::picture::recorded_scene;
 use mishandle::resolve::Moved;
 

@@ -3,7 +3,6 @@
 //!
 //! Rates are computed exactly from the binomial distribution. Means are simulated, with a tolerance
 //! of five standard errors.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_evaluation::{Estimate, betting_mean, bootstrap_mean, wilson};
 use mishandle_random::{Seed, Sequence};

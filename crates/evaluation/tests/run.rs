@@ -1,6 +1,5 @@
 //! Tests evaluations of a system in closed form: their simulations, and their independence of
 //! batches.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 use std::sync::Arc;

@@ -3,7 +3,6 @@
 //!
 //! Each share is of 2,000 replications. A method that keeps 5 % exactly would exceed 6.5 % by
 //! chance once in 1,000 times.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_evaluation::{
     ClippedDifferences, Decision, DifferenceSequence, RateSequence, StopRule, sign_test, wilson,

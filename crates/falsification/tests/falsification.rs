@@ -1,5 +1,4 @@
 //! Tests how trials end and which inputs are errors.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 

@@ -1,6 +1,5 @@
 //! Invariants of trials that continue after their first violation, on a toy with six known failure
 //! modes.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;

@@ -1,5 +1,4 @@
 //! Invariants of falsifications: batches, interruptions and budgets do not change the simulations.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;

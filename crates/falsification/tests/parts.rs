@@ -1,5 +1,4 @@
 //! Parts of the robustness on their way from the monitor to the search.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::ops::ControlFlow;
 

@@ -1,10 +1,6 @@
 //! Models that predict several actions ahead, against the definition of what is played.
 
-#![allow(clippy::unwrap_used)]
-
-mod graph;
-
-use graph::{bytes, integer, integers, node, value, weights};
+use crate::graph::{bytes, integer, integers, node, value, weights};
 use mishandle_controllers::{Entry, Layout};
 use mishandle_interchange::{Interface, OnnxPolicy};
 use mishandle_rollout::{Controller, Seed};

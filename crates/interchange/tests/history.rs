@@ -1,10 +1,6 @@
 //! Models that get the last observations and images.
 
-#![allow(clippy::unwrap_used)]
-
-mod graph;
-
-use graph::{Of, bytes, integer, integers, node, node_with, typed, value};
+use crate::graph::{Of, bytes, integer, integers, node, node_with, typed, value};
 use mishandle_controllers::{Entry, Layout};
 use mishandle_interchange::{Interface, OnnxPolicy};
 use mishandle_rollout::{Controller, Seed};

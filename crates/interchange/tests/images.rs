@@ -1,10 +1,6 @@
 //! Models that get images: what they see, what they do not get, and what is refused.
 
-#![allow(clippy::unwrap_used)]
-
-mod graph;
-
-use graph::{Attribute, Of, bytes, integer, integers, node, node_with, typed, value, weights};
+use crate::graph::{Attribute, Of, bytes, integer, integers, node, node_with, typed, value, weights};
 use mishandle_controllers::{Entry, Layout};
 use mishandle_interchange::{Interface, OnnxPolicy};
 use mishandle_rollout::{Controller, Image};

@@ -2,11 +2,7 @@
 //! own. Other models:
 //! `python/tests/test_onnx.py`.
 
-#![allow(clippy::unwrap_used)]
-
-mod graph;
-
-use graph::{Of, bytes, integer, integers, node, node_with, value, weights};
+use crate::graph::{Of, bytes, integer, integers, node, node_with, value, weights};
 use mishandle_controllers::{ControllerFile, Entry, Header, Layout, Policy, TrainingRecord};
 use mishandle_interchange::{OnnxPolicy, onnx_bytes};
 use mishandle_network::{Activation, Mlp};

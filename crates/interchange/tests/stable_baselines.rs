@@ -5,11 +5,7 @@
 //! extractor, layers, tanh, then the scaling or the clipping to the action box. The texts in `data`
 //! are those that Stable-Baselines3 2.9.2 writes.
 
-#![allow(clippy::unwrap_used)]
-
-mod checkpoint;
-
-use checkpoint::{Part, archive, state_dictionary};
+use crate::checkpoint::{Part, archive, state_dictionary};
 use mishandle_interchange::{ImportOptions, Normalization, ObservationNormalizer, TorchProblem, import};
 use mishandle_network::Activation;
 use mishandle_rollout::Controller;

@@ -1,11 +1,8 @@
 //! Checkpoints of PyTorch: those of real libraries against the actions that the libraries computed,
 //! and hostile ones.
 
-#![allow(clippy::unwrap_used)]
-
-mod checkpoint;
-
-use checkpoint::{archive, storage, text};
+use crate::checkpoint;
+use crate::checkpoint::{archive, storage, text};
 use mishandle_controllers::Policy;
 use mishandle_interchange::{ImportOptions, Normalization, ObservationNormalizer, TorchProblem, import};
 use mishandle_network::Activation;

@@ -1,7 +1,5 @@
 //! Edits change what they name and nothing else.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::collections::BTreeMap;
 
 use mishandle_mjcf::{Edit, Select, Source};

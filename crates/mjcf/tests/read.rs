@@ -1,7 +1,5 @@
 //! Reading models with includes and assets. Files outside the folder are not read.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

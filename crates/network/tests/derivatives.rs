@@ -1,10 +1,8 @@
 //! Outputs compared with plain loops; gradients and tangents compared with finite differences and
 //! each other. All in f64.
 
-mod reference;
-
+use crate::reference::{CASES, Random, network};
 use mishandle_network::{Activation, Mlp, Workspace};
-use reference::{CASES, Random, network};
 
 const ROWS: usize = 11;
 

@@ -1,9 +1,7 @@
 //! Results do not depend on the other rows of a batch or on the number of threads, bit for bit.
 
-mod reference;
-
+use crate::reference::{CASES, Random, network};
 use mishandle_network::{ChunkPool, Workspace};
-use reference::{CASES, Random, network};
 
 fn bits(numbers: &[f32]) -> Vec<u32> {
     numbers.iter().map(|number| number.to_bits()).collect()

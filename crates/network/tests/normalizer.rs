@@ -1,9 +1,7 @@
 //! Running normalizers: arithmetic, merging, edge cases.
 
-mod reference;
-
+use crate::reference::Random;
 use mishandle_network::{Moments, Normalizer, RunningNormalizer};
-use reference::Random;
 
 #[track_caller]
 fn close(found: &[f64], expected: &[f64]) {

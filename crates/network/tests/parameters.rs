@@ -1,9 +1,7 @@
 //! Parameters: names, initialization, optimizer steps.
 
-mod reference;
-
+use crate::reference::{CASES, Random, network};
 use mishandle_network::{Activation, Adam, Mlp, NetworkError, Tensor, clip_norm};
-use reference::{CASES, Random, network};
 
 fn small() -> Mlp<f32> {
     Mlp::new(&[2, 3, 1], Activation::Elu, Activation::Identity).expect("a network")

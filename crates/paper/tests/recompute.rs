@@ -1,8 +1,6 @@
 //! The pages in `docs/notebook/2026-11-28-paper` are those of the summaries in
 //! `experiments/paper/results`.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,6 @@
 //! Units of small campaigns: their summaries and digests against the rows of the run files, their
 //! files, and running them again.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle::stl::is_violated;
 use std::fs;
 use std::ops::ControlFlow;

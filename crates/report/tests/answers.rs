@@ -1,7 +1,5 @@
 //! Pages about margins, metamorphic relations and failure probabilities.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::ops::ControlFlow;
 
 use mishandle::plan::{MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan};

@@ -1,7 +1,5 @@
 //! The page of a hardening: a failure of each mode with the controllers before and after.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

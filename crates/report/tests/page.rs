@@ -1,7 +1,5 @@
 //! The page of an untrusted run file: its numbers, and hostile names.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::Path;
 
 use mishandle::results::Hardening;

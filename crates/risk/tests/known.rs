@@ -1,19 +1,15 @@
 //! Estimates for systems with known failure probabilities. The full table is in
 //! docs/notebook/2026-11-23-risk.md.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-mod systems;
-
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
+use crate::systems::{Known, systems};
 use mishandle_evaluation::Estimate;
 use mishandle_random::Seed;
 use mishandle_risk::{Method, Refusal, Report, Scenarios, Settings, Source, risk};
 use mishandle_rollout::{Axis, Request, Space, Stream};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
-use systems::{Known, systems};
 
 const SEEDS: u64 = 20;
 

@@ -1,17 +1,13 @@
 //! Importance sampling with a proposal that depends on the state, for processes with known failure
 //! probabilities. The full table is in docs/notebook/2026-11-27-risk-of-sequences.md.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-mod sequences;
-
 use std::ops::ControlFlow;
 
+use crate::sequences::{PROCESSES, Process};
 use mishandle_random::Seed;
 use mishandle_risk::{Method, Report, RiskError, Scenarios, Settings, Source, risk};
 use mishandle_rollout::{Axis, Request, Seen, Space, SteeredAxis, Steering, System};
 use mishandle_toys::{FunctionSystem, SimulatedEnd};
-use sequences::{PROCESSES, Process};
 
 fn process(name: &str) -> Process {
     *PROCESSES.iter().find(|process| process.name.starts_with(name)).unwrap()

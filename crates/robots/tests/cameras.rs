@@ -1,8 +1,6 @@
 //! Cameras of a file: the same images as those of a model, axes that change images and no physics,
 //! and errors that name what is wrong.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 

@@ -1,7 +1,5 @@
 //! A cart-pole in a file, against a loop written by hand.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 use std::sync::Arc;
 

@@ -1,7 +1,5 @@
 //! The contract between a policy and the robot of a file: order of joints, frames, warnings.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 use std::sync::Arc;
 

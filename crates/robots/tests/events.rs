@@ -1,7 +1,5 @@
 //! Jumps and slips, against loops written by hand.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 
 use mishandle_robots::{RobotFile, RobotPolicy};

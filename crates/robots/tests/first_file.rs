@@ -1,7 +1,5 @@
 //! First target files from an IO descriptor of Isaac Lab.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 
 use mishandle_robots::{FirstFile, Paths, PolicyFacts, PolicySizes, RobotFile, first_file, isaac_facts};

@@ -1,7 +1,5 @@
 //! First target files for models and policies as the tools write them.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 use std::sync::Arc;
 

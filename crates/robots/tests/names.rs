@@ -1,7 +1,5 @@
 //! Names of a file: one that hides another, or that nothing has, is an error.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use mishandle_robots::{RobotFile, RobotPolicy};
 use mishandle_rollout::{Component, Noise, Target};
 

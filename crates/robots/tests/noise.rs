@@ -1,7 +1,5 @@
 //! Axes that are random draws of the start.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 
 use mishandle_robots::{RobotFile, RobotPolicy};

@@ -1,7 +1,5 @@
 //! Policies that are programs: a cart-pole that Python balances.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 use std::sync::Arc;
 

@@ -1,8 +1,6 @@
 //! A robot in worlds of another engine: with MuJoCo C behind the interface, outcomes are those of
 //! its episodes, and what such an engine cannot do is an error.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::sync::Arc;
 
 use mishandle_robots::{ControlledRobot, RobotFile, RobotPolicy};

@@ -1,7 +1,5 @@
 //! Settling after a start, and starts from which no episode begins.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
 use std::path::Path;
 
 use mishandle_robots::{RobotFile, RobotPolicy};

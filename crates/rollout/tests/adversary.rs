@@ -1,7 +1,5 @@
 //! Tests simulations whose disturbances an adversary decides while they run.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use mishandle_rollout::{

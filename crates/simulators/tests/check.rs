@@ -1,11 +1,9 @@
 //! The check of the protocol: a simulator that keeps it passes, and one that breaks a rule fails at
 //! that rule.
 
-mod tank;
-
+use crate::tank::folder;
 use mishandle_results::ProtocolCheck;
 use mishandle_simulators::{check, program};
-use tank::folder;
 
 fn checked(changes: &str) -> ProtocolCheck {
     let folder = folder(changes);

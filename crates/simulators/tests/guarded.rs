@@ -1,7 +1,6 @@
 //! Guarded policies in the loop of a simulator that Mishandle steps.
 
-mod tank;
-
+use crate::tank;
 use std::sync::Arc;
 
 use mishandle_guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};

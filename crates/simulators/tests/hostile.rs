@@ -1,12 +1,10 @@
 //! Simulators that do what none should: no answer is a verdict on another question, and the next
 //! simulation has a process that works.
 
-mod tank;
-
 use std::time::{Duration, Instant};
 
+use crate::tank::{controlled, folder, levels, simulator, tank};
 use mishandle_rollout::{Episode, EpisodeEnd, RolloutError, Target};
-use tank::{controlled, folder, levels, simulator, tank};
 
 /// Simulates one after the other, so that the order of the questions is known.
 fn in_order(target: &Target, starts: &[f64]) -> Vec<Episode> {

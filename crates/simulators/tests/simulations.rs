@@ -1,9 +1,7 @@
 //! Simulations of a tank in Python, in both modes.
 
-mod tank;
-
+use crate::tank::{controlled, folder, levels, simulator, system, tank};
 use mishandle_rollout::{EpisodeEnd, Request, Scenario, Seed};
-use tank::{controlled, folder, levels, simulator, system, tank};
 
 #[test]
 fn a_trace_has_the_signals_and_its_verdict() {

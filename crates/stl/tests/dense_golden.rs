@@ -1,6 +1,5 @@
 //! Agreement with RTAMT in dense time: `tests/golden/rtamt_dense/make.py` runs RTAMT and writes the
 //! golden file.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 use mishandle_stl::{DenseMonitor, DenseSignal, Formula, Interpolation, TimeUnit};
 use serde_json::Value;

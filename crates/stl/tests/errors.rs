@@ -1,5 +1,4 @@
 //! Error messages for wrong formulas, traces and clocks, and the parsing of unusual formulas.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, TimeUnit, Trace};
 use std::sync::Arc;

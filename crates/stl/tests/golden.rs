@@ -1,5 +1,4 @@
 //! Agreement with RTAMT: `tests/golden/rtamt/make.py` runs RTAMT and writes the golden files.
-#![allow(clippy::unwrap_used)] // clippy's set_up for tests does not cover helper functions
 
 use mishandle_stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use serde_json::Value;

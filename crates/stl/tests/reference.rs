@@ -8,7 +8,6 @@
 //! `TIME: VALUE` for each sample, and the result `TIME: VALUE` for each breakpoint, or
 //! `TIME: BEFORE/VALUE` where it jumps to its value, or `TIME: BEFORE/VALUE/AFTER`. After
 //! `violated` are the intervals of violation, `START to END`.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 use mishandle_stl::{Breakpoint, Clock, DenseMonitor, DenseSignal, Formula, Interpolation, Monitor, Trace};
 use std::sync::Arc;

@@ -1,13 +1,10 @@
 //! A file that is damaged, not a run, read-only or missing gives one clear error, never wrong
 //! values.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-
-mod sample;
 
 use std::path::{Path, PathBuf};
 
+use crate::sample::{header, record, traced_record};
 use mishandle_store::{IfExists, Result, RunFile, RunWriter, StoreError};
-use sample::{header, record, traced_record};
 use tempfile::TempDir;
 
 fn small_run() -> (TempDir, PathBuf) {

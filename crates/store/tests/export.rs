@@ -1,10 +1,8 @@
 //! The exports, compared with lines written by hand, and read back.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-
-mod sample;
 
 use std::path::Path;
 
+use crate::sample::{header, signal};
 use bytes::Bytes;
 use mishandle_store::{
     IfExists, RunHeader, RunWriter, Simulation, SimulationEnd, StoredTrace, TraceColumn, export_csv,
@@ -12,7 +10,6 @@ use mishandle_store::{
 };
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
-use sample::{header, signal};
 
 /// A run with two simulations: one with all values, one with as few as possible.
 fn run(folder: &Path) -> RunWriter {

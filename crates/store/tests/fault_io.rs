@@ -3,17 +3,15 @@
 //!
 //! A virtual file system returns an error from the n-th write, sync, truncation or other call, for
 //! every n of a small run. `MISHANDLE_FAULTS=all` tries each with every reaction to the error.
-#![allow(clippy::unwrap_used, clippy::print_stdout)] // clippy does not count helper functions as tests
 
-mod faults;
-mod sample;
-
+use crate::faults;
+use crate::own_process::own_process;
 use std::collections::BTreeMap;
 use std::ffi::c_int;
 
-use faults::failing::{FailingRun, Reaction};
-use faults::life::{Session, campaign};
-use faults::vfs::{self, Call, Fault};
+use crate::faults::failing::{FailingRun, Reaction};
+use crate::faults::life::{Session, campaign};
+use crate::faults::vfs::{self, Call, Fault};
 use mishandle_store::{RunFile, StoreError};
 use rusqlite::ffi;
 
@@ -82,38 +80,42 @@ fn check_message(fault: Fault, error: &StoreError) {
 
 #[test]
 fn no_failed_call_loses_a_record() {
-    let failed = fail_everywhere(&FailingRun::new(campaign(), None));
-    // Failures of each kind reach the caller.
-    assert_eq!(failed.len(), FAULTS.len(), "{failed:?}");
-    let writes = failed[&("Write".to_owned(), ffi::SQLITE_FULL)];
-    assert!(writes > 80, "{failed:?}");
+    own_process("fault_io::no_failed_call_loses_a_record", || {
+        let failed = fail_everywhere(&FailingRun::new(campaign(), None));
+        // Failures of each kind reach the caller.
+        assert_eq!(failed.len(), FAULTS.len(), "{failed:?}");
+        let writes = failed[&("Write".to_owned(), ffi::SQLITE_FULL)];
+        assert!(writes > 80, "{failed:?}");
+    });
 }
 
 /// The integrity check of SQLite reports a page that it cannot read in the words of a damaged one.
 #[test]
 fn a_check_that_cannot_read_a_page_does_not_report_damage() {
-    vfs::install();
-    let folder = faults::folder();
-    let path = folder.path().join("run.sqlite");
-    let mut session = Session::new(&path, false);
-    campaign().into_iter().for_each(|step| session.perform(step).unwrap());
-    let run = RunFile::open(&path).unwrap();
-    let mut failures = 0;
-    for nth in 1.. {
-        vfs::set_fault(Some(Fault { call: Call::Read, nth, lasts: false, code: ffi::SQLITE_IOERR_READ }));
-        // The cache of another connection is empty.
-        let checked = RunFile::open(&path).and_then(|run| run.check());
-        let has_failed = vfs::has_failed();
-        vfs::set_fault(None);
-        if !has_failed {
-            break;
+    own_process("fault_io::a_check_that_cannot_read_a_page_does_not_report_damage", || {
+        vfs::install();
+        let folder = faults::folder();
+        let path = folder.path().join("run.sqlite");
+        let mut session = Session::new(&path, false);
+        campaign().into_iter().for_each(|step| session.perform(step).unwrap());
+        let run = RunFile::open(&path).unwrap();
+        let mut failures = 0;
+        for nth in 1.. {
+            vfs::set_fault(Some(Fault { call: Call::Read, nth, lasts: false, code: ffi::SQLITE_IOERR_READ }));
+            // The cache of another connection is empty.
+            let checked = RunFile::open(&path).and_then(|run| run.check());
+            let has_failed = vfs::has_failed();
+            vfs::set_fault(None);
+            if !has_failed {
+                break;
+            }
+            // SQLite repeats some reads.
+            if let Err(error) = checked {
+                failures += 1;
+                assert!(matches!(error, StoreError::Io { .. }), "read {nth}: {error}");
+            }
         }
-        // SQLite repeats some reads.
-        if let Err(error) = checked {
-            failures += 1;
-            assert!(matches!(error, StoreError::Io { .. }), "read {nth}: {error}");
-        }
-    }
-    assert!(failures > 5, "{failures}");
-    run.check().unwrap();
+        assert!(failures > 5, "{failures}");
+        run.check().unwrap();
+    });
 }

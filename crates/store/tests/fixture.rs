@@ -1,6 +1,5 @@
 //! A run file that was written when its format was new can be read. The expected values are written
 //! by hand; `examples/write_fixture.rs` wrote the file.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
 use mishandle_store::{
     ComponentRecord, Counts, FormulaRecord, RunFile, RunKind, SignalRecord, Simulation, SimulationEnd,

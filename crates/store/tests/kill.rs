@@ -1,18 +1,15 @@
 //! A process that is killed loses at most its current transaction.
 //!
 //! The test starts its own binary again and kills that process.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-
-mod sample;
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::sample::{header, record, traced_record};
 use mishandle_random::Sequence;
 use mishandle_store::{IfExists, RunFile, RunWriter, Simulation, StoreError, TrialStatus};
-use sample::{header, record, traced_record};
 
 const BATCH: u32 = 8;
 const RUN: &str = "MISHANDLE_STORE_TEST_RUN";

@@ -1,14 +1,11 @@
 //! Run files read with plain SQLite.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-
-mod sample;
 
 use std::path::{Path, PathBuf};
 
+use crate::sample::{axis, header, record, traced_record};
 use mishandle_store::{IfExists, RunFile, RunHeader, RunWriter, Simulation, StoreError, TrialStatus};
 use rusqlite::Connection;
 use rusqlite::types::Value;
-use sample::{axis, header, record, traced_record};
 use tempfile::TempDir;
 
 /// Creates a run with these simulations, all in trial 1.

@@ -4,19 +4,17 @@
 //! A virtual file system records every write of a run. From the record, the tests compute the files
 //! that a power cut can leave after each write, and open them. `MISHANDLE_FAULTS=all` tries more of
 //! them.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
-mod faults;
-mod sample;
-
+use crate::faults;
+use crate::own_process::own_process;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use faults::disk::{self, Disk, Image, Kept, State};
-use faults::life::{Content, Session, Step, campaign};
-use faults::vfs;
+use crate::faults::disk::{self, Disk, Image, Kept, State};
+use crate::faults::life::{Content, Session, Step, campaign};
+use crate::faults::vfs;
+use crate::sample::header;
 use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
-use sample::header;
 use tempfile::TempDir;
 
 /// A run to cut.
@@ -143,88 +141,101 @@ fn random_subsets() -> u64 {
 
 #[test]
 fn a_power_cut_leaves_a_prefix_and_loses_at_most_the_steps_since_the_last_sync() {
-    let (_folder, path) = new_path();
-    let life = Life::new(campaign(), false);
-    let disk = life.record(&path);
-    let images = life.check_each_cut(&disk, &path, random_subsets());
-    assert!(images > 150, "{images}");
+    own_process(
+        "power_cut::a_power_cut_leaves_a_prefix_and_loses_at_most_the_steps_since_the_last_sync",
+        || {
+            let (_folder, path) = new_path();
+            let life = Life::new(campaign(), false);
+            let disk = life.record(&path);
+            let images = life.check_each_cut(&disk, &path, random_subsets());
+            assert!(images > 150, "{images}");
+        },
+    );
 }
 
 #[test]
 fn a_power_cut_loses_nothing_of_a_durable_run() {
-    let (_folder, path) = new_path();
-    let life = Life::new(campaign(), true);
-    let disk = life.record(&path);
-    let images = life.check_each_cut(&disk, &path, random_subsets());
-    assert!(images > 150, "{images}");
+    own_process("power_cut::a_power_cut_loses_nothing_of_a_durable_run", || {
+        let (_folder, path) = new_path();
+        let life = Life::new(campaign(), true);
+        let disk = life.record(&path);
+        let images = life.check_each_cut(&disk, &path, random_subsets());
+        assert!(images > 150, "{images}");
+    });
 }
 
 /// A process that is killed while it closes a run leaves a rollback journal.
 #[test]
 fn a_run_with_a_rollback_journal_can_be_read() {
-    let (_folder, path) = new_path();
-    let life = Life::new(campaign(), false);
-    let disk = life.record(&path);
-    let mut journals = 0;
-    life.each_cut(&disk, 0, |state, image, kept| {
-        let has_journal = image.keys().any(|name| name.ends_with("-journal"));
-        if kept == Kept::Everything && state.marks > 0 && has_journal {
-            journals += 1;
-            disk::write(image, path.parent().unwrap());
-            RunFile::open(&path).unwrap();
-        }
+    own_process("power_cut::a_run_with_a_rollback_journal_can_be_read", || {
+        let (_folder, path) = new_path();
+        let life = Life::new(campaign(), false);
+        let disk = life.record(&path);
+        let mut journals = 0;
+        life.each_cut(&disk, 0, |state, image, kept| {
+            let has_journal = image.keys().any(|name| name.ends_with("-journal"));
+            if kept == Kept::Everything && state.marks > 0 && has_journal {
+                journals += 1;
+                disk::write(image, path.parent().unwrap());
+                RunFile::open(&path).unwrap();
+            }
+        });
+        assert!(journals > 0);
     });
-    assert!(journals > 0);
 }
 
 /// A second power cut, while the run continues after the first.
 #[test]
 fn a_second_power_cut_leaves_a_prefix() {
-    let (_folder, path) = new_path();
-    let life = Life::new(campaign(), false);
-    let disk = life.record(&path);
-    let mut images = 0;
-    let mut second_images = 0;
-    life.each_cut(&disk, 1, |state, image, _| {
-        images += 1;
-        if !faults::all() && images % 60 != 0 {
-            return;
-        }
-        let kept = life.recover(&path, image, life.durable(state), state.marks).unwrap();
-        if kept <= 1 || kept + 1 >= life.steps.len() {
-            return; // perhaps not yet created, or complete
-        }
-        // Reading can have changed the files.
-        disk::write(image, path.parent().unwrap());
-        let rest = Life {
-            steps: life.steps[kept..].to_vec(),
-            contents: life.contents[kept..].to_vec(),
-            is_durable: false,
-            earlier: state.marks + 1 - kept,
-        };
-        let disk = rest.record(&path);
-        second_images += rest.check_each_cut(&disk, &path, 0);
+    own_process("power_cut::a_second_power_cut_leaves_a_prefix", || {
+        let (_folder, path) = new_path();
+        let life = Life::new(campaign(), false);
+        let disk = life.record(&path);
+        let mut images = 0;
+        let mut second_images = 0;
+        life.each_cut(&disk, 1, |state, image, _| {
+            images += 1;
+            if !faults::all() && images % 60 != 0 {
+                return;
+            }
+            let kept = life.recover(&path, image, life.durable(state), state.marks).unwrap();
+            if kept <= 1 || kept + 1 >= life.steps.len() {
+                return; // perhaps not yet created, or complete
+            }
+            // Reading can have changed the files.
+            disk::write(image, path.parent().unwrap());
+            let rest = Life {
+                steps: life.steps[kept..].to_vec(),
+                contents: life.contents[kept..].to_vec(),
+                is_durable: false,
+                earlier: state.marks + 1 - kept,
+            };
+            let disk = rest.record(&path);
+            second_images += rest.check_each_cut(&disk, &path, 0);
+        });
+        assert!(second_images > 50, "{second_images}");
     });
-    assert!(second_images > 50, "{second_images}");
 }
 
 /// Without syncs, the same checks find losses: the model does cut.
 #[test]
 fn the_model_finds_the_losses_of_a_run_that_is_not_durable() {
-    let (_folder, path) = new_path();
-    let life = Life::new(campaign(), false);
-    let disk = life.record(&path);
-    let mut lost = HashSet::new();
-    life.each_cut(&disk, 0, |state, image, _| {
-        // All steps that returned are expected, which only a durable run promises.
-        if state.marks > 0 && life.recover(&path, image, state.marks, state.marks).is_err() {
-            lost.insert(state.marks);
+    own_process("power_cut::the_model_finds_the_losses_of_a_run_that_is_not_durable", || {
+        let (_folder, path) = new_path();
+        let life = Life::new(campaign(), false);
+        let disk = life.record(&path);
+        let mut lost = HashSet::new();
+        life.each_cut(&disk, 0, |state, image, _| {
+            // All steps that returned are expected, which only a durable run promises.
+            if state.marks > 0 && life.recover(&path, image, state.marks, state.marks).is_err() {
+                lost.insert(state.marks);
+            }
+        });
+        // Creating, closing and resuming sync; other steps lose their records, except one that
+        // fills the log.
+        assert!(lost.len() >= 6, "{lost:?}");
+        for step in [1, 8, 9, 12] {
+            assert!(!lost.contains(&step), "{lost:?}");
         }
     });
-    // Creating, closing and resuming sync; other steps lose their records, except one that fills
-    // the log.
-    assert!(lost.len() >= 6, "{lost:?}");
-    for step in [1, 8, 9, 12] {
-        assert!(!lost.contains(&step), "{lost:?}");
-    }
 }

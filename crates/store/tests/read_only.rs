@@ -1,10 +1,8 @@
 //! Read-only runs can be read, and the error of writing them names the cause.
 //!
 //! Root ignores permissions, so the checks run in a separate process as an ordinary user.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
-#![cfg(unix)]
 
-mod sample;
+#![cfg(unix)]
 
 use std::fs::{Permissions, copy, create_dir, metadata, set_permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -12,8 +10,8 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::sample::{header, record};
 use mishandle_store::{IfExists, RunFile, RunWriter, StoreError};
-use sample::{header, record};
 
 const FOLDER: &str = "MISHANDLE_STORE_TEST_FOLDER";
 const ROOT: u32 = 0;

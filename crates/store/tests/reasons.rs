@@ -1,11 +1,8 @@
 //! Reasons of the ends of simulations.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
-mod sample;
-
+use crate::sample::{header, record};
 use mishandle_store::{EndReasons, IfExists, RunFile, RunWriter, Simulation, SimulationEnd, StoreError};
 use rusqlite::Connection;
-use sample::{header, record};
 use tempfile::TempDir;
 
 fn crashed(number: u32, reason: &str) -> Simulation {

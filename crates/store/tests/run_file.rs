@@ -1,13 +1,10 @@
 //! Records are read back bit for bit and in order, and invalid records are errors.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
-mod sample;
-
+use crate::sample::{axis, header, record, signal, trace, traced_record};
 use mishandle_store::{
     AxisRecord, Counts, FormulaRecord, IfExists, RunFile, RunHeader, RunWriter, Simulation, SimulationEnd,
     StoreError, StoredTrace, TrialStatus,
 };
-use sample::{axis, header, record, signal, trace, traced_record};
 use tempfile::TempDir;
 
 fn new_run() -> (TempDir, RunWriter) {

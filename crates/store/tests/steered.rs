@@ -1,11 +1,8 @@
 //! The memory of a proposal of simulations.
-#![allow(clippy::unwrap_used)] // clippy does not count helper functions as tests
 
-mod sample;
-
+use crate::sample::{header, record};
 use mishandle_store::{IfExists, RunFile, RunWriter, Simulation, StoreError};
 use rusqlite::Connection;
-use sample::{header, record};
 use tempfile::TempDir;
 
 fn run(steered: &[(Simulation, Vec<f64>)]) -> (TempDir, std::path::PathBuf) {

@@ -1,7 +1,5 @@
 //! Tests the physics of balls: they rest, roll, bounce and stay in place as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use mishandle_stl::{Clock, Monitor, Trace};

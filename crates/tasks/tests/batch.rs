@@ -1,7 +1,5 @@
 //! A batch of worlds gives the same episodes as the environment, whose physics it replaces.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::{

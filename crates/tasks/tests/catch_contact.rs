@@ -1,8 +1,6 @@
 //! Tests the physics of ball catching: the box catches balls, no ball tunnels through it, and the
 //! ball moves as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, System};

@@ -1,7 +1,5 @@
 //! Tests the physics of the cloth: it hangs, falls, drapes, slides and rests as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use mishandle_rollout::{ControllerWorker, Environment, EnvironmentWorker, Sample, Seed};

@@ -1,7 +1,5 @@
 //! Tests the physics of cubes: they are held, fall, rest, slide and topple as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle_tasks::{JOINTS, Panda, compose, task};
 use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Joint, Model, World};

@@ -1,7 +1,5 @@
 //! Tests the observation, the gripper and the rewards of cube stacking.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle_rollout::{Environment, Sample, Seed};
 use mishandle_tasks::{JOINTS, Preset, Reward, TaskEnvironment, task};
 

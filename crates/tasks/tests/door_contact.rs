@@ -1,7 +1,5 @@
 //! Tests the physics of the door: it turns, stops and is pulled as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle_tasks::kinematic::{ResolvedRate, rotation_between};
 use mishandle_tasks::{JOINT_NAMES, Panda, VELOCITY_LIMIT, compose, task};
 use mishandle_world::frame::{add, norm, rotate, rotate_back, scale, sub};

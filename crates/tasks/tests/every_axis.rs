@@ -1,7 +1,5 @@
 //! Invariants of every task and every axis of its scenarios.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use mishandle_controllers::ControllerFile;

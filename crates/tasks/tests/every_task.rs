@@ -1,7 +1,5 @@
 //! Invariants of every task.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::HashSet;
 use std::sync::Arc;
 

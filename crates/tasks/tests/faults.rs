@@ -1,8 +1,6 @@
 //! The contract of faults on every task: what the controller sees and what the robot gets, for each
 //! kind of fault.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::{Arc, Mutex};
 
 use mishandle_controllers::ControllerFile;

@@ -1,17 +1,13 @@
 //! The signals of the manner agree with the state of the simulation, and computing them changes
 //! nothing else.
 
-#![allow(clippy::unwrap_used)]
-
-mod stepped;
-
+use crate::stepped::Run;
 use mishandle_rollout::{Environment, Seed, Stream};
 use mishandle_tasks::{
     ACCELERATION_LIMIT, JOINT_NAMES, MANNER, Preset, Reward, TASKS, TORQUE_LIMIT, TaskEnvironment,
     VELOCITY_LIMIT, task,
 };
 use mishandle_world::{Arm, World};
-use stepped::Run;
 
 const ARM: usize = 7;
 const DT: f64 = 1.0 / 60.0;

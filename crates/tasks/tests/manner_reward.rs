@@ -1,18 +1,14 @@
 //! The reward terms of the manner follow their formulas, and change nothing else.
 
-#![allow(clippy::unwrap_used)]
-
-mod stepped;
-
 use std::sync::Arc;
 
+use crate::stepped::Run;
 use mishandle_rollout::{BatchFactory, Environment, Seed, Start, Stream};
 use mishandle_tasks::{
     CONTROL_DT, JOINT_NAMES, MANNER, MANNER_REWARD, MannerWeights, Preset, Reward, TASKS, TaskBatches,
     TaskEnvironment, task,
 };
 use mishandle_world::CpuDevice;
-use stepped::Run;
 
 const ALL: MannerWeights = MannerWeights { contact_force: 2.0, action_rate: 3.0, speed: 5.0, rest: 7.0 };
 

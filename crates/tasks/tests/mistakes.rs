@@ -1,7 +1,5 @@
 //! Mistakes in a user's task are errors that name the task and the field before the first episode.
 
-#![allow(clippy::unwrap_used)]
-
 use std::borrow::Cow;
 use std::error::Error;
 use std::sync::Arc;

@@ -1,7 +1,5 @@
 //! Tests the physics of the peg: it falls, stands, jams and is held as on a test bench.
 
-#![allow(clippy::unwrap_used)]
-
 use std::f64::consts::TAU;
 
 use mishandle_rollout::{Environment, Sample, Seed};

@@ -1,8 +1,6 @@
 //! A controller that sees: it gets what the cameras show. That nothing depends on threads and batch
 //! is a test of `robots`, whose episodes are short.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::sync::{Arc, Mutex};
 
 use mishandle_camera::{Output, Size, StateRenderer};

@@ -1,7 +1,5 @@
 //! Laws of the axes of sight, on every task.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::path::Path;
 use std::sync::Arc;
 

@@ -1,7 +1,5 @@
 //! Experts that take over in the middle of an episode of another controller.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::path::Path;
 use std::sync::Arc;
 

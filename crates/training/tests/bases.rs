@@ -1,7 +1,5 @@
 //! docs/reference/bases.md lists the bases.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use std::collections::BTreeMap;
 
 use mishandle_training::{ALGORITHMS, AlgorithmSettings, BASES, BEST};

@@ -1,14 +1,8 @@
 //! Training works with any environment batch, and the CPU batch produces the same bits as single
 //! workers.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod keeper;
-mod line;
-mod toy;
-
-use keeper::Keeper;
-use line::Line;
+use crate::keeper::Keeper;
+use crate::line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::{
     BatchFactory, Controller, Environment, EnvironmentBatch, EnvironmentSpec, RolloutError, Sample, Seed,

@@ -1,16 +1,12 @@
 //! Episodes: boundaries, final observations, statistics, action noise.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod toy;
-
 use std::sync::Arc;
 
+use crate::toy::{Toy, names, space};
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, TrainingScenarios};
 use mishandle_training::{
     Boundary, EpisodeSettings, Episodes, RolloutBuffer, ScenarioDraw, ScenarioSettings, TimeoutHandling,
 };
-use toy::{Toy, names, space};
 
 /// Environment whose observation is (control step, 100) and whose reward is the action. The axis
 /// `fate` determines the end: below 1 none, below 2 termination at control step 5, otherwise

@@ -1,17 +1,13 @@
 //! A policy with a history learns a task that one observation does not determine.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod toy;
-
 use std::sync::Arc;
 
+use crate::toy::{Toy, names, space};
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::{
     AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingProgress, Validation,
 };
-use toy::{Toy, names, space};
 
 /// Control steps of an episode.
 const STEPS: usize = 3;

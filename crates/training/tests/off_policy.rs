@@ -1,14 +1,8 @@
 //! SAC, TD3 and DDPG learn, and their results do not depend on the number of threads or on
 //! interruptions.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod harness;
-mod line;
-mod toy;
-
-use harness::{RecordingObserver, best_return, check_resumption, check_threads, mean_return, run};
-use line::Line;
+use crate::harness::{RecordingObserver, best_return, check_resumption, check_threads, mean_return, run};
+use crate::line::Line;
 use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, Origin};
 

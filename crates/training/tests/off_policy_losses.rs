@@ -1,8 +1,6 @@
 //! Compares the gradients of the SAC, TD3 and DDPG losses with finite differences, and the losses
 //! with loops over their definitions, in f64.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use mishandle_network::{Activation, Mlp, Workspace};
 use mishandle_rollout::{Seed, Stream};
 use mishandle_training::deterministic::{PolicyLoss, PolicyScratch};

@@ -1,16 +1,12 @@
 //! Replay buffer: n-step returns, episode ends, overwriting, sampling.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod toy;
-
 use std::sync::Arc;
 
+use crate::toy::{Toy, names, space};
 use mishandle_network::Normalizer;
 use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes, ScenarioSettings};
-use toy::{Toy, names, space};
 
 /// Environment whose observation is the control step and whose reward in step k, counted from 0, is
 /// 10^k. With a `fate` of at least 1 the task terminates the episode at step 4.

@@ -1,15 +1,12 @@
 //! Training episodes draw scenarios with the stated shares, and their policy sees and acts exactly
 //! as in an evaluation.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod line;
-mod toy;
-
+use crate::toy;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
-use line::Line;
+use crate::line::Line;
+use crate::toy::{Toy, names};
 use mishandle_controllers::Policy;
 use mishandle_guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_network::{Activation, Mlp};
@@ -24,7 +21,6 @@ use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, Boundary, Checkpoint, EpisodeSettings, Episodes, Observer, Origin, Rates,
     ScenarioSettings, TrainingControl, TrainingError, TrainingProgress, Validation,
 };
-use toy::{Toy, names};
 
 /// Number of control steps of an episode.
 const STEPS: usize = 30;

@@ -1,13 +1,7 @@
 //! Training that starts from the policy of a controller: `run.from` and `run.critic_steps`.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod keeper;
-mod line;
-mod toy;
-
-use keeper::Keeper;
-use line::Line;
+use crate::keeper::Keeper;
+use crate::line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, Seed};
 use mishandle_training::{ALGORITHMS, AlgorithmSettings, Origin, TrainingError};

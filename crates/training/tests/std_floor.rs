@@ -1,13 +1,7 @@
 //! `policy.std_floor`: the smallest standard deviation by which a policy divides its observations.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod keeper;
-mod line;
-mod toy;
-
-use keeper::Keeper;
-use line::Line;
+use crate::keeper::Keeper;
+use crate::line::Line;
 use mishandle_controllers::Policy;
 use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, Checkpoint, Origin};

@@ -1,7 +1,5 @@
 //! The pairs of links that are excluded from collisions because they cannot meet do not meet.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use mishandle_world::{Model, PANDA};
 
 const BODIES: [&str; 11] = [

@@ -1,7 +1,5 @@
 //! Documents that refer to files in memory.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::sync::Arc;
 
 use mishandle_world::{Assets, ElementKind, Model, mjcf_of_urdf};

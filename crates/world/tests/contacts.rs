@@ -1,7 +1,5 @@
 //! Contact forces agree with statics.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle_world::Model;
 
 /// A table of 2 kg on the ground, and on it a ball of 0.5 kg. A box without a name belongs to the

@@ -1,7 +1,5 @@
 //! Models that would end this process, and models that are as before.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::sync::{Arc, Once};
 
 use mishandle_world::{Assets, Model, WorldError, mjcf_of_untrusted_urdf, run_child, set_child_program};

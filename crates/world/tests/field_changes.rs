@@ -1,7 +1,5 @@
 //! A changed number of the model has the effect of the same number in the document.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use mishandle_world::{Change, ElementKind, FieldOperation, Model, ModelField};
 
 /// A model in which every number matters. Numbers in braces are replaced. A sphere is where the

@@ -1,7 +1,5 @@
 //! The vertices of a flex are contiguous, and switching constraints off does not break its edges.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use mishandle_world::{Model, World, WorldError};
 
 /// Returns a triangle of three point masses, one of them fixed to the world; `last` is the body of

@@ -1,8 +1,6 @@
 //! The robot's kinematics compared with Franka's Denavit-Hartenberg parameters, computed with 4x4
 //! matrices.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use mishandle_world::{Arm, Joint, Model, PANDA, World};

@@ -1,8 +1,6 @@
 //! The robot keeps its position, velocity and effort limits under the servo rule and holds its
 //! initial configuration. Its visual shapes have no mass and no contacts.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use mishandle_world::{Actuator, Joint, Model, PANDA, Servo, World};
 
 const JOINTS: [&str; 9] =

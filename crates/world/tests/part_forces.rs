@@ -1,7 +1,5 @@
 //! Contact forces between parts agree with statics.
 
-#![allow(clippy::unwrap_used)]
-
 use mishandle_world::{Body, ElementKind, Model, Part, World, WorldError};
 
 /// A robot whose base is a plate. On the plate stand a cube of 0.5 kg and a link of 0.4 kg. One

@@ -3,8 +3,6 @@
 //!
 //! The packages are installed into a virtual environment in the target folder and reused.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

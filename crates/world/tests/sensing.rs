@@ -1,7 +1,5 @@
 //! Sensors, contact forces and poses of geoms, compared with hand calculation.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
 use mishandle_world::{ElementKind, JointKind, Model};
 
 /// A cube of 2 kg on the ground beside a pendulum of 3 kg, 0.5 m long, with a keyframe.

@@ -1,7 +1,5 @@
 //! Figures on the pages do not contradict each other, whoever wrote them.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,5 @@
 //! The records of the shipped controllers, as other crates read them.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::Path;
 
 use mishandle::tasks::TASKS;

@@ -1,22 +1,19 @@
 //! From a plan to tables, with a runner that trains in no time.
 
-#![allow(clippy::unwrap_used)]
 #![allow(
     clippy::redundant_closure_for_method_calls,
     reason = "a path has no lifetime that is general enough"
 )]
-
-mod runner;
 
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::runner::{CURVE_COLUMNS, FakeRunner, SETTINGS, corners, curve_rows, write_controller};
 use mishandle::controllers::Header;
 use mishandle::files::FileLock;
 use mishandle_zoo::{CornersRecord, NOISE_LEVELS, Selection, Zoo, ZooError, ZooFolder, ZooObserver};
-use runner::{CURVE_COLUMNS, FakeRunner, SETTINGS, corners, curve_rows, write_controller};
 
 /// A repository with one task and one settings file.
 struct Repository {

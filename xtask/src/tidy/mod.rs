@@ -5,6 +5,7 @@ mod crates;
 mod imports;
 mod links;
 mod plain;
+mod programs;
 mod prose;
 mod rooms;
 mod rules;
@@ -98,6 +99,7 @@ pub fn check(root: &Path) -> Result<()> {
         rooms::check(&tree),
         rules::check(&tree),
         links::check(&tree),
+        programs::check(&tree),
         prose::check(&tree),
         plain::check(&tree),
         sizes::check(&tree),

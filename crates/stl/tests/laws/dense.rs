@@ -1,7 +1,7 @@
 //! Dense time against the reference evaluator of discrete time, on grids that make both equal or
 //! close.
 
-use crate::naive::{NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
+use super::naive::{NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use mishandle_stl::{
     Clock, DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Monitor, TimeUnit,
     Trace, is_satisfied,

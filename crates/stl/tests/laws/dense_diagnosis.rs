@@ -1,6 +1,6 @@
 //! Values at the first time in dense time, the predicates that determine them, and cut windows.
 
-use crate::random_signals::{compile, evaluate, for_random_cases};
+use super::random_signals::{compile, evaluate, for_random_cases};
 use mishandle_stl::{DenseSignal, Formula, Interpolation, is_violated};
 
 fn is_near(a: f64, b: f64) -> bool {

@@ -1,7 +1,7 @@
 //! Laws of robustness in dense time, and inputs at the limits.
 
-use crate::naive::{NAMES, Random};
-use crate::random_signals::{compile, evaluate, for_random_cases};
+use super::naive::{NAMES, Random};
+use super::random_signals::{compile, evaluate, for_random_cases};
 use mishandle_stl::{
     DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Violation, is_satisfied,
     is_violated,

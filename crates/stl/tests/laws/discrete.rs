@@ -1,6 +1,6 @@
 //! Laws that hold for every formula and trace, checked on random ones.
 
-use crate::naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
+use super::naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use mishandle_stl::{
     Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, Trace, is_satisfied, is_violated,
 };

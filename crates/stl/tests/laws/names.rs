@@ -1,6 +1,6 @@
 //! Names of signals in backquotes, and hints on names.
 
-use crate::naive::Random;
+use super::naive::Random;
 use mishandle_stl::{Clock, Formula, Monitor, MonitorError, Trace, spelled};
 
 /// A random name: of characters with a meaning in formulas, or a word that has one.

@@ -1,6 +1,6 @@
 //! Laws of online monitors, checked on random formulas.
 
-use crate::naive::{NAMES, Random, Tree};
+use super::naive::{NAMES, Random, Tree};
 use mishandle_stl::{Bounds, Clock, CutMonitor, Formula, Monitor, OnlineMonitor, Trace, is_satisfied};
 use std::sync::Arc;
 

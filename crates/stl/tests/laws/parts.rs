@@ -1,6 +1,6 @@
 //! Laws of the parts of a robustness.
 
-use crate::naive::{NAMES, Random, Tree};
+use super::naive::{NAMES, Random, Tree};
 use mishandle_stl::{Clock, Composition, Decomposition, Formula, Monitor, Trace};
 use std::sync::Arc;
 

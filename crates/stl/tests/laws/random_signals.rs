@@ -1,6 +1,6 @@
 //! Random formulas and signals in dense time.
 
-use crate::naive::{NAMES, ONE, Random, Tree};
+use super::naive::{NAMES, ONE, Random, Tree};
 use mishandle_stl::{
     DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, TimeUnit,
 };

@@ -1,6 +1,6 @@
 //! Values at some samples, and diagnoses, equal those of the evaluation of the whole trace.
 
-use crate::naive::{NAMES, Random, Tree};
+use super::naive::{NAMES, Random, Tree};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
 use std::ops::Range;
 

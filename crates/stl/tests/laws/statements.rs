@@ -1,6 +1,6 @@
 //! Where statements end: definitions, declarations and formulas over several lines.
 
-use crate::naive::{Random, Tree};
+use super::naive::{Random, Tree};
 use mishandle_stl::{Formula, ParseError};
 
 #[track_caller]

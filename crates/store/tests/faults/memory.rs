@@ -1,4 +1,5 @@
 //! The memory of SQLite, which is exhausted on command.
+
 #![allow(unsafe_code, unsafe_op_in_unsafe_fn)] // SQLite calls these functions with its own valid pointers
 
 use std::cell::Cell;

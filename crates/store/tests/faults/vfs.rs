@@ -7,6 +7,7 @@
 //!
 //! SQLite maps the file ending in `-shm` into memory without the VFS. That file holds nothing of
 //! value: after a power cut SQLite computes it from the log.
+
 #![allow(unsafe_code, unsafe_op_in_unsafe_fn)] // SQLite calls these functions with its own valid pointers
 
 use std::cell::{Cell, RefCell};

@@ -1,4 +1,5 @@
 //! A run for tests.
+
 #![allow(dead_code)] // each test file uses another part
 
 use mishandle_store::{

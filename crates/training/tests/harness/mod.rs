@@ -1,7 +1,5 @@
 //! Test harness for all algorithms: training on a toy environment, determinism, resumption.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use mishandle_controllers::Policy;
 use mishandle_rollout::{Controller, Environment, Seed};
 use mishandle_training::{

@@ -1,7 +1,5 @@
 //! Toy environments for tests.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
 use std::sync::Arc;
 
 use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Space};

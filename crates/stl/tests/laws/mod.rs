@@ -1,6 +1,5 @@
 //! Laws of formulas, monitors and robustness, checked on random ones and against a reference that
 //! follows the definitions.
-#![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 
 mod dense;
 mod dense_diagnosis;

@@ -1,17 +1,13 @@
 //! Tasks of the benchmark as target files: the same traces, bit for bit.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
-
-#[path = "mod.rs"]
-mod both;
-
+use crate::tasks_as_files;
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_rollout::{Episode, Seed};
 use mishandle_sight::View;
 use mishandle_world::Model;
 
 fn traces_are_equal(task: &str) {
-    let [expected, found] = both::targets(task).map(|target| both::simulate(&target, 40));
+    let [expected, found] = tasks_as_files::targets(task).map(|target| tasks_as_files::simulate(&target, 40));
     for (row, (expected, found)) in expected.iter().zip(&found).enumerate() {
         assert_eq!(expected.trace.names(), found.trace.names());
         for (column, name) in expected.trace.names().iter().enumerate() {
@@ -61,7 +57,8 @@ fn cameras_of_a_file_see_what_those_of_the_task_see() {
         format!("{name} = {{ {body}position = {from:?}, look_at = {to:?}, up = {up:?}, fovy = {fovy} }}\n")
     };
     let cameras: String = task.cameras().iter().map(table).collect();
-    let file = both::file("ball-pushing", &format!("[sight]\nobject = \"ball\"\n[cameras]\n{cameras}"));
+    let file =
+        tasks_as_files::file("ball-pushing", &format!("[sight]\nobject = \"ball\"\n[cameras]\n{cameras}"));
     let (own, seen) = mishandle_tasks::sight::view(task, size).unwrap();
     let (other, found) = file.view(size).unwrap().unwrap();
     let state = &mishandle::picture::initial_state("ball-pushing", None).unwrap().states[0];

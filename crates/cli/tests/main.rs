@@ -1,0 +1,52 @@
+//! The tests of this package as one program, because linking takes longer than most of them.
+//! A file of this folder is a module here.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod axes;
+mod bench;
+mod bisect;
+mod campaign;
+#[path = "../../../tests/cart_pole/mod.rs"]
+mod cart_pole;
+mod check;
+mod compare;
+mod counterexamples;
+mod diff;
+mod evidence;
+mod evidence_limits;
+mod explain;
+mod follow;
+mod formula;
+#[path = "../../interchange/tests/graph/mod.rs"]
+mod graph;
+mod guards;
+mod hostile_models;
+mod interrupt;
+mod invalid_action;
+mod json;
+mod logs;
+mod margin;
+mod messages;
+mod metamorphic;
+mod program;
+mod render;
+mod report;
+mod report_browser;
+mod reproduce;
+mod risk;
+mod robots_guide;
+mod runs;
+mod security;
+mod seeing;
+mod settings;
+mod simulate;
+mod simulators;
+mod simulators_guide;
+mod target;
+mod terminal;
+mod train;
+mod train_failures;
+mod training;
+mod verdicts;
+mod view;

@@ -1,0 +1,16 @@
+//! The tests of this package as one program, because linking takes longer than most of them.
+//! A file of this folder is a module here.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod cameras;
+mod cartpole;
+mod contract;
+mod events;
+mod first_file;
+mod first_file_models;
+mod names;
+mod noise;
+mod program;
+mod screening;
+mod start;
