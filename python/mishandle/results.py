@@ -1380,19 +1380,6 @@ class Coverage:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Adversary:
-    """An adversary: a policy that disturbs simulations while they run. All simulations of its
-    training are those of the trials, and count."""
-
-    axes: int
-    """Number of axes that the adversary decides. The others are random."""
-    decisions: int
-    """Number of times in an episode at which it decides some of them."""
-    rows: int
-    """Number of simulations from which it learns before the next ones start."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Falsification:
     """Counterexamples that the trials of a search found."""
 
@@ -1494,8 +1481,6 @@ class Falsification:
     """Pairwise coverage of the space by the simulations."""
     screening: Screening | None = None
     """Counts of the screening; missing without it."""
-    adversary: Adversary | None = None
-    """The adversary that disturbed the simulations; missing without one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
