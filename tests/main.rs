@@ -3,7 +3,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod adversary;
 mod bisect;
 mod bits;
 mod cart_pole;

@@ -138,8 +138,7 @@ def falsify(
     space : sequence of Axis or str
         Axes of the scenarios; or the name of a space of a task, such as ``"starts+sensing"``, for one of our controllers.
     search : str
-        One of :func:`mishandle.search_names`; or ``"adversary"``: a policy that PPO trains against the controller disturbs the
-        simulations of a task while they run, and every simulation of its training counts.
+        One of :func:`mishandle.search_names`.
     options : dict, optional
         Options of the search; the command ``mishandle searches NAME`` lists them.
     trials, budget : int

@@ -1380,19 +1380,6 @@ class Coverage:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Adversary:
-    """An adversary: a policy that disturbs simulations while they run. All simulations of its
-    training are those of the trials, and count."""
-
-    axes: int
-    """Number of axes that the adversary decides. The others are random."""
-    decisions: int
-    """Number of times in an episode at which it decides some of them."""
-    rows: int
-    """Number of simulations from which it learns before the next ones start."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Falsification:
     """Counterexamples that the trials of a search found."""
 
@@ -1494,8 +1481,6 @@ class Falsification:
     """Pairwise coverage of the space by the simulations."""
     screening: Screening | None = None
     """Counts of the screening; missing without it."""
-    adversary: Adversary | None = None
-    """The adversary that disturbed the simulations; missing without one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -1638,184 +1623,6 @@ class Margin:
     """Number of different seeds of these; ``None`` without one."""
     witness: Witness | None
     """The violation with the smallest disturbance; ``None`` without one."""
-    reasons: tuple[EndReasons, ...] | None = None
-    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SourceRange:
-    """The range from which an axis of source cases is drawn."""
-
-    axis: str
-    """Name of the axis."""
-    low: float
-    """Lowest value."""
-    high: float
-    """Highest value."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MetamorphicRelation:
-    """The pairs of a metamorphic relation."""
-
-    name: str
-    """Name of the relation."""
-    change: dict[str, str]
-    """The change of each changed axis: an offset such as ``+0.02``, a factor such as ``*0.8``,
-    or a value such as ``=0.3``."""
-    holds: str
-    """The relation of the results: ``same-verdict``, ``not-better``, ``not-worse``, the last two
-    also with a tolerance of the robustness as in ``not-worse:0.05``, or
-    ``robustness-within:DISTANCE``."""
-    pairs: int
-    """Number of pairs that were simulated."""
-    out_of_bounds: int
-    """Number of source cases whose follow-up case is outside of the bounds of an axis. They were
-    not simulated for this relation."""
-    without_verdict: int
-    """Number of pairs in which a simulation has no verdict."""
-    verdicts: VerdictCounts
-    """The verdicts of the other pairs."""
-    broken: int
-    """Number of pairs that break the relation."""
-    broken_rate: Estimate
-    """The rate of broken pairs among those with two verdicts."""
-    worst: tuple[BrokenPair, ...]
-    """Up to 100 broken pairs, the largest difference of the robustness first."""
-    smallest_change: SmallestChange | None
-    """The smallest share of the change that still breaks the relation from the source case of
-    the first of them; ``None`` without one, or if an axis is changed to a category."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VerdictCounts:
-    """Pairs by the verdicts of source case and follow-up case."""
-
-    both_satisfied: int
-    """Both satisfy the requirement."""
-    both_violated: int
-    """Both violate it."""
-    worse: int
-    """The source case satisfies it, the follow-up case violates it."""
-    better: int
-    """The source case violates it, the follow-up case satisfies it."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BrokenPair:
-    """A pair that breaks a relation."""
-
-    pair: int
-    """Number of the pair, from 1."""
-    seed: int
-    """Random seed of both cases."""
-    source: PairCase
-    """The source case."""
-    follow_up: PairCase
-    """The follow-up case."""
-    difference: float
-    """Robustness of the follow-up case minus that of the source case."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PairCase:
-    """A simulation of a pair."""
-
-    trial: int
-    """Its trial in the run."""
-    simulation: int
-    """Its number in the trial."""
-    scenario: dict[str, Value]
-    """Scenario by axis."""
-    robustness: float | None
-    """Robustness; ``None`` without a verdict."""
-    is_violated: bool | None
-    """Whether it violates the requirement; ``None`` without a verdict."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SmallestChange:
-    """The smallest change that was found to break a relation, by bisection: an upper bound."""
-
-    pair: int
-    """Number of the pair."""
-    share: float
-    """Share of the change, up to 1."""
-    holds_at: float
-    """Largest smaller share that was tried and does not break the relation; 0 is the source case
-    itself."""
-    change: dict[str, float]
-    """Difference from the source case on each changed axis, in the unit of the axis."""
-    follow_up: PairCase
-    """The follow-up case with this change."""
-    simulations: int
-    """Number of simulations of the bisection."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Metamorphic:
-    """Relations between the results of pairs of scenarios: metamorphic relations.
-
-    A source case is a random scenario. A relation changes some of its axes, which gives the
-    follow-up case, and says what must hold between the two results. Both cases have the same
-    seed.
-    """
-
-    run: str | None = None
-    """Path of the run file; missing if none is written."""
-    target: str
-    """Name of the target."""
-    task: str
-    """The same; the older name of ``target``."""
-    target_kind: str
-    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
-    target_hash: str
-    """Hash of the target."""
-    preset: str | None
-    """Task preset; ``None`` if the target is not a task."""
-    controller: str | None
-    """Name of the controller; ``None`` without one."""
-    controller_hash: str | None
-    """Hash of what the controller does; ``None`` without one."""
-    guard: GuardFacts | None = None
-    """Guard of the controller; left out without one."""
-    stochastic: bool
-    """Whether actions are sampled from the policy's distribution."""
-    action_noise: float
-    """Standard deviation of the noise that is added to actions."""
-    observation_noise: float
-    """Standard deviation of the noise that is added to observations."""
-    seed: int
-    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
-    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
-    those of repeats are derived from it."""
-    space: str
-    """Name of the scenario space."""
-    axes: tuple[str, ...]
-    """Names of its axes, the order of ``initial_configuration``."""
-    space_axes: tuple[AxisFacts, ...]
-    """The axes of the space in the same order."""
-    set_axes: tuple[str, ...]
-    """Names of the axes whose range the plan sets."""
-    control_dt: float
-    """Duration of a control step, s."""
-    episode_steps: int
-    """Number of control steps of a whole episode."""
-    formula: str
-    """The requirement."""
-    sources: tuple[SourceRange, ...]
-    """The values of source cases, in the order of the axes."""
-    pairs: int
-    """Requested number of source cases."""
-    simulations: int
-    """Number of all simulations."""
-    is_random: bool
-    """Whether the seed has an effect. If so, each pair has its own seed."""
-    is_complete: bool
-    """Whether the test was not interrupted; otherwise the counts are those of the finished
-    pairs."""
-    relations: tuple[MetamorphicRelation, ...]
-    """The relations."""
     reasons: tuple[EndReasons, ...] | None = None
     """Reasons that the target gave for the ends of simulations, by end; missing without one."""
 
@@ -2489,7 +2296,185 @@ class CampaignRun:
     """Kind of the run: ``evaluate``, ``falsify``, ``margin``, ``metamorphic``, ``risk`` or
     ``harden``."""
     result: Evaluation | Falsification | Margin | Metamorphic | Risk | Hardening
-    """The document of that command, without ``schema``."""
+    """The result. The command of that name, if there is one, prints it with ``schema``."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Metamorphic:
+    """Relations between the results of pairs of scenarios: metamorphic relations.
+
+    A source case is a random scenario. A relation changes some of its axes, which gives the
+    follow-up case, and says what must hold between the two results. Both cases have the same
+    seed.
+    """
+
+    run: str | None = None
+    """Path of the run file; missing if none is written."""
+    target: str
+    """Name of the target."""
+    task: str
+    """The same; the older name of ``target``."""
+    target_kind: str
+    """Kind of the target: ``task``, ``toy``, ``arch``, ``robot``, ``process`` or ``python``."""
+    target_hash: str
+    """Hash of the target."""
+    preset: str | None
+    """Task preset; ``None`` if the target is not a task."""
+    controller: str | None
+    """Name of the controller; ``None`` without one."""
+    controller_hash: str | None
+    """Hash of what the controller does; ``None`` without one."""
+    guard: GuardFacts | None = None
+    """Guard of the controller; left out without one."""
+    stochastic: bool
+    """Whether actions are sampled from the policy's distribution."""
+    action_noise: float
+    """Standard deviation of the noise that is added to actions."""
+    observation_noise: float
+    """Standard deviation of the noise that is added to observations."""
+    seed: int
+    """Seed of the plan, from which the seeds of simulations are derived. For ``simulate``, and
+    for ``margin`` of a target without noise, it is the seed of the simulations themselves; only
+    those of repeats are derived from it."""
+    space: str
+    """Name of the scenario space."""
+    axes: tuple[str, ...]
+    """Names of its axes, the order of ``initial_configuration``."""
+    space_axes: tuple[AxisFacts, ...]
+    """The axes of the space in the same order."""
+    set_axes: tuple[str, ...]
+    """Names of the axes whose range the plan sets."""
+    control_dt: float
+    """Duration of a control step, s."""
+    episode_steps: int
+    """Number of control steps of a whole episode."""
+    formula: str
+    """The requirement."""
+    sources: tuple[SourceRange, ...]
+    """The values of source cases, in the order of the axes."""
+    pairs: int
+    """Requested number of source cases."""
+    simulations: int
+    """Number of all simulations."""
+    is_random: bool
+    """Whether the seed has an effect. If so, each pair has its own seed."""
+    is_complete: bool
+    """Whether the test was not interrupted; otherwise the counts are those of the finished
+    pairs."""
+    relations: tuple[MetamorphicRelation, ...]
+    """The relations."""
+    reasons: tuple[EndReasons, ...] | None = None
+    """Reasons that the target gave for the ends of simulations, by end; missing without one."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SourceRange:
+    """The range from which an axis of source cases is drawn."""
+
+    axis: str
+    """Name of the axis."""
+    low: float
+    """Lowest value."""
+    high: float
+    """Highest value."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MetamorphicRelation:
+    """The pairs of a metamorphic relation."""
+
+    name: str
+    """Name of the relation."""
+    change: dict[str, str]
+    """The change of each changed axis: an offset such as ``+0.02``, a factor such as ``*0.8``,
+    or a value such as ``=0.3``."""
+    holds: str
+    """The relation of the results: ``same-verdict``, ``not-better``, ``not-worse``, the last two
+    also with a tolerance of the robustness as in ``not-worse:0.05``, or
+    ``robustness-within:DISTANCE``."""
+    pairs: int
+    """Number of pairs that were simulated."""
+    out_of_bounds: int
+    """Number of source cases whose follow-up case is outside of the bounds of an axis. They were
+    not simulated for this relation."""
+    without_verdict: int
+    """Number of pairs in which a simulation has no verdict."""
+    verdicts: VerdictCounts
+    """The verdicts of the other pairs."""
+    broken: int
+    """Number of pairs that break the relation."""
+    broken_rate: Estimate
+    """The rate of broken pairs among those with two verdicts."""
+    worst: tuple[BrokenPair, ...]
+    """Up to 100 broken pairs, the largest difference of the robustness first."""
+    smallest_change: SmallestChange | None
+    """The smallest share of the change that still breaks the relation from the source case of
+    the first of them; ``None`` without one, or if an axis is changed to a category."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerdictCounts:
+    """Pairs by the verdicts of source case and follow-up case."""
+
+    both_satisfied: int
+    """Both satisfy the requirement."""
+    both_violated: int
+    """Both violate it."""
+    worse: int
+    """The source case satisfies it, the follow-up case violates it."""
+    better: int
+    """The source case violates it, the follow-up case satisfies it."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BrokenPair:
+    """A pair that breaks a relation."""
+
+    pair: int
+    """Number of the pair, from 1."""
+    seed: int
+    """Random seed of both cases."""
+    source: PairCase
+    """The source case."""
+    follow_up: PairCase
+    """The follow-up case."""
+    difference: float
+    """Robustness of the follow-up case minus that of the source case."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PairCase:
+    """A simulation of a pair."""
+
+    trial: int
+    """Its trial in the run."""
+    simulation: int
+    """Its number in the trial."""
+    scenario: dict[str, Value]
+    """Scenario by axis."""
+    robustness: float | None
+    """Robustness; ``None`` without a verdict."""
+    is_violated: bool | None
+    """Whether it violates the requirement; ``None`` without a verdict."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SmallestChange:
+    """The smallest change that was found to break a relation, by bisection: an upper bound."""
+
+    pair: int
+    """Number of the pair."""
+    share: float
+    """Share of the change, up to 1."""
+    holds_at: float
+    """Largest smaller share that was tried and does not break the relation; 0 is the source case
+    itself."""
+    change: dict[str, float]
+    """Difference from the source case on each changed axis, in the unit of the axis."""
+    follow_up: PairCase
+    """The follow-up case with this change."""
+    simulations: int
+    """Number of simulations of the bisection."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

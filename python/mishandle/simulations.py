@@ -121,7 +121,6 @@ def regress(
     repeats: int = 0,
     max_failure_rate: float = 0.0,
     junit: PathLike | None = None,
-    sarif: PathLike | None = None,
     **target: Unpack[TargetOptions],
 ) -> Regression:
     """Simulates the counterexample files of a folder with a system, such as a new version of a policy.
@@ -141,8 +140,6 @@ def regress(
         With ``repeats``: largest failure rate of a test that passes.
     junit : path, optional
         File for the results as JUnit XML, which continuous integration shows as tests; an existing file is replaced.
-    sarif : path, optional
-        File for the results as SARIF 2.1.0, which code scanning shows; an existing file is replaced.
 
     Examples
     --------
@@ -167,7 +164,7 @@ def regress(
         has_policy = target.get("policy") is not None
         options: TargetOptions = {**target, "policy": baseline} if has_policy else target
         other = make_target(system if has_policy else baseline, formula, space, options, lambda space: None).native
-    text, xml, log = _native.regress(
+    text, xml = _native.regress(
         made.native, os.fspath(folder), baseline=other, repeats=repeats, max_failure_rate=max_failure_rate
     )
     found = read(Regression, text)
@@ -175,8 +172,6 @@ def regress(
         raise InvalidValueError(f"there is no counterexample (*.json) in {os.fspath(folder)}; write some with `export`")
     if junit is not None:
         write_text(junit, xml)
-    if sarif is not None:
-        write_text(sarif, log)
     return found
 
 

@@ -123,8 +123,7 @@ pub fn export(
 }
 
 /// Simulates the counterexamples of a folder with a target, and with the target of a baseline, each
-/// `repeats` times with other seeds. Returns the document, and the reports as JUnit XML and as
-/// SARIF.
+/// `repeats` times with other seeds. Returns the document, and the report as JUnit XML.
 #[pyfunction]
 #[pyo3(signature = (target, folder, *, baseline, repeats, max_failure_rate))]
 pub fn regress(
@@ -134,7 +133,7 @@ pub fn regress(
     baseline: Option<&PyTarget>,
     repeats: u64,
     max_failure_rate: f64,
-) -> PyResult<(String, String, String)> {
+) -> PyResult<(String, String)> {
     let tested =
         Tested::Target { target: &target.target, baseline: baseline.map(|baseline| &baseline.target) };
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
@@ -153,5 +152,5 @@ pub fn regress(
         return Err(exception);
     }
     let (found, times) = found?;
-    Ok((json(&found)?, mishandle_cli::junit(&found, &times), mishandle_cli::regression_sarif(&found)))
+    Ok((json(&found)?, mishandle_cli::junit(&found, &times)))
 }

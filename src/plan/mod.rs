@@ -237,7 +237,7 @@ pub struct FalsifyPlan {
     /// `None` selects the target's first formula, which is `success` for a task.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
-    /// Name of the search, or `adversary`.
+    /// Name of the search.
     pub search: String,
     /// Number of trials.
     pub trials: u32,
@@ -284,14 +284,6 @@ impl Default for FalsifyPlan {
 }
 
 impl FalsifyPlan {
-    /// Name of the search in which an adversary disturbs the simulations.
-    pub const ADVERSARY: &str = "adversary";
-
-    /// Returns whether an adversary disturbs the simulations, and no search proposes scenarios.
-    pub fn has_adversary(&self) -> bool {
-        self.search == FalsifyPlan::ADVERSARY
-    }
-
     /// Sets `isolate` where the plan leaves it open: a person who asks one question wants to know
     /// why it fails.
     pub fn isolate_by_default(&mut self) {

@@ -7,7 +7,7 @@ use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, Tri
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{adversary, asked, evaluate, falsify, record};
+use crate::run::{asked, evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan
 /// implies.
@@ -84,9 +84,6 @@ fn of_falsification(
         });
     }
     let plan = resolved.plan.falsify.clone().unwrap_or_default();
-    if plan.has_adversary() {
-        return of_adversary((recorded, simulation), resolved);
-    }
     let Some(mut trial) = falsify::new_trial(resolved, number)? else {
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
     };
@@ -129,24 +126,6 @@ fn of_falsification(
         }
     }
     found.extend(status_difference(&mut trial, recorded)?);
-    Ok(found)
-}
-
-/// Compares a simulation that an adversary disturbed with what the plan implies of it: seed, and
-/// the values of the axes that the adversary did not decide. What it decided is in the record only.
-fn of_adversary(
-    (trial, recorded): (&TrialRecord, &Simulation),
-    resolved: &ResolvedPlan,
-) -> Result<Vec<String>, MishandleError> {
-    let mut found: Vec<String> = falsify::seed_difference(resolved, trial).into_iter().collect();
-    let request = record::request(recorded, false);
-    match adversary::expected_request(resolved, &request)? {
-        Some(expected) => found.extend(request_differences(recorded, &expected)),
-        None => found.push(format!(
-            "simulation {} of trial {}: the plan has no such simulation",
-            recorded.number, recorded.trial
-        )),
-    }
     Ok(found)
 }
 

@@ -160,29 +160,9 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<(), Mishand
             expected,
         });
     }
-    if falsify.has_adversary() {
-        return check_adversary(falsify);
-    }
     search_entry(&falsify.search)?;
     new_search(falsify, &coordinates(space))(0)?;
     Ok(())
-}
-
-/// Checks that the settings of a falsification with an adversary are those that it has.
-fn check_adversary(falsify: &FalsifyPlan) -> Result<(), MishandleError> {
-    if falsify.keep_going {
-        let (what, value) = ("keep-going of an adversary", "true".to_string());
-        let expected = "false, because an adversary that found a violation repeats it";
-        return Err(MishandleError::InvalidValue { what, value, expected });
-    }
-    match falsify.options.iter().next() {
-        Some((name, _)) => Err(MishandleError::InvalidValue {
-            what: "the option of an adversary",
-            value: name.to_string(),
-            expected: "left out, because an adversary has no options",
-        }),
-        None => Ok(()),
-    }
 }
 
 /// Checks the relations of a plan. `sources` is the space of the source cases and `known` the axes

@@ -30,15 +30,13 @@ mod training;
 use mishandle_arch::PROBLEMS;
 use mishandle_falsification::{FalsificationSettings, search_space};
 use mishandle_random::Seed;
-use mishandle_rollout::{
-    AdversaryEnvironment, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target,
-};
+use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_search::SearchSpace;
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
 
 use crate::error::MishandleError;
-use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
+use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 use crate::resolve::robot::robot_target;
 use crate::resolve::search::new_search;
@@ -148,8 +146,6 @@ pub struct ResolvedPlan {
     pub stored_parts: usize,
     /// The space as a search sees it, without units.
     pub search_space: SearchSpace,
-    /// Where the adversary of a falsification acts; `None` if a search proposes scenarios.
-    pub adversary: Option<AdversaryEnvironment>,
 }
 
 impl ResolvedPlan {
@@ -232,25 +228,12 @@ impl ResolvedPlan {
         let steps = target.episode_steps;
         let parts = specification.decomposition(target.control_dt, steps + 1)?;
         let search_space = search_space(&space, &parts, steps);
-        let (mut needs_parts, mut adversary) = (false, None);
-        match &plan.falsify {
-            Some(falsify) if falsify.has_adversary() => {
-                adversary = Some(target.system(&space, &specification)?.adversary()?);
-            }
-            Some(falsify) => needs_parts = new_search(falsify, &search_space)(0)?.needs_parts(),
-            None => {}
-        }
+        let needs_parts = match &plan.falsify {
+            Some(falsify) => new_search(falsify, &search_space)(0)?.needs_parts(),
+            None => false,
+        };
         let stored_parts = if needs_parts { parts.ends().len() } else { 0 };
-        Ok(ResolvedPlan {
-            plan,
-            target,
-            space,
-            specification,
-            signals,
-            stored_parts,
-            search_space,
-            adversary,
-        })
+        Ok(ResolvedPlan { plan, target, space, specification, signals, stored_parts, search_space })
     }
 
     /// Returns the names of the signals of the traces.
@@ -313,12 +296,6 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
         ("the question of a screening", "margin".to_string(), "evaluate, falsify or risk")
     } else if plan.metamorphic.is_some() {
         ("the question of a screening", "metamorphic".to_string(), "evaluate, falsify or risk")
-    } else if plan.falsify.as_ref().is_some_and(FalsifyPlan::has_adversary) {
-        (
-            "the search of a screening",
-            FalsifyPlan::ADVERSARY.to_string(),
-            "a search that proposes scenarios, because an adversary disturbs simulations while they run",
-        )
     } else if keeps_going {
         (
             "keep-going of a screened search",

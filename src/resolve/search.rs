@@ -17,12 +17,7 @@ pub fn search_entry(name: &str) -> Result<&'static SearchEntry, MishandleError> 
     find_search(name).map_err(|_| MishandleError::UnknownName {
         kind: "search",
         name: name.to_string(),
-        known: SEARCHES
-            .iter()
-            .map(|entry| entry.name)
-            .chain([FalsifyPlan::ADVERSARY])
-            .map(String::from)
-            .collect(),
+        known: SEARCHES.iter().map(|entry| entry.name.to_string()).collect(),
     })
 }
 

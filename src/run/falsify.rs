@@ -13,7 +13,6 @@ use crate::error::MishandleError;
 use crate::plan::{FalsifyPlan, Plan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
-use crate::run::adversary;
 use crate::run::first_simulations::FirstSimulations;
 use crate::run::journal::{Journal, Numbering};
 use crate::run::violation::violation_of;
@@ -33,42 +32,17 @@ pub fn falsify(
     mut run: RunWriter,
     mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
 ) -> Result<FalsificationOutcome, MishandleError> {
-    let falsify =
-        resolved.plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
-    header::check_run(run.file(), resolved)?;
-    let FalsifyPlan { trials, budget, .. } = *falsify;
-    let mut progress =
-        Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
-    let mut outcome = match falsify.has_adversary() {
-        true => adversary::search(resolved, falsify, &mut run, &mut progress, &mut watch)?,
-        false => search(resolved, falsify, &mut run, &mut progress, &mut watch)?,
-    };
-    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
-        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
-            watch(&Progress { simulations: progress.simulations + done, ..progress })
-        })?;
-        outcome.is_interrupted = !is_complete;
-    } else {
-        run.close()?;
-    }
-    Ok(outcome)
-}
-
-/// Lets a search propose the scenarios of all trials.
-fn search(
-    resolved: &ResolvedPlan,
-    falsify: &FalsifyPlan,
-    run: &mut RunWriter,
-    progress: &mut Progress,
-    watch: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<FalsificationOutcome, MishandleError> {
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
+    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    header::check_run(run.file(), resolved)?;
     let settings = settings(plan, falsify);
     let FalsifyPlan { trials, budget, .. } = *falsify;
     let mut campaign = Falsification::new(settings, space, new_search(falsify, search_space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
+    let mut progress =
+        Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
     let mut first = FirstSimulations::default();
     for simulation in run.file().simulations() {
         let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
@@ -93,7 +67,7 @@ fn search(
         progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
     }
     let mut system = resolved.system()?;
-    let outcome = campaign.run(&mut *system, |batch| {
+    let mut outcome = campaign.run(&mut *system, |batch| {
         for episode in batch.episodes {
             let trial = episode.request.trial;
             if !std::mem::replace(&mut started[trial as usize - 1], true) {
@@ -111,7 +85,7 @@ fn search(
         progress.max_simulations -= batch.unspent(budget);
         batch.episodes.iter().for_each(|episode| first.add(episode));
         first.check(resolved, run.file())?;
-        Ok::<_, MishandleError>(watch(progress))
+        Ok::<_, MishandleError>(watch(&progress))
     })?;
     // A search can end without another simulation, and a run can be killed between the last
     // simulation of a trial and the record of its end.
@@ -120,6 +94,14 @@ fn search(
         if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
             run.end_trial(trial.trial, status(trial))?;
         }
+    }
+    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
+        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
+            watch(&Progress { simulations: progress.simulations + done, ..progress })
+        })?;
+        outcome.is_interrupted = !is_complete;
+    } else {
+        run.close()?;
     }
     Ok(outcome)
 }
@@ -214,7 +196,7 @@ pub(crate) fn screened(
     Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
 }
 
-pub(super) fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
+fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
     let FalsifyPlan { trials, budget, batch, fixed_seed, early_stopping, .. } = *falsify;
     FalsificationSettings {
         trials,
@@ -227,7 +209,7 @@ pub(super) fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSetti
 }
 
 /// Checks seed and status of a recorded trial against the recorded simulations.
-pub(super) fn check_trial(
+fn check_trial(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
     recorded: &FalsificationOutcome,

@@ -6,7 +6,6 @@
 //! [`Engine::Screening`], another physics engine proposes thousands of simulations; MuJoCo C gives
 //! every verdict.
 
-pub(crate) mod adversary;
 mod again;
 mod builds;
 mod completion;

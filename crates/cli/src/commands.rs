@@ -18,7 +18,6 @@ mod guard;
 mod harden;
 mod man;
 mod margin;
-mod metamorphic;
 mod mine;
 mod monitor;
 mod protocol;
@@ -50,7 +49,7 @@ pub use regress::junit;
 
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
-    ("Find failures", &["falsify", "margin", "metamorphic", "campaign"]),
+    ("Find failures", &["falsify", "margin", "campaign"]),
     ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "bisect", "reproduce"]),
     (
         "Understand",
@@ -66,7 +65,6 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
 pub enum Command {
     Falsify(falsify::Arguments),
     Margin(margin::Arguments),
-    Metamorphic(metamorphic::Arguments),
     Campaign(campaign::Arguments),
     Evaluate(evaluate::Arguments),
     Check(check::Arguments),
@@ -110,7 +108,6 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
     match command {
         Command::Falsify(arguments) => falsify::run(arguments, gpu),
         Command::Margin(arguments) => margin::run(arguments),
-        Command::Metamorphic(arguments) => metamorphic::run(arguments),
         Command::Campaign(arguments) => campaign::run(arguments, gpu),
         Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
         Command::Check(arguments) => check::run(arguments),

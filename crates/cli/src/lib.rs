@@ -25,7 +25,6 @@ pub use show::check::text as check_text;
 pub use show::formula::text as formula_text;
 pub use show::log_verdicts::shown as verdicts_text;
 pub use show::mining::text as mining_text;
-pub use show::sarif::regression as regression_sarif;
 
 use command_line::CommandLine;
 use exit_status::ExitStatus;

@@ -32,7 +32,6 @@ pub mod regression;
 pub mod replay;
 pub mod requirements;
 pub mod risk;
-pub mod sarif;
 pub mod scenario;
 pub mod screening;
 pub mod simulation;

@@ -1,14 +1,29 @@
-//! Relations between pairs of scenarios: flags, plans, exit codes, and the rows of the pairs.
+//! Relations between pairs of scenarios: plans, exit codes, and the rows of the pairs.
 
 use crate::bench::Bench;
+use serde_json::Value;
 
-const SPHERE: &str = "metamorphic toy/sphere-2d --seed 7 --pairs 300";
+const SPHERE: &str = "target = 'toy/sphere-2d'\nseed = 7\nmetamorphic.pairs = 300\n";
+
+/// Returns a campaign of 300 pairs in the plane with one relation.
+fn sphere(holds: &str, change: &str) -> String {
+    format!("{SPHERE}metamorphic.relations.r = {{ holds = '{holds}', change = {{ {change} }} }}\n")
+}
+
+/// Runs a campaign of one run, whose file is FOLDER/metamorphic.sqlite, and returns its result.
+#[track_caller]
+fn ask(bench: &Bench, campaign: &str, folder: &str, flags: &str, code: i32) -> Value {
+    bench.write("plan.toml", campaign);
+    let found = bench.json(&format!("campaign plan.toml --out {folder} {flags} --json"), code);
+    found["runs"][0]["result"].clone()
+}
 
 #[test]
 fn a_broken_pair_is_two_rows_that_replay() {
     let bench = Bench::new();
-    let command = format!("{SPHERE} --change x=+0.1 --change y=+0.1");
-    let found = bench.json(&format!("{command} --out run.sqlite --json"), 1);
+    let campaign = sphere("same-verdict", "x = '+0.1', y = '+0.1'");
+    let found = ask(&bench, &campaign, "c", "", 1);
+    let run = "c/metamorphic.sqlite";
     let relation = &found["relations"][0];
     assert_eq!(relation["change"]["x"], "+0.1");
     let number = |key: &str| relation[key].as_u64().unwrap();
@@ -19,7 +34,7 @@ fn a_broken_pair_is_two_rows_that_replay() {
     let worst = &relation["worst"][0];
     for case in [&worst["source"], &worst["follow_up"], &relation["smallest_change"]["follow_up"]] {
         let replay =
-            format!("replay run.sqlite --trial {} --simulation {} --json", case["trial"], case["simulation"]);
+            format!("replay {run} --trial {} --simulation {} --json", case["trial"], case["simulation"]);
         let replayed = bench.json(&replay, 0);
         assert_eq!(replayed["robustness"], case["robustness"]);
         assert_eq!(replayed["scenario"], case["scenario"]);
@@ -34,22 +49,23 @@ fn a_broken_pair_is_two_rows_that_replay() {
     };
     assert!(["x", "y"].iter().all(|axis| (moved(axis) - 0.1).abs() < 1e-12));
     // The same bytes for another number of threads and another batch size, and when it is resumed.
-    for flags in ["--threads 1 --batch 1", "--threads 2 --batch 300"] {
-        let again = bench.json(&format!("{command} {flags} --out again.sqlite --json"), 1);
+    for (threads, batch) in [(1, 1), (2, 300)] {
+        let campaign = format!("{campaign}metamorphic.batch = {batch}\n");
+        let again = ask(&bench, &campaign, &format!("threads-{threads}"), &format!("--threads {threads}"), 1);
         assert_eq!(again["relations"], found["relations"]);
-        std::fs::remove_file(bench.path("again.sqlite")).unwrap();
     }
-    assert_eq!(bench.json("metamorphic --resume run.sqlite --json", 1), found);
-    let text = bench.check("report run.sqlite --out run.html", 0);
+    assert_eq!(bench.json("campaign --resume c --json", 1)["runs"][0]["result"], found);
+    bench.refuses(&format!("evaluate --resume {run}"), &["a run of metamorphic relations", "its campaign"]);
+    let text = bench.check(&format!("report {run} --out run.html"), 0);
     let page = std::fs::read_to_string(bench.path("run.html")).unwrap();
-    assert!(page.contains("Pairs that break change"), "{text}");
+    assert!(page.contains("Pairs that break r"), "{text}");
     // A follow-up case that fails is a counterexample as any other.
     let failing =
         relation["worst"].as_array().unwrap().iter().find(|pair| pair["follow_up"]["is_violated"] == true);
     let case = &failing.unwrap()["follow_up"];
     bench.check(
         &format!(
-            "counterexamples export run.sqlite --trial {} --simulation {} --out pair.json",
+            "counterexamples export {run} --trial {} --simulation {} --out pair.json",
             case["trial"], case["simulation"]
         ),
         0,
@@ -60,14 +76,11 @@ fn a_broken_pair_is_two_rows_that_replay() {
 #[test]
 fn relations_of_a_plan_have_a_result_each() {
     let bench = Bench::new();
-    bench.write(
-        "plan.toml",
-        "target = 'toy/car-following'\nspace = 'dynamics+events'\n[metamorphic]\npairs = 60\n\
+    let campaign = "target = 'toy/car-following'\nspace = 'dynamics+events'\n[metamorphic]\npairs = 60\n\
          [metamorphic.relations.identity]\nchange = { braking_scale = '*1' }\nholds = 'robustness-within:0'\n\
          [metamorphic.relations.no-braking]\nchange = { brake_deceleration = '=0' }\nholds = 'not-worse:0'\n\
-         [metamorphic.relations.weak-brakes]\nchange = { braking_scale = '=0.25' }\nholds = 'same-verdict'\n",
-    );
-    let found = bench.json("metamorphic --plan plan.toml --json --out run.sqlite", 1);
+         [metamorphic.relations.weak-brakes]\nchange = { braking_scale = '=0.25' }\nholds = 'same-verdict'\n";
+    let found = ask(&bench, campaign, "c", "", 1);
     let relations = found["relations"].as_array().unwrap();
     let broken = |name: &str| {
         let relation = relations.iter().find(|relation| relation["name"] == name).unwrap();
@@ -89,25 +102,36 @@ fn relations_of_a_plan_have_a_result_each() {
             let replayed = bench.json(&format!("replay {run} --trial 1 --simulation {simulation} --json"), 0);
             (replayed["scenario"].clone(), replayed["seed"].clone(), replayed["robustness"].clone())
         };
-        assert_eq!(replay("run.sqlite"), replay("evaluation.sqlite"));
+        assert_eq!(replay("c/metamorphic.sqlite"), replay("evaluation.sqlite"));
     }
 }
 
 #[test]
 fn a_relation_that_holds_ends_with_0_and_nothing_tested_with_2() {
     let bench = Bench::new();
-    let said = bench.check(&format!("{SPHERE} --change x=+0 --holds robustness-within:0"), 0);
+    bench.write("plan.toml", &sphere("robustness-within:0", "x = '+0'"));
+    let said = bench.check("campaign plan.toml", 0);
     assert!(said.contains("no pair breaks a relation; that is evidence, not a proof"), "{said}");
-    bench.refuses(SPHERE, &["there is no relation", "--change NAME=CHANGE"]);
-    bench.refuses(&format!("{SPHERE} --change z=+1"), &["no axis `z`", "x, y"]);
-    bench.refuses(&format!("{SPHERE} --change x=+3"), &["no follow-up case in 300 pairs", "x from -1 to 1"]);
-    bench.refuses(&format!("{SPHERE} --change x=+nan"), &["+nan", "an offset such as +0.02"]);
-    bench.refuses(&format!("{SPHERE} --change x=+0.1 --holds worse"), &["worse", "not-worse"]);
-    bench.refuses(&format!("{SPHERE} --change x=+0.1 --change x=+0.2"), &["the axis x has two changes"]);
-    bench.write("plan.toml", "[metamorphic.relations.r]\nchanges = { x = '+1' }\n");
-    bench.refuses(&format!("{SPHERE} --plan plan.toml"), &["line 2", "no key `changes`", "change, holds"]);
-    // The first command alone wrote a run file.
-    assert_eq!(std::fs::read_dir(bench.path("runs")).unwrap().count(), 1);
+    bench.write("plan.toml", &sphere("same-verdict", "x = '+0.1', y = '+0.1'"));
+    let said = bench.check("campaign plan.toml", 1);
+    assert!(
+        said.contains("metamorphic, r: broken by ") && said.contains("of the change is enough"),
+        "{said}"
+    );
+    for (campaign, parts) in [
+        (SPHERE.to_string(), ["number of relations is 0", "from 1 to 100"]),
+        (sphere("same-verdict", ""), ["number of changed axes of a relation is 0 (r)", "at least 1"]),
+        (sphere("same-verdict", "z = '+1'"), ["no axis `z`", "x, y"]),
+        (sphere("same-verdict", "x = '+3'"), ["no follow-up case in 300 pairs", "x from -1 to 1"]),
+        (sphere("same-verdict", "x = '+nan'"), ["+nan", "an offset such as +0.02"]),
+        (sphere("worse", "x = '+0.1'"), ["worse", "not-worse"]),
+        (format!("{SPHERE}metamorphic.relations.r.changes = {{}}\n"), ["line 4", "no key `changes`"]),
+    ] {
+        bench.write("plan.toml", &campaign);
+        bench.refuses("campaign plan.toml", &parts);
+    }
+    // The first two campaigns alone wrote run files.
+    assert_eq!(std::fs::read_dir(bench.path("runs")).unwrap().count(), 2);
 }
 
 #[test]
@@ -130,9 +154,9 @@ fn a_mirrored_cart_pole_does_the_same_unless_its_policy_pushes_to_one_side() {
              formulas = {{ upright = 'always(angle_size <= 0.5)' }}\n"
         );
         bench.write("cartpole.toml", &file);
-        let command =
-            "metamorphic cartpole.toml --change tilt=*-1 --holds robustness-within:1e-9 --pairs 20 --json";
-        let found = bench.json(command, code);
+        let campaign = "target = 'cartpole.toml'\nmetamorphic.pairs = 20\n\
+                        metamorphic.relations.mirror = { change = { tilt = '*-1' }, holds = 'robustness-within:1e-9' }\n";
+        let found = ask(&bench, campaign, &format!("c{code}"), "", code);
         assert_eq!(found["relations"][0]["broken_rate"]["n"], 20);
     }
 }

@@ -123,9 +123,7 @@ fn tables_and_pages_have_no_verdict_instead_of_failures() {
 
 #[test]
 fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
-    let change = "metamorphic --change a=*0.5";
-    let searches =
-        ["falsify --trials 3 --budget 300", "risk --simulations 5000", "margin --space scenarios", change];
+    let searches = ["falsify --trials 3 --budget 300", "risk --simulations 5000", "margin --space scenarios"];
     for (end, answer, gives_up) in ENDS.into_iter().filter(|(end, ..)| !matches!(*end, "crash" | "undecided"))
     {
         let bench = bench("True", answer);
@@ -133,12 +131,7 @@ fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
             let budget = if gives_up {
                 ""
             } else {
-                [
-                    " --trials 2 --budget 30",
-                    " --simulations 200",
-                    " --budget 60",
-                    " --change a=*0.5 --pairs 15",
-                ][number]
+                [" --trials 2 --budget 30", " --simulations 200", " --budget 60"][number]
             };
             let search = if gives_up { search } else { search.split(' ').next().unwrap() };
             let space = if search == "margin" { " --space scenarios" } else { "" };
@@ -170,6 +163,23 @@ fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
                 "{err}"
             );
             assert_eq!(rows(&bench, &run), recorded, "{end} {search}");
+        }
+        let pairs = if gives_up { 100 } else { 15 };
+        bench.write(
+            "c.toml",
+            &format!(
+                "target = 'process:python3 s.py'\nmetamorphic.pairs = {pairs}\n\
+                 metamorphic.relations.r.change.a = '*0.5'\n"
+            ),
+        );
+        for start in ["campaign c.toml --out c", "campaign --resume c"] {
+            let (code, found, err) = ask(&bench, start);
+            assert_eq!(code, Some(2), "{end} {start}: {err}");
+            let stops = err.contains("the first 20 simulations have no verdict");
+            assert_eq!(stops, gives_up, "{end} {start}: {err}");
+            assert_eq!(found["runs"].as_array().unwrap().is_empty(), gives_up, "{end} {start}");
+            let recorded = rows(&bench, "c/metamorphic.sqlite");
+            assert!(!gives_up || (20..=64).contains(&recorded), "{end} {start}: {recorded} rows");
         }
     }
 }

@@ -21,7 +21,7 @@ pub struct CampaignRun {
     pub name: String,
     /// Kind of the run: `evaluate`, `falsify`, `margin`, `metamorphic`, `risk` or `harden`.
     pub kind: String,
-    /// The document of that command, without `schema`.
+    /// The result. The command of that name, if there is one, prints it with `schema`.
     pub result: Answer,
 }
 
@@ -36,7 +36,7 @@ pub enum Answer {
     Falsification(Box<Falsification>),
     /// That of `margin`.
     Margin(Box<Margin>),
-    /// That of `metamorphic`.
+    /// That of metamorphic relations.
     Metamorphic(Box<Metamorphic>),
     /// That of `risk`.
     Risk(Box<Risk>),

@@ -7,10 +7,9 @@ use serde::Serialize;
 use crate::{
     Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples,
     Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
-    FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining,
-    Monitor, MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference,
-    RunSummary, SampleSize, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
-    Verification,
+    FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Mining, Monitor,
+    MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference, RunSummary,
+    SampleSize, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan, Verification,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -60,7 +59,6 @@ impl Document {
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),
             Document::object::<Margin>("margin"),
-            Document::object::<Metamorphic>("metamorphic"),
             Document::object::<Risk>("risk"),
             Document::object::<Simulation>("simulate"),
             Document::object::<Check>("check"),

@@ -70,21 +70,6 @@ pub struct Falsification {
     /// Counts of the screening; missing without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub screening: Option<Screening>,
-    /// The adversary that disturbed the simulations; missing without one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub adversary: Option<Adversary>,
-}
-
-/// An adversary: a policy that disturbs simulations while they run. All simulations of its training
-/// are those of the trials, and count.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
-pub struct Adversary {
-    /// Number of axes that the adversary decides. The others are random.
-    pub axes: u64,
-    /// Number of times in an episode at which it decides some of them.
-    pub decisions: u64,
-    /// Number of simulations from which it learns before the next ones start.
-    pub rows: u32,
 }
 
 /// A trial: one search with its own random seed.

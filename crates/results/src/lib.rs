@@ -95,9 +95,7 @@ pub use explanation::{
     AxesAtNominal, AxisAtNominal, Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation,
     LogExplanations, MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
-pub use falsification::{
-    Adversary, Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated,
-};
+pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
 pub use guard::{AlarmLead, GuardAlarms, GuardCurvePoint, GuardTuning};
 pub use hardening::{
     HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode, HardenedSearch,

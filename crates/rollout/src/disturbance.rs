@@ -185,11 +185,6 @@ impl AxisRouting {
         })
     }
 
-    /// Returns the index in the scenario of each axis of the environment.
-    pub(crate) fn environment_axes(&self) -> &[usize] {
-        &self.environment
-    }
-
     /// Returns the index in the scenario and the effect of each disturbance, in the order in which
     /// they are added.
     pub(crate) fn effects(&self) -> &[(usize, Effect)] {
@@ -237,9 +232,7 @@ struct Offset {
     /// Index in the scenario of its axis.
     place: usize,
     entry: usize,
-    factor: f64,
     profile: TimeProfile,
-    /// Its value, with the factor.
     value: f64,
 }
 
@@ -302,16 +295,15 @@ impl ActiveDisturbances {
                     faults[index].1[*parameter as usize] = value;
                 }
                 // An offset of 0 may be replaced while the simulation runs.
-                Effect::Observation { entry, factor, profile } => {
-                    let (place, entry, factor, profile) = (*place, *entry, *factor, profile.clone());
-                    let value = factor * value;
-                    disturbed.observation.push(Offset { place, entry, factor, profile, value });
-                }
                 Effect::Action { entry, profile } => {
                     let (place, entry, profile) = (*place, *entry, profile.clone());
-                    disturbed.action.push(Offset { place, entry, factor: 1.0, profile, value });
+                    disturbed.action.push(Offset { place, entry, profile, value });
                 }
                 _ if value == 0.0 => {}
+                Effect::Observation { entry, factor, profile } => {
+                    let (place, entry, profile) = (*place, *entry, profile.clone());
+                    disturbed.observation.push(Offset { place, entry, profile, value: factor * value });
+                }
                 Effect::ObservationNoise { entries } => {
                     disturbed
                         .sensor_noise
@@ -330,13 +322,11 @@ impl ActiveDisturbances {
         disturbed
     }
 
-    /// Replaces the value at index `place` of the scenario, which offsets observations or actions
-    /// or shifts draws, from this control step on.
+    /// Replaces the value at index `place` of the scenario, which offsets actions or shifts draws,
+    /// from this control step on.
     pub(crate) fn set(&mut self, place: usize, value: f64, action_size: usize) {
-        let offsets = self.observation.iter_mut().chain(&mut self.action);
-        offsets
-            .filter(|offset| offset.place == place)
-            .for_each(|offset| offset.value = offset.factor * value);
+        let offsets = self.action.iter_mut().filter(|offset| offset.place == place);
+        offsets.for_each(|offset| offset.value = value);
         for Shift { entry, steps, shift, .. } in self.draws.iter_mut().filter(|draw| draw.place == place) {
             *shift = draw_shift(self.seed, *entry, steps, (value, action_size));
         }
@@ -354,7 +344,7 @@ impl ActiveDisturbances {
                 *value = T::nearest(*late);
             }
         }
-        for Offset { entry, profile, value, .. } in self.observation.iter().filter(|offset| offset.acts()) {
+        for Offset { entry, profile, value, .. } in &self.observation {
             let added = value * profile.weight(step);
             if added != 0.0 {
                 observation[*entry] = observation[*entry].plus(added);
@@ -549,15 +539,10 @@ mod tests {
     #[test]
     fn a_value_that_is_set_later_is_that_of_the_scenario() {
         let profile = TimeProfile::Constant(10..19);
-        for effect in [
-            Effect::ActionDraw { entry: 1, steps: 10..19 },
-            Effect::Action { entry: 1, profile: profile.clone() },
-            Effect::Observation { entry: 1, factor: 0.5, profile },
-        ] {
+        for effect in [Effect::ActionDraw { entry: 1, steps: 10..19 }, Effect::Action { entry: 1, profile }] {
             let (mut set, given) = (disturbed(effect.clone(), 0.0), disturbed(effect.clone(), 1.5));
             set.set(0, 1.5, 2);
-            assert_eq!(set.action, given.action, "{effect:?}");
-            assert_eq!((&set.observation, &set.draws), (&given.observation, &given.draws), "{effect:?}");
+            assert_eq!((&set.action, &set.draws), (&given.action, &given.draws), "{effect:?}");
             assert_eq!(set.disturbs_actions(), given.disturbs_actions());
         }
     }

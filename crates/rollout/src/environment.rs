@@ -29,12 +29,6 @@ pub trait Environment: Send + Sync {
     fn control_dt(&self) -> f64;
     /// Returns the number of control steps of an episode.
     fn episode_steps(&self) -> usize;
-    /// Returns the events that can be set while an episode runs, as indices of their axes in the
-    /// space: first the time at which the event begins, s, then the others. Before that time, an
-    /// event has no effect. By default, there are none.
-    fn events(&self) -> Vec<Vec<usize>> {
-        Vec::new()
-    }
     /// Returns the cameras of these images.
     ///
     /// # Errors
@@ -69,10 +63,6 @@ pub trait EnvironmentWorker: Send {
     ///
     /// After [`StepStatus::Diverged`] the contents of `state` and `sample` are meaningless.
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus;
-
-    /// Sets the value of an axis of one of the [events](Environment::events), which has not started,
-    /// in a state row: the future is that of a reset with this value.
-    fn set_event(&mut self, _axis: usize, _value: f64, _state: &mut [f64]) {}
 
     /// Advances `state` by one control step in which no action has arrived yet, because of a delay.
     /// By default, the action of this step is 0, as given.

@@ -159,12 +159,6 @@ pub enum RolloutError {
         /// Number of scenarios.
         draws: usize,
     },
-    /// An adversary cannot act in a system.
-    #[error("no adversary can act here: {what}")]
-    NoAdversary {
-        /// The problem.
-        what: &'static str,
-    },
     /// An environment batch cannot be made or stepped.
     #[error("the environment batch failed: {0}")]
     Batch(String),

@@ -79,14 +79,6 @@ impl LaneRows {
         }
     }
 
-    /// Replaces the value of an axis in the scenario of a row that runs: see
-    /// [`ActiveDisturbances::set`].
-    pub(crate) fn set(&mut self, rollout: &Rollout, row: usize, axis: usize, value: f64) {
-        if let Some(disturbed) = &mut self.disturbances[row] {
-            disturbed.set(axis, value, rollout.environment.action_size());
-        }
-    }
-
     /// Returns whether the episode of a row may end after `steps` control steps: see
     /// [`Request::stop_threshold`].
     pub(crate) fn can_stop(&mut self, row: usize, request: &Request, steps: usize) -> bool {

@@ -27,10 +27,8 @@
 //! outcomes propose scenarios; they are neither [`Episode`]s nor evidence.
 //!
 //! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the
-//! CPU. Other implementations may run on a GPU or in another process. An [`AdversaryEnvironment`]
-//! is a [`Rollout`] whose disturbances another policy decides.
+//! CPU. Other implementations may run on a GPU or in another process.
 
-mod adversary;
 mod batch;
 mod condition;
 mod control_loop;
@@ -64,7 +62,6 @@ mod training_scenarios;
 
 pub use mishandle_random::{Seed, Stream};
 
-pub use adversary::AdversaryEnvironment;
 pub use batch::{CpuBatch, Samples};
 pub use condition::{Condition, Holds};
 pub use control_loop::{ControlLoop, LoopPart, LoopSpaces, distinct};

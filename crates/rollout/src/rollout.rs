@@ -8,9 +8,9 @@ use crate::disturbance::AxisRouting;
 use crate::lane::{Lane, LaneRows, Progress, ROWS, SteeredRow};
 use crate::sight::Sight;
 use crate::{
-    AdversaryEnvironment, Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Eyes,
-    Noise, PerThread, Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, Steerable,
-    SteeredEpisode, Steering, StepStatus, System, Verdict,
+    Controller, Disturbance, Environment, EnvironmentWorker, Episode, EpisodeEnd, Eyes, Noise, PerThread,
+    Request, RolloutError, Scenario, Space, Specification, SpecificationMonitor, Steerable, SteeredEpisode,
+    Steering, StepStatus, System, Verdict,
 };
 
 /// The [`System`] of a controller in an environment, with noise and a specification.
@@ -98,21 +98,6 @@ impl Rollout {
         Rollout { controller, ..self }
     }
 
-    /// Returns a system of the same parts, without the workers of this one.
-    pub(crate) fn without_workers(&self) -> Rollout {
-        Rollout {
-            environment: Arc::clone(&self.environment),
-            controller: Arc::clone(&self.controller),
-            eyes: self.eyes.clone(),
-            specification: self.specification.clone(),
-            noise: self.noise,
-            space: self.space.clone(),
-            routing: self.routing.clone(),
-            signals: Arc::clone(&self.signals),
-            workers: PerThread::new(),
-        }
-    }
-
     /// Returns the specification that is evaluated on the episodes.
     pub fn specification(&self) -> &Specification {
         &self.specification
@@ -163,10 +148,6 @@ impl System for Rollout {
             Ok(episodes.into_iter().zip(steered.rows).map(|(episode, row)| row.finish(episode)).collect())
         })
     }
-
-    fn adversary(&self) -> Result<AdversaryEnvironment, RolloutError> {
-        AdversaryEnvironment::new(self)
-    }
 }
 
 impl Rollout {
@@ -192,7 +173,7 @@ impl Rollout {
 }
 
 /// The steering of the simulations that a worker steps.
-pub(crate) struct SteeredRows<'a> {
+struct SteeredRows<'a> {
     steering: &'a dyn Steering,
     steerable: &'a Steerable,
     rows: Vec<SteeredValues>,
@@ -226,17 +207,17 @@ impl SteeredValues {
 }
 
 /// Environment and lane of one thread.
-pub(crate) struct RolloutWorker {
+struct RolloutWorker {
     environment: Box<dyn EnvironmentWorker>,
     sight: Option<Sight>,
-    pub lane: Lane,
-    pub rows: LaneRows,
+    lane: Lane,
+    rows: LaneRows,
     states: Vec<f64>,
-    pub progress: Vec<Progress>,
+    progress: Vec<Progress>,
 }
 
 impl RolloutWorker {
-    pub(crate) fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
+    fn new(rollout: &Rollout) -> Result<RolloutWorker, RolloutError> {
         let sees = rollout.controller.sees();
         Ok(RolloutWorker {
             environment: rollout.environment.worker(),
@@ -254,52 +235,31 @@ impl RolloutWorker {
         requests: &[Request],
         mut steered: Option<&mut SteeredRows<'_>>,
     ) -> Result<Vec<Episode>, RolloutError> {
-        let mut episodes = self.start(rollout, requests, steered.is_some());
+        self.progress.clear();
+        let reset = |(row, request)| self.reset(rollout, row, request, steered.is_some());
+        let mut episodes: Vec<Episode> = requests.iter().enumerate().map(reset).collect();
         for _ in 0..rollout.environment.episode_steps() {
-            if !self.advance(rollout, &mut episodes, steered.as_deref_mut()) {
+            if !self.progress.iter().any(Progress::is_running) {
                 break;
             }
-        }
-        for (row, episode) in episodes.iter_mut().enumerate() {
-            self.finish(rollout, row, episode)?;
-        }
-        Ok(episodes)
-    }
-
-    /// Starts one episode in each of the first rows.
-    pub(crate) fn start(
-        &mut self,
-        rollout: &Rollout,
-        requests: &[Request],
-        is_steered: bool,
-    ) -> Vec<Episode> {
-        self.progress.clear();
-        let reset = |(row, request)| self.reset(rollout, row, request, is_steered);
-        requests.iter().enumerate().map(reset).collect()
-    }
-
-    /// Runs the next control step of the episodes that have not ended. Returns whether there are
-    /// any.
-    pub(crate) fn advance(
-        &mut self,
-        rollout: &Rollout,
-        episodes: &mut [Episode],
-        mut steered: Option<&mut SteeredRows<'_>>,
-    ) -> bool {
-        if !self.progress.iter().any(Progress::is_running) {
-            return false;
-        }
-        self.look(rollout);
-        self.lane.act(rollout, &mut self.rows, &mut self.progress);
-        for (row, episode) in episodes.iter_mut().enumerate() {
-            if self.progress[row].is_running() {
-                if let Some(steered) = &mut steered {
-                    self.steer(row, &episode.trace, steered);
+            self.look(rollout);
+            self.lane.act(rollout, &mut self.rows, &mut self.progress);
+            for (row, episode) in episodes.iter_mut().enumerate() {
+                if self.progress[row].is_running() {
+                    if let Some(steered) = &mut steered {
+                        self.steer(row, &episode.trace, steered);
+                    }
+                    self.step(rollout, row, episode, steered.is_some());
                 }
-                self.step(rollout, row, episode, steered.is_some());
             }
         }
-        true
+        for (episode, progress) in episodes.iter_mut().zip(&mut self.progress) {
+            (episode.steps, episode.end) = (progress.steps, progress.end);
+            episode.reason = std::mem::take(&mut progress.reason);
+            let Episode { request, trace, end, .. } = episode;
+            episode.verdict = self.lane.finish(rollout, request, trace, end)?;
+        }
+        Ok(episodes)
     }
 
     /// Shows the controller the images of the rows whose episodes run.
@@ -311,27 +271,6 @@ impl RolloutWorker {
             sight.look(row, progress.steps, &self.states[row * size..][..size], is_needed);
         }
         self.lane.look(self.progress.len(), sight.images(self.progress.len()));
-    }
-
-    /// Sets an axis of an event, an index of the environment's space, in the state of a row.
-    pub(crate) fn set_event(&mut self, rollout: &Rollout, row: usize, axis: usize, value: f64) {
-        let size = rollout.environment.state_size();
-        self.environment.set_event(axis, value, &mut self.states[row * size..][..size]);
-    }
-
-    /// Evaluates the formulas on the episode of a row.
-    pub(crate) fn finish(
-        &mut self,
-        rollout: &Rollout,
-        row: usize,
-        episode: &mut Episode,
-    ) -> Result<(), RolloutError> {
-        let progress = &mut self.progress[row];
-        (episode.steps, episode.end) = (progress.steps, progress.end);
-        episode.reason = std::mem::take(&mut progress.reason);
-        let Episode { request, trace, end, .. } = episode;
-        episode.verdict = self.lane.finish(rollout, request, trace, end)?;
-        Ok(())
     }
 
     fn reset(&mut self, rollout: &Rollout, row: usize, request: &Request, is_steered: bool) -> Episode {

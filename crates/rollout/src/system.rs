@@ -1,7 +1,5 @@
 use crate::steering::not_steerable;
-use crate::{
-    AdversaryEnvironment, Episode, Request, RolloutError, Space, Steerable, SteeredEpisode, Steering,
-};
+use crate::{Episode, Request, RolloutError, Space, Steerable, SteeredEpisode, Steering};
 
 /// Default number of simulations per batch. It does not depend on the number of threads, so that a
 /// run has the same batches on every machine.
@@ -23,17 +21,6 @@ pub trait System {
     /// If a scenario does not fit the space or a simulation cannot run. A diverged simulation is
     /// not an error.
     fn rollout(&mut self, requests: &[Request]) -> Result<Vec<Episode>, RolloutError>;
-
-    /// Returns this system as an environment in which an adversary acts: it decides offsets of
-    /// observations and actions, and pushes, while a simulation runs.
-    ///
-    /// # Errors
-    /// If the system cannot pause a simulation, as by default, or its space has no such axis.
-    fn adversary(&self) -> Result<AdversaryEnvironment, RolloutError> {
-        Err(RolloutError::NoAdversary {
-            what: "the target runs whole simulations and cannot ask for a disturbance in between",
-        })
-    }
 
     /// Returns what a [`Steering`] can choose while a simulation runs; `None` if the simulations
     /// cannot be steered.

@@ -1,6 +1,8 @@
 //! Tests episodes of an environment in closed form: their contents, and their independence of
 //! batches and threads.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::{Arc, Mutex};
 
 use mishandle_rollout::fault::{Channel, FaultSite, Side};

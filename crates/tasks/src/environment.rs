@@ -354,23 +354,6 @@ impl Environment for TaskEnvironment {
         EPISODE_STEPS
     }
 
-    fn events(&self) -> Vec<Vec<usize>> {
-        let kinds: [fn(&Parameter) -> Option<usize>; 2] = [
-            |parameter| if let Parameter::Push(index) = parameter { Some(*index) } else { None },
-            |parameter| if let Parameter::Jump(index) = parameter { Some(*index) } else { None },
-        ];
-        let axes_of = |component: &fn(&Parameter) -> Option<usize>| {
-            let known = self.space_parameters.iter().enumerate();
-            let mut axes: Vec<(usize, usize)> =
-                known.filter_map(|(axis, parameter)| Some((component(parameter)?, axis))).collect();
-            axes.sort_unstable();
-            // The time is the first component.
-            let has_time = axes.first().is_some_and(|(component, _)| *component == 0);
-            has_time.then(|| axes.into_iter().map(|(_, axis)| axis).collect())
-        };
-        kinds.iter().filter_map(axes_of).collect()
-    }
-
     fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
         Ok(Arc::new(eyes(self.definition, &self.space, images)?))
     }
@@ -625,19 +608,6 @@ impl EnvironmentWorker for TaskWorker {
         world.read_state(physics);
         targets.copy_from_slice(&start);
         StepStatus::Running
-    }
-
-    fn set_event(&mut self, axis: usize, value: f64, state: &mut [f64]) {
-        let (_, _, tail, _) = self.row_world.split(state);
-        let first = tail.len().saturating_sub(PUSH_SIZE + JUMP_SIZE + SLIP_SIZE);
-        let component = match self.space_parameters.get(axis) {
-            Some(Parameter::Push(index)) => *index,
-            Some(Parameter::Jump(index)) => PUSH_SIZE + *index,
-            _ => return,
-        };
-        if let Some(held) = tail.get_mut(first + component) {
-            *held = value;
-        }
     }
 
     fn step(&mut self, action: &[f64], state: &mut [f64], sample: Sample<'_>) -> StepStatus {

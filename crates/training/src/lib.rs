@@ -35,7 +35,7 @@ mod settings;
 
 pub use algorithm::AlgorithmSettings;
 pub use checkpoint::{Checkpoint, CheckpointArray};
-pub use episodes::{Boundary, EpisodeStatistics, Episodes, ScenarioDraw, ScenarioOrigin, episode_seed};
+pub use episodes::{Boundary, EpisodeStatistics, Episodes, ScenarioDraw, ScenarioOrigin};
 pub use error::TrainingError;
 pub use initialization::Initialization;
 pub use learner::origin::Origin;

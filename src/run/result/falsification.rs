@@ -2,12 +2,11 @@ use std::path::Path;
 
 use mishandle_falsification::{FalsificationOutcome, ScreenedCounts, TrialEnd, TrialOutcome, Unevaluated};
 use mishandle_results as results;
-use mishandle_results::{Adversary, Falsification, Named, Screening, SearchValue, Seed, Trial};
+use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial};
 use mishandle_search::OptionValue;
 
 use crate::plan::FalsifyPlan;
 use crate::resolve::{ResolvedPlan, named_scenario};
-use crate::run::adversary::ROWS as ADVERSARY_ROWS;
 use crate::run::{end_text, failure_rate_bound};
 
 /// Returns the result of a falsification, without the repeats of its counterexamples, the smooth
@@ -48,11 +47,6 @@ pub fn falsification_result(
         reasons: None,
         modes: None,
         screening: counts.map(|counts| screening(resolved, found, counts)),
-        adversary: resolved.adversary.as_ref().map(|environment| Adversary {
-            axes: environment.decided_axes().len() as u64,
-            decisions: environment.decisions() as u64,
-            rows: ADVERSARY_ROWS,
-        }),
     }
 }
 

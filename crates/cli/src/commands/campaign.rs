@@ -17,8 +17,8 @@ use crate::run::{self, grid, pages};
 use crate::show::progress::Bar;
 use crate::show::{campaign, escape, output};
 
-/// Run a grid of questions (evaluate, falsify, margin, metamorphic, risk) and hardenings: targets,
-/// controllers, spaces, formulas, searches, seeds
+/// Run a grid of questions (evaluate, falsify, margin, risk, metamorphic relations) and hardenings:
+/// targets, controllers, spaces, formulas, searches, seeds
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle campaign campaign.toml --out runs/controllers
@@ -28,7 +28,7 @@ use crate::show::{campaign, escape, output};
 The campaign file is a plan in which keys may have lists of values: see docs/guide/campaigns.md.
 Each combination is a run with a run file in the folder; one of [harden] has a folder there, and
 beside it the accepted controller. Exit code 1 means that a violation was found by falsify, margin
-or risk, that a pair breaks a relation of metamorphic, or that a hardening accepted no controller; 2
+or risk, that a pair breaks a metamorphic relation, or that a hardening accepted no controller; 2
 also that no simulation has a verdict.")]
 pub struct Arguments {
     /// Campaign file (TOML)

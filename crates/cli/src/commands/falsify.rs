@@ -1,5 +1,5 @@
 use anyhow::{Result, bail, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::FalsifyPlan;
 use mishandle::results::{Answer, Falsification};
@@ -22,7 +22,6 @@ use crate::show::{falsification, mode_survey, output};
   mishandle falsify ball-balancing --controller ppo --space events
   mishandle falsify toy/car-following --space events+dynamics
   mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
-  mishandle falsify point-reaching --controller ppo --adversary --disturb actions --disturb push
   mishandle falsify toy/pits --search portfolio --keep-going --trials 3 --budget 1000
   mishandle falsify --resume runs/RUN.sqlite
 
@@ -33,16 +32,6 @@ pub struct Arguments {
     /// Search algorithm, a name of `mishandle searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
-    /// Let a policy disturb the simulations while they run instead of a search that proposes
-    /// scenarios: PPO trains it against the controller, within the bounds of the axes that are
-    /// offsets of actions and observations
-    #[arg(long, conflicts_with_all = ["resume", "search", "search_options", "keep_going", "screening"])]
-    pub adversary: bool,
-    /// Signals that the adversary disturbs (repeatable): actions, observations or push. Adds the
-    /// spaces disturbance, drift and events of the target to the space [default without a space:
-    /// actions]
-    #[arg(long, value_name = "WHAT", requires = "adversary")]
-    pub disturb: Vec<Disturbed>,
     /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
     #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
     pub search_options: Vec<(String, String)>,
@@ -93,38 +82,6 @@ pub struct Arguments {
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-/// Target of an adversary's disturbances.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Disturbed {
-    Actions,
-    Observations,
-    Push,
-}
-
-impl Disturbed {
-    /// Returns the space of the axes that the adversary decides.
-    fn space(self) -> &'static str {
-        match self {
-            Disturbed::Actions => "disturbance",
-            Disturbed::Observations => "drift",
-            Disturbed::Push => "events",
-        }
-    }
-}
-
-/// Returns a space with what an adversary disturbs.
-fn disturbed_space(space: &str, disturbed: &[Disturbed]) -> String {
-    let mut parts: Vec<&str> = space.split('+').filter(|part| !part.is_empty()).collect();
-    let actions = [Disturbed::Actions];
-    let disturbed = if parts.is_empty() && disturbed.is_empty() { &actions } else { disturbed };
-    for part in disturbed.iter().map(|what| what.space()) {
-        if !parts.contains(&part) {
-            parts.push(part);
-        }
-    }
-    parts.join("+")
 }
 
 /// Parses `NAME=VALUE`.
@@ -196,11 +153,7 @@ fn result(asked: &question::Asked, repeats: Option<u32>) -> Result<Falsification
 fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = flags::plan(&command.subject, &command.run)?;
     let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
-    if command.adversary {
-        plan.space = disturbed_space(&plan.space, &command.disturb);
-    }
-    let adversary = command.adversary.then(|| FalsifyPlan::ADVERSARY.to_string());
-    falsify.search = command.search.clone().or(adversary).unwrap_or(falsify.search);
+    falsify.search = command.search.clone().unwrap_or(falsify.search);
     for (index, (name, value)) in command.search_options.iter().enumerate() {
         let earlier = &command.search_options[..index];
         ensure!(
@@ -232,22 +185,4 @@ fn plan(command: &Arguments) -> Result<Plan> {
     falsify.isolate_by_default();
     plan.falsify = Some(falsify);
     Ok(plan.only(RunKind::Falsify))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_an_adversary_disturbs_joins_the_space_once() {
-        let all = [Disturbed::Actions, Disturbed::Push];
-        for (space, disturbed, expected) in [
-            ("", &[][..], "disturbance"),
-            ("starts+drift", &[], "starts+drift"),
-            ("", &all[1..], "events"),
-            ("starts+disturbance", &all, "starts+disturbance+events"),
-        ] {
-            assert_eq!(disturbed_space(space, disturbed), expected);
-        }
-    }
 }

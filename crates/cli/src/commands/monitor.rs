@@ -2,7 +2,7 @@ mod follow;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::results::LogVerdict;
 use mishandle_text::plural;
@@ -10,7 +10,7 @@ use mishandle_text::plural;
 use crate::exit_status::ExitStatus;
 use crate::flags::{FollowFlags, LogQuestion};
 use crate::run::log_question;
-use crate::show::{log_verdicts, output, sarif};
+use crate::show::{log_verdicts, output};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
 #[derive(Debug, Args)]
@@ -59,17 +59,14 @@ pub struct Arguments {
     /// File to create with the verdicts as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
-    /// File to create with the verdicts as SARIF 2.1.0, for code scanning
-    #[arg(long, value_name = "FILE")]
-    pub sarif: Option<PathBuf>,
     /// File to create with the verdicts as a table in Markdown
     #[arg(long, value_name = "FILE")]
     pub markdown: Option<PathBuf>,
-    /// Overwrite the files of --junit, --sarif and --markdown
+    /// Overwrite the files of --junit and --markdown
     #[arg(long)]
     pub force: bool,
     /// Read a log that is still written and print changes as JSON lines; ends with the verdict
-    #[arg(long, help_heading = "Following a log", conflicts_with_all = ["json", "values", "junit", "sarif", "markdown", "dense"])]
+    #[arg(long, help_heading = "Following a log", conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
     pub follow: bool,
     #[command(flatten)]
     pub following: FollowFlags,
@@ -81,15 +78,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.question, &command.logs)?;
     ensure!(!command.values || sources.len() == 1, "--values prints the values of one log; name one");
     let inputs = || log_question::inputs(&command.question, &sources);
-    let outputs =
-        [("--junit", &command.junit), ("--sarif", &command.sarif), ("--markdown", &command.markdown)];
-    let outputs: Vec<(&str, &PathBuf)> =
-        outputs.into_iter().filter_map(|(flag, path)| Some((flag, path.as_ref()?))).collect();
-    for (index, (flag, path)) in outputs.iter().enumerate() {
+    for (flag, path) in [("--junit", &command.junit), ("--markdown", &command.markdown)] {
+        let Some(path) = path else { continue };
         output::refuse_inputs(path, flag, inputs())?;
-        if let Some((other, _)) = outputs[..index].iter().find(|(_, known)| known == path) {
-            bail!("{other} and {flag} name the same file {}", path.display());
-        }
+    }
+    if let (Some(junit), Some(markdown)) = (&command.junit, &command.markdown) {
+        ensure!(junit != markdown, "--junit and --markdown name the same file {}", junit.display());
     }
     if command.follow {
         ensure!(sources.len() == 1, "--follow reads one log; --topic NAME=FILE reads several files as one");
@@ -111,9 +105,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let is_one_log = sources.len() == 1;
     if let Some(path) = &command.junit {
         output::write_atomically(path, command.force, log_verdicts::junit(verdicts).as_bytes())?;
-    }
-    if let Some(path) = &command.sarif {
-        output::write_atomically(path, command.force, sarif::verdicts(verdicts).as_bytes())?;
     }
     if let Some(path) = &command.markdown {
         output::write_atomically(path, command.force, log_verdicts::markdown(verdicts).as_bytes())?;

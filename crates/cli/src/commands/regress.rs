@@ -12,7 +12,7 @@ use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run;
 use crate::show::progress::Bar;
-use crate::show::{output, regression, sarif};
+use crate::show::{output, regression};
 
 pub use junit_xml::report as junit;
 
@@ -27,7 +27,7 @@ fn is_rate(rate: f64) -> bool {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle regress failures --controller my_controller.safetensors
-  mishandle regress failures --controller ppo --junit report.xml --sarif report.sarif
+  mishandle regress failures --controller ppo --junit report.xml
   mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
   mishandle regress failures --controller new.safetensors --baseline old.safetensors
 
@@ -57,10 +57,6 @@ pub struct Arguments {
     /// Write the results to this file as JUnit XML; an existing file is replaced
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
-    /// Write the results to this file as SARIF 2.1.0, for code scanning; an existing file is
-    /// replaced
-    #[arg(long, value_name = "FILE")]
-    pub sarif: Option<PathBuf>,
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
@@ -87,13 +83,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "there is no counterexample (*.json) in {}; write some with `mishandle counterexamples export`",
         command.folder.display()
     );
-    for (flag, path) in [("--junit", &command.junit), ("--sarif", &command.sarif)] {
-        let Some(path) = path else { continue };
+    if let Some(path) = &command.junit {
         let controllers = [&command.controller, &command.baseline].into_iter().flatten().map(Path::new);
-        output::refuse_inputs(path, flag, files.iter().map(PathBuf::as_path).chain(controllers))?;
-    }
-    if let (Some(junit), Some(sarif)) = (&command.junit, &command.sarif) {
-        ensure!(junit != sarif, "--junit and --sarif name the same file {}", junit.display());
+        output::refuse_inputs(path, "--junit", files.iter().map(PathBuf::as_path).chain(controllers))?;
     }
     let bar = Bar::new(files.len() as u64 * suite.simulations(), "simulations");
     run::stop_on_signals(&bar)?;
@@ -118,9 +110,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let (Some(path), true) = (&command.junit, is_complete) {
         output::write_atomically(path, true, junit(&found, &times).as_bytes())?;
     }
-    if let (Some(path), true) = (&command.sarif, is_complete) {
-        output::write_atomically(path, true, sarif::regression(&found).as_bytes())?;
-    }
     if command.json {
         output::json(&found)?;
     } else {
@@ -128,10 +117,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     regression::report_problems(&found);
     if !is_complete {
-        let unwritten = match command.junit.is_some() || command.sarif.is_some() {
-            true => "; the files of --junit and --sarif are not written",
-            false => "",
-        };
+        let unwritten = if command.junit.is_some() { "; the file of --junit is not written" } else { "" };
         output::message(&format!(
             "interrupted: the results of {} of {} are printed, the others are lost{unwritten}",
             found.tests.len(),

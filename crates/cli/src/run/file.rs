@@ -34,6 +34,11 @@ pub fn open(
     let mut run = if flags.skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
     let found = run.file().header().kind;
     ensure!(
+        found == kind || found != RunKind::Metamorphic,
+        "{} is a run of metamorphic relations; resume its campaign, or resume it from Python",
+        path.display()
+    );
+    ensure!(
         found == kind,
         "{} is a run of `{}`, not of `{}`; resume it with: mishandle {} --resume {}",
         path.display(),

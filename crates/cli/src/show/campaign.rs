@@ -1,16 +1,15 @@
-//! The results of a campaign, as text: a table for each kind of question.
+//! The results of a campaign, as text: a table for each kind of question, and the broken relations.
 
 use mishandle::results::{
-    Answer, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin,
-    Metamorphic, MetamorphicRelation, Risk,
+    Answer, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
 };
 use mishandle_text::{decimal, probability_text};
 
-use super::output;
+use super::{metamorphic, output};
 
-/// Returns a table for each kind of question.
+/// Returns a table for each kind of question, and what breaks relations.
 pub fn text(found: &Campaign) -> String {
-    let headers: [&[&str]; 6] = [
+    let headers: [&[&str]; 5] = [
         &["run", "falsified", "rate", "95 % interval", "mean simulations", "min robustness", "no verdict"],
         &[
             "run",
@@ -28,24 +27,30 @@ pub fn text(found: &Campaign) -> String {
         ],
         &["run", "smallest amplitude", "axes", "robustness", "fails in repeats", "simulations"],
         &["run", "failure probability", "95 % interval", "from", "simulations"],
-        &["run", "broken relations", "broken pairs", "pairs", "no verdict", "out of bounds", "simulations"],
         &["run", "accepted", "failures before", "95 % interval", "after", "95 % interval", "worse"],
     ];
     let mut tables = headers.map(|header| vec![header.iter().map(ToString::to_string).collect::<Vec<_>>()]);
+    let mut relations = Vec::new();
     for run in &found.runs {
         let (table, cells) = match &run.result {
             Answer::Falsification(found) => (0, falsification_cells(found)),
             Answer::Evaluation(found) => (1, evaluation_cells(found)),
             Answer::Margin(found) => (2, margin_cells(found)),
             Answer::Risk(found) => (3, risk_cells(found)),
-            Answer::Metamorphic(found) => (4, metamorphic_cells(found)),
-            Answer::Hardening(found) => (5, hardening_cells(found)),
+            Answer::Hardening(found) => (4, hardening_cells(found)),
+            Answer::Metamorphic(found) => {
+                relations.push((run.name.as_str(), &**found));
+                continue;
+            }
         };
         tables[table].push(std::iter::once(run.name.clone()).chain(cells).collect());
     }
-    let filled: Vec<String> =
+    let mut parts: Vec<String> =
         tables.iter().filter(|rows| rows.len() > 1).map(|rows| output::table(rows)).collect();
-    filled.join("\n\n")
+    if !relations.is_empty() {
+        parts.push(metamorphic::text(&relations));
+    }
+    parts.join("\n\n")
 }
 
 fn margin_cells(found: &Margin) -> Vec<String> {
@@ -57,20 +62,6 @@ fn margin_cells(found: &Margin) -> Vec<String> {
         witness.map_or("-".to_string(), |witness| witness.axes.to_string()),
         number(witness.and_then(|witness| witness.robustness).map(|rho| rho.0)),
         repeats.map_or("-".to_string(), |found| format!("{} of {}", found.failures, found.failure_rate.n)),
-        found.simulations.to_string(),
-    ]
-}
-
-fn metamorphic_cells(found: &Metamorphic) -> Vec<String> {
-    let relations = &found.relations;
-    let broken = relations.iter().filter(|relation| relation.broken > 0).count();
-    let sum = |count: fn(&MetamorphicRelation) -> u64| relations.iter().map(count).sum::<u64>().to_string();
-    vec![
-        format!("{broken} of {}", relations.len()),
-        sum(|relation| relation.broken),
-        sum(|relation| relation.pairs),
-        sum(|relation| relation.without_verdict),
-        sum(|relation| relation.out_of_bounds),
         found.simulations.to_string(),
     ]
 }

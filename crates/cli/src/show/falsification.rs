@@ -1,8 +1,6 @@
 //! The result of a falsification, as text.
 
-use mishandle::results::{
-    Adversary, Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial,
-};
+use mishandle::results::{Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial};
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
@@ -123,22 +121,6 @@ fn trials_text(found: &Falsification) -> String {
         output::table(&rows),
         summary(found),
     );
-    if let Some(Adversary { axes, decisions, rows }) = &found.adversary {
-        let is_trained = found.trials.iter().any(|trial| trial.simulations > *rows);
-        text.push_str(&format!(
-            "\nadversary: decides {} at {} of an episode; its training is these {} with {}; {}",
-            if *axes == 1 { "1 axis".to_string() } else { format!("{axes} axes") },
-            plural(*decisions, "time"),
-            plural(found.simulations, "simulation"),
-            plural(found.control_steps, "control step"),
-            match is_trained {
-                true => format!("it learned after each {rows} of a trial"),
-                false => format!(
-                    "every trial ended before its first update, after {rows}, so the policy is untrained"
-                ),
-            },
-        ));
-    }
     if found.early_stopping && found.simulations > 0 && found.screening.is_none() {
         let whole = found.simulations * found.subject.episode_steps;
         text.push_str(&format!(

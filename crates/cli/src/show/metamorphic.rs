@@ -5,14 +5,18 @@ use mishandle::results::{
 };
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, reasons, scenario, subject};
+use super::{escape, output, scenario};
 
 /// Largest number of broken pairs in the table of a relation.
 const MAX_PAIRS: usize = 5;
 
-/// Returns the relations, and for each broken one the worst pairs and the smallest change.
-pub fn text(found: &Metamorphic) -> String {
+/// Returns a table of the relations of runs with these names, and for each broken relation the worst
+/// pairs and the smallest change.
+pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
+    let relations =
+        || runs.iter().flat_map(|(run, found)| found.relations.iter().map(move |own| (*run, *found, own)));
     let header = [
+        "run",
         "relation",
         "change",
         "holds",
@@ -20,16 +24,17 @@ pub fn text(found: &Metamorphic) -> String {
         "broken",
         "rate",
         "95 % interval",
-        "without a verdict",
+        "no verdict",
         "out of bounds",
     ];
-    let row = |relation: &MetamorphicRelation| {
+    let row = |(run, _, relation): (&str, &Metamorphic, &MetamorphicRelation)| {
         let [rate, low, high] = {
             let estimate = &relation.broken_rate;
             [estimate.value, estimate.low, estimate.high].map(|share| share.map_or("-".to_string(), percent))
         };
         vec![
-            escape::name(&relation.name).to_string(),
+            run.to_string(),
+            escape::name(&relation.name),
             changes(&relation.change),
             relation.holds.clone(),
             relation.pairs.to_string(),
@@ -41,25 +46,19 @@ pub fn text(found: &Metamorphic) -> String {
         ]
     };
     let header = header.map(String::from).to_vec();
-    let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.relations.iter().map(row)).collect();
-    let broken = found.relations.iter().filter(|relation| relation.broken > 0);
-    let details: String = broken.map(|relation| format!("\n\n{}", details(found, relation))).collect();
-    let whole = |relation: &MetamorphicRelation| relation.broken == 0 && relation.broken_rate.n > 0;
-    let conclusion = match found.relations.iter().all(whole) {
-        true => "\n\nno pair breaks a relation; that is evidence, not a proof".to_string(),
-        false => String::new(),
-    };
-    format!(
-        "{}\nformula {}\n\n{}{details}{conclusion}{}",
-        subject::heading(&found.subject),
-        found.formula,
-        output::table(&rows),
-        reasons::text(found.reasons.as_deref())
-    )
+    let rows: Vec<Vec<String>> = std::iter::once(header).chain(relations().map(row)).collect();
+    let mut text = output::table(&rows);
+    for (run, found, relation) in relations().filter(|(.., relation)| relation.broken > 0) {
+        text.push_str(&format!("\n\n{run}, {}", details(found, relation)));
+    }
+    if relations().all(|(.., relation)| relation.broken == 0 && relation.broken_rate.n > 0) {
+        text.push_str("\n\nno pair breaks a relation; that is evidence, not a proof");
+    }
+    text
 }
 
 /// Formats changes of axes.
-pub fn changes(change: &Named<String>) -> String {
+fn changes(change: &Named<String>) -> String {
     let text = |(axis, change): &(String, String)| {
         let sign = if change.starts_with(['+', '-', '*']) { " " } else { "" };
         format!("{}{sign}{}", escape::name(axis), escape::name(change))

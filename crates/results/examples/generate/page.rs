@@ -58,7 +58,7 @@ pub fn page(documents: &[Document], types: &Types, command: &str) -> String {
         }
         text += &format!("{}\n\n{}", object.description, page.table(object));
     }
-    text += "\n## Types\n\nObjects that several keys hold.\n";
+    text += "\n## Types\n\nObjects that several keys hold, or that are one of several of a key.\n";
     for object in types.all().iter().filter(|object| page.has_section(&object.name)) {
         text += &format!("\n### {}\n\n{}\n\n{}", object.name, object.description, page.table(object));
     }
@@ -71,7 +71,8 @@ struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// Returns whether a type is described in a section of its own, because several keys hold it.
+    /// Returns whether a type is described in a section of its own, because several keys hold it, or
+    /// one key holds it or another type.
     fn has_section(&self, name: &str) -> bool {
         self.document(name).is_none() && self.types.uses().get(name).is_some_and(|uses| *uses > 1)
     }

@@ -92,7 +92,8 @@ impl Types {
         self.objects.iter().map(|object| (object.name.as_str(), object.fields.as_slice()))
     }
 
-    /// Returns how many fields have each type.
+    /// Returns how many fields have each type. One of several types of a field counts twice: its
+    /// keys are not those of the field alone.
     pub fn uses(&self) -> BTreeMap<String, usize> {
         let mut uses = BTreeMap::new();
         for field in self.objects.iter().flat_map(|object| &object.fields) {
@@ -106,7 +107,11 @@ fn count(shape: &Shape, uses: &mut BTreeMap<String, usize>) {
     match shape {
         Shape::Object(name) => *uses.entry(name.clone()).or_default() += 1,
         Shape::Array(item) | Shape::Fixed(item, _) | Shape::Map(item) => count(item, uses),
-        Shape::OneOf(shapes) => shapes.iter().for_each(|shape| count(shape, uses)),
+        Shape::OneOf(shapes) => {
+            let objects = shapes.iter().filter(|shape| matches!(shape, Shape::Object(_))).count();
+            let times = if objects > 1 { 2 } else { 1 };
+            shapes.iter().for_each(|shape| (0..times).for_each(|_| count(shape, uses)));
+        }
         _ => {}
     }
 }

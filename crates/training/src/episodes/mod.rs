@@ -201,7 +201,7 @@ impl Episodes {
         let space = &self.scenarios.scenarios().space;
         let mut privileged = Privileged::new(space, self.rows(), self.spec.observation_size);
         for (row, row_state) in self.row_states.iter().enumerate() {
-            let (_, scenario) = self.scenarios.draw(seed_in(self.seed, row, row_state.episode));
+            let (_, scenario) = self.scenarios.draw(episode_seed(self.seed, row, row_state.episode));
             privileged.start(row, &scenario);
         }
         privileged.show(self.batch.observations());
@@ -297,7 +297,7 @@ impl Episodes {
         let (columns, seed, row_states) = (noise.len() / self.rows(), self.seed, &self.row_states);
         noise.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, noise)| {
             let row_state = &row_states[row];
-            seed_in(seed, row, row_state.episode).normals(Stream::Policy, row_state.step / hold, noise);
+            episode_seed(seed, row, row_state.episode).normals(Stream::Policy, row_state.step / hold, noise);
         });
     }
 
@@ -395,7 +395,7 @@ impl Episodes {
 
     /// Draws the start of the episode of a row.
     fn draw_start(&mut self, row: usize) -> Start {
-        let seed = seed_in(self.seed, row, self.row_states[row].episode);
+        let seed = episode_seed(self.seed, row, self.row_states[row].episode);
         let (_, scenario) = self.scenarios.draw(seed);
         if let Some(privileged) = &mut self.privileged {
             privileged.start(row, &scenario);
@@ -422,7 +422,7 @@ impl Episodes {
         let size = actions.len() / row_states.len();
         let position = |row: usize| {
             let row_state = &row_states[row];
-            (seed_in(seed, row, row_state.episode), row_state.step as usize)
+            (episode_seed(seed, row, row_state.episode), row_state.step as usize)
         };
         let rows = actions.par_chunks(size).zip(applied.par_chunks_mut(size)).zip(draws.par_chunks_mut(size));
         let rows = rows.with_min_len(ROWS_PER_TASK);
@@ -511,12 +511,6 @@ fn clip(action: &[f32], limit: f64, clipped: &mut [f64]) {
     }
 }
 
-/// Returns the seed of the episode with this index, from 0, of a row of a training run with the
-/// seed `training`.
-pub fn episode_seed(training: Seed, row: usize, episode: u64) -> Seed {
-    seed_in(training.child(EPISODES), row, episode)
-}
-
-fn seed_in(seed: Seed, row: usize, episode: u64) -> Seed {
+fn episode_seed(seed: Seed, row: usize, episode: u64) -> Seed {
     seed.child(row as u64).child(episode)
 }

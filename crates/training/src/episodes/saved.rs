@@ -2,7 +2,7 @@
 
 use mishandle_rollout::{EnvironmentSpec, RolloutError};
 
-use super::{Episodes, RowState, seed_in};
+use super::{Episodes, RowState, episode_seed};
 use crate::{Checkpoint, TrainingError};
 
 impl Episodes {
@@ -65,7 +65,7 @@ impl Episodes {
             privileged.load(checkpoint, batch.observations())?;
         }
         if let Some(disturbed) = disturbed {
-            disturbed.load(checkpoint, |row| seed_in(*seed, row, row_states[row].episode))?;
+            disturbed.load(checkpoint, |row| episode_seed(*seed, row, row_states[row].episode))?;
         }
         let observations =
             disturbed.as_ref().map_or(batch.observations(), |disturbed| disturbed.observations());
