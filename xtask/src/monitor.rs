@@ -1,4 +1,4 @@
-//! `cargo xtask monitor`: checks the header of the C interface, and compiles and runs its example.
+//! `cargo xtask monitor`: compiles and runs the example of the C interface, and writes its header.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -21,10 +21,10 @@ const EXPECTED: &str = "\
 2.55 s: force is violated, robustness in [-inf, -6]
 ";
 
-/// Checks header and example. With `--update`, writes the header first.
+/// Checks the example. With `--update`, writes the header first.
 ///
 /// # Errors
-/// If the header differs from the source, a compiler fails or warns, or the example fails.
+/// If the header cannot be written, a compiler fails or warns, or the example fails.
 pub fn check_or_update(root: &Path, arguments: &[String]) -> Result<()> {
     match arguments {
         [] => {}
@@ -36,13 +36,12 @@ pub fn check_or_update(root: &Path, arguments: &[String]) -> Result<()> {
     check(root)
 }
 
-/// The step of `cargo xtask test`.
+/// The step of `cargo xtask test`. It needs no cbindgen: `crates/monitor-c/tests/header.rs`
+/// compares the header with the source.
 ///
 /// # Errors
 /// As [`check_or_update`].
 pub fn check(root: &Path) -> Result<()> {
-    let written = std::fs::read_to_string(root.join(HEADER)).context(HEADER)?;
-    ensure!(written == header(root)?, "{HEADER} is out of date; run `cargo xtask monitor --update`");
     run(&mut cargo(root, &["build", "--quiet", "--package", PACKAGE]), &[0])?;
     let library = root.join("target/debug");
     let programs = root.join("target/monitor-c");

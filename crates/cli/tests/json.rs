@@ -1,15 +1,29 @@
 //! The documents that the commands print satisfy their JSON Schemas.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use crate::bench::{Bench, SMALL};
 use serde_json::Value;
 
+/// Writes the reference as `cargo xtask results` does, and returns its folder. The feature that
+/// makes schemas is off in the build of this test, as in the program.
+fn reference() -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let made = Command::new(env!("CARGO"))
+        .args(["run", "--quiet", "-p", "mishandle-results", "--features", "schema", "--example", "generate"])
+        .current_dir(&root)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    root.join("target/reference")
+}
+
 /// Reads the schema of a command's document.
-fn schema(command: &str) -> Value {
+fn schema(reference: &Path, command: &str) -> Value {
     let name = command.to_lowercase().replace(" --", "-").replace(' ', "-");
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/schemas");
-    serde_json::from_str(&std::fs::read_to_string(folder.join(format!("{name}.json"))).unwrap()).unwrap()
+    let path = reference.join(format!("schemas/{name}.json"));
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
 /// Checks values against a schema, with the keywords that the schemas of this repository use.
@@ -168,8 +182,11 @@ fn every_document_satisfies_its_schema() {
     );
     bench.check("campaign grid.toml --out made", 0);
     bench.check("reproduce collect made --out 2026-11-22", 0);
+    let reference = reference();
+    let page = std::fs::read_to_string(reference.join("json.md")).unwrap();
     for (section, command, code) in commands {
-        let schema = schema(section);
+        assert!(page.contains(&format!("\n## `{section}`\n")), "the page has no section {section}");
+        let schema = schema(&reference, section);
         let document = bench.json(&format!("{command} --json"), code);
         let checker = Checker { root: &schema };
         let checked = checker.check(&schema, &document, "");

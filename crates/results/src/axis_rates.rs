@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::Estimate;
@@ -9,7 +8,8 @@ use crate::Estimate;
 /// They count random simulations only: points that a search chose lie where earlier results were
 /// low, so their rates say nothing about an axis. A simulation counts for an axis only if the axis
 /// has an effect in its scenario.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxisRates {
     /// Success rate over all simulations that count, with its Wilson interval.
     pub success_rate: Estimate,
@@ -22,7 +22,8 @@ pub struct AxisRates {
 }
 
 /// Success rates over the values of an axis.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxisRate {
     /// Name of the axis.
     pub axis: String,
@@ -37,7 +38,8 @@ pub struct AxisRate {
 }
 
 /// Success rate over a part of the range of an axis.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RateBin {
     /// The part of the range.
     #[serde(flatten)]
@@ -53,7 +55,8 @@ pub struct RateBin {
 }
 
 /// A part of the range of an axis.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ValueRange {
     /// Lowest value.
     pub low: f64,
@@ -65,7 +68,8 @@ pub struct ValueRange {
 }
 
 /// Success rates over the values of two axes.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PairRate {
     /// Names of both axes.
     pub axes: [String; 2],

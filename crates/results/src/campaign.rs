@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Evaluation, Falsification, Hardening, Margin, Metamorphic, Risk};
 
 /// A grid of runs.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Campaign {
     /// Path of the folder.
     pub folder: String,
@@ -15,7 +15,8 @@ pub struct Campaign {
 }
 
 /// A finished run of a campaign.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CampaignRun {
     /// Name of the run, and of its file, or of the folder of its hardening, without extension.
     pub name: String,
@@ -26,9 +27,10 @@ pub struct CampaignRun {
 }
 
 /// The result of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Answer {
     /// That of `evaluate`.
     Evaluation(Box<Evaluation>),

@@ -1,12 +1,12 @@
 //! Things that can be named: tasks, targets and searches.
 
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::AxisFacts;
 
 /// A task.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Task {
     /// Name of the task.
     pub name: String,
@@ -35,7 +35,8 @@ pub struct Task {
 }
 
 /// An axis of an initial box.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct InitialAxis {
     /// Name.
     pub name: String,
@@ -48,7 +49,8 @@ pub struct InitialAxis {
 }
 
 /// A note on a task.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Note {
     /// `paper` (differences from the paper), `physics` (that the MJCF does not show), `success`
     /// (what it does not say) or `weaknesses` (of the shipped controllers).
@@ -75,14 +77,16 @@ pub struct Note {
 }
 
 /// The names of all targets.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Targets {
     /// Names of all targets.
     pub targets: Vec<String>,
 }
 
 /// A target.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Target {
     /// Name.
     pub name: String,
@@ -103,7 +107,8 @@ pub struct Target {
 }
 
 /// A named formula.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Formula {
     /// Name.
     pub name: String,
@@ -112,7 +117,8 @@ pub struct Formula {
 }
 
 /// A signal.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Signal {
     /// Name.
     pub name: String,
@@ -121,7 +127,8 @@ pub struct Signal {
 }
 
 /// A scenario space.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Space {
     /// Name.
     pub name: String,
@@ -130,7 +137,8 @@ pub struct Space {
 }
 
 /// An axis of a scenario space, with its distribution and meaning.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Axis {
     /// Name, bounds and values.
     #[serde(flatten)]
@@ -142,7 +150,8 @@ pub struct Axis {
 }
 
 /// A search.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Search {
     /// Name.
     pub name: String,
@@ -155,7 +164,8 @@ pub struct Search {
 }
 
 /// An option of a search.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SearchOption {
     /// Name.
     pub name: String,

@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{Estimate, Number, Seed};
@@ -32,7 +31,8 @@ impl Severity {
 
 /// A file of requirements checked on a target with one or several controllers: a traceability
 /// matrix. It is evidence from simulations, and no certificate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Check {
     /// Folder of the run files, the counterexamples and the reports.
     pub folder: String,
@@ -49,7 +49,7 @@ pub struct Check {
     /// Kind of the target.
     pub target_kind: String,
     /// Least severity of a violation with exit code 1: `critical`, `error` or `warning`.
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub fail_on: Severity,
     /// Whether requirements whose signals the target lacks are accepted.
     pub allows_inapplicable: bool,
@@ -68,7 +68,8 @@ pub struct Check {
 }
 
 /// A requirement of a file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckedRequirement {
     /// Identifier.
     pub name: String,
@@ -80,7 +81,7 @@ pub struct CheckedRequirement {
     /// Text of the formula that `formula` names; `null` if `formula` is the text.
     pub named_formula: Option<String>,
     /// Severity of a violation: `critical`, `error` or `warning`.
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub severity: Severity,
     /// Clauses of standards that ask for it.
     pub clauses: Vec<String>,
@@ -93,7 +94,8 @@ pub struct CheckedRequirement {
 }
 
 /// A controller of a check.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckedController {
     /// Name, or path; empty for a target without one.
     pub name: String,
@@ -106,7 +108,8 @@ pub struct CheckedController {
 }
 
 /// A run file of a check.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckRun {
     /// Path of the run file.
     pub run: String,
@@ -123,7 +126,8 @@ pub struct CheckRun {
 }
 
 /// The verdict of a requirement for a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckCell {
     /// Identifier of the requirement.
     pub requirement: String,
@@ -155,7 +159,8 @@ pub struct CheckCell {
 }
 
 /// Numbers of simulations of a requirement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckCounts {
     /// Number of simulations with a verdict.
     pub simulations: u64,
@@ -166,7 +171,8 @@ pub struct CheckCounts {
 }
 
 /// A violation as evidence.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckCounterexample {
     /// Run file.
     pub run: String,
@@ -187,7 +193,8 @@ pub struct CheckCounterexample {
 }
 
 /// The value of an axis in a counterexample.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CheckedValue {
     /// Name of the axis.
     pub axis: String,

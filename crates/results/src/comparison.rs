@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, Sequential, optional};
@@ -7,7 +6,8 @@ use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, 
 ///
 /// The rates and means cover the random simulations. The corners and the center of the initial box
 /// are not a random sample, so they appear among the new and the fixed failures only.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Comparison {
     /// Name of the target.
     pub target: String,
@@ -59,7 +59,8 @@ pub struct Comparison {
 }
 
 /// A run of a comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ComparedRun {
     /// Path of the run file.
     pub run: String,
@@ -83,7 +84,8 @@ pub struct ComparedRun {
 }
 
 /// A rate of both runs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PairedRates {
     /// Rate of A, with its Wilson interval, or with one that holds at any time; `null` if no
     /// simulation of A has a verdict.
@@ -102,15 +104,16 @@ pub struct PairedRates {
 }
 
 /// A mean of both runs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PairedMeans {
     /// Mean of A; `null` without pairs.
     #[serde(serialize_with = "optional::serialize")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub first: Option<f64>,
     /// Mean of B; `null` without pairs.
     #[serde(serialize_with = "optional::serialize")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub second: Option<f64>,
     /// B minus A, with its bootstrap interval over the pairs.
     pub difference: Estimate,
@@ -123,7 +126,8 @@ pub struct PairedMeans {
 }
 
 /// A simulation of both runs.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ComparedPair {
     /// Number of the trial; trial 2 has the corners and the center of the initial box.
     pub trial: u32,

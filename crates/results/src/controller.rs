@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Number, Seed};
 
 /// A controller file.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Controller {
     /// Task.
     pub task: String,
@@ -43,7 +43,8 @@ pub struct Controller {
 }
 
 /// Validation of a policy during training.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Validation {
     /// Number of episodes.
     pub episodes: u64,
@@ -54,7 +55,8 @@ pub struct Validation {
 }
 
 /// An exported controller.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ControllerExport {
     /// The ONNX file.
     pub file: String,
@@ -71,7 +73,8 @@ pub struct ControllerExport {
 }
 
 /// A controller made from the weights of another tool.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ControllerImport {
     /// The controller file.
     pub file: String,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{AxisFacts, FailureMode, Number, Repeats, Scenario, Seed};
 
 /// The failure modes of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Counterexamples {
     /// Path of the run file.
     pub run: String,
@@ -25,7 +25,8 @@ pub struct Counterexamples {
 }
 
 /// Exported counterexamples.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Exports {
     /// Path of the run file.
     pub run: String,
@@ -36,7 +37,8 @@ pub struct Exports {
 }
 
 /// An exported counterexample.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ExportedCounterexample {
     /// Path of the file; `null` if it was not written.
     pub file: Option<String>,
@@ -62,7 +64,8 @@ pub struct ExportedCounterexample {
 }
 
 /// How a counterexample was minimized.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Minimized {
     /// Recorded scenario by axis.
     pub scenario: Scenario,

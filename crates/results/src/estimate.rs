@@ -1,22 +1,22 @@
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{Number, optional};
 
 /// A rate or mean over `n` simulations with its 95 % confidence interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Estimate {
     /// Estimate; `null` if `n` is 0.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub value: Option<f64>,
     /// Lower bound of the interval; `null` for a degenerate sample.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub low: Option<f64>,
     /// Upper bound of the interval; `null` for a degenerate sample.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub high: Option<f64>,
     /// Number of simulations in the estimate.
     pub n: u64,
@@ -26,7 +26,8 @@ pub struct Estimate {
 pub const QUANTILES: [f64; 5] = [0.0, 0.05, 0.5, 0.95, 1.0];
 
 /// Simulations of one scenario with other random seeds.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Repeats {
     /// Number of simulations, with or without a verdict.
     pub simulations: u64,
@@ -48,7 +49,8 @@ impl Repeats {
 }
 
 /// A quantile of the robustness.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Quantile {
     /// Probability.
     pub p: f64,

@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{
@@ -6,7 +5,8 @@ use crate::{
 };
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,8 @@ pub struct Evaluation {
 
 /// The same starts and seeds with every other axis at nominal: what the controller does without the
 /// perturbations of the space. Simulation i of the arm is paired with simulation i of the space.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Control {
     /// Number of the trial that holds the simulations of the arm in the run file.
     pub trial: u32,
@@ -83,7 +84,8 @@ pub struct Control {
 }
 
 /// A simulation without success.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ScreenedFailure {
     /// Number of the simulation.
     pub number: u32,
@@ -104,7 +106,8 @@ pub struct ScreenedFailure {
 ///
 /// A scenario from which the target cannot start says nothing about the controller, so no rate
 /// includes it; `failed` does.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Metrics {
     /// Number of simulations from random scenarios, without the corners.
     pub simulations: u64,
@@ -154,7 +157,8 @@ pub struct Metrics {
 }
 
 /// Numbers of simulations without a verdict on success, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EndCounts {
     /// Diverged.
     pub diverged: u64,
@@ -183,7 +187,8 @@ impl EndCounts {
 
 /// Results at the corners and the center of the initial box. They are counts of chosen points, so
 /// they have no intervals.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Corners {
     /// Number of simulations per point.
     pub seeds: u32,
@@ -214,7 +219,8 @@ pub struct Corners {
 }
 
 /// The simulations of a corner or of the center.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CornerPoint {
     /// `corner` or `center`.
     pub kind: String,

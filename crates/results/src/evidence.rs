@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::Seed;
 
 /// A folder of evidence that was written: runs with their pages and files, hashes of all, and a
 /// signature.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evidence {
     /// Path of the folder.
     pub folder: String,
@@ -22,7 +22,8 @@ pub struct Evidence {
 }
 
 /// A check of requirements in a folder of evidence.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvidenceCheck {
     /// Folder of its requirements, matrix and counterexamples in the folder.
     pub folder: String,
@@ -31,7 +32,8 @@ pub struct EvidenceCheck {
 }
 
 /// A run of a folder of evidence.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvidenceRun {
     /// Run file in the folder.
     pub file: String,
@@ -51,7 +53,8 @@ pub struct EvidenceRun {
 }
 
 /// The key of a signature.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvidenceSigner {
     /// Algorithm of the key, such as `ssh-ed25519`.
     pub algorithm: String,
@@ -63,7 +66,8 @@ pub struct EvidenceSigner {
 
 /// A folder of evidence, verified. The document is printed also if the folder differs (exit code
 /// 1).
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvidenceVerification {
     /// Path of the folder.
     pub folder: String,
@@ -102,7 +106,8 @@ pub struct EvidenceVerification {
 }
 
 /// A run of a folder of evidence, verified.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VerifiedRun {
     /// Run file in the folder.
     pub file: String,
@@ -120,7 +125,8 @@ pub struct VerifiedRun {
 }
 
 /// A check of requirements, verified.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VerifiedCheck {
     /// Its folder in the folder of evidence.
     pub folder: String,
@@ -131,7 +137,8 @@ pub struct VerifiedCheck {
 }
 
 /// A simulation that was replayed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ReplayedSimulation {
     /// Its trial.
     pub trial: u32,

@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{AxisFacts, GuardFacts, LogVerdict, Number, Scenario, Seed, Signal};
 
 /// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
 /// count from 0.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Explanation {
     /// Path of the run file; missing within the document of `simulate`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -53,7 +53,8 @@ pub struct Explanation {
 
 /// A failure simulated again with each axis alone at its nominal value and the same seed. What an
 /// axis removes with others, and what it does with other seeds, is not in it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxesAtNominal {
     /// The simulated axes, that with the largest robustness first.
     pub axes: Vec<AxisAtNominal>,
@@ -66,7 +67,8 @@ pub struct AxesAtNominal {
 }
 
 /// A failure with one axis at its nominal value.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxisAtNominal {
     /// The axis.
     pub axis: String,
@@ -81,7 +83,8 @@ pub struct AxisAtNominal {
 }
 
 /// The instants, predicates and parts that decide a requirement on a trace.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Decision {
     /// First sample after which nothing can change whether the requirement is satisfied; `null` if
     /// the trace does not decide it.
@@ -101,14 +104,16 @@ pub struct Decision {
 }
 
 /// When, where and by which predicate a log violates or satisfies formulas.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LogExplanations {
     /// Each formula on each log, worst first, as in the document of `monitor`.
     pub explanations: Vec<LogExplanation>,
 }
 
 /// A verdict on a log and what decides it.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LogExplanation {
     /// The verdict.
     pub verdict: LogVerdict,
@@ -120,7 +125,8 @@ pub struct LogExplanation {
 }
 
 /// A sample and its time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Instant {
     /// Sample, from 0.
     pub sample: u64,
@@ -129,7 +135,8 @@ pub struct Instant {
 }
 
 /// A decisive predicate at its sample.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Predicate {
     /// Text.
     pub formula: String,
@@ -149,7 +156,8 @@ pub struct Predicate {
 }
 
 /// The samples at which an operator evaluates a predicate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Window {
     /// First and last of them.
     pub samples: [u64; 2],
@@ -162,7 +170,8 @@ pub struct Window {
 }
 
 /// A sub-formula on the path to the decisive predicate.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PathStep {
     /// Text.
     pub formula: String,
@@ -178,7 +187,8 @@ pub struct PathStep {
 }
 
 /// A conjunct of a requirement.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Conjunct {
     /// Text.
     pub formula: String,
@@ -190,7 +200,8 @@ pub struct Conjunct {
 
 /// Values of signals at some samples: up to the decisive one, at the instant that decides the
 /// requirement, and at the end.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SignalTable {
     /// The signals: up to four of those that the requirement reads, those of the predicate first.
     pub columns: Vec<Signal>,
@@ -199,7 +210,8 @@ pub struct SignalTable {
 }
 
 /// Values of signals at a sample.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SignalRow {
     /// Sample, from 0.
     pub sample: u64,
@@ -208,7 +220,8 @@ pub struct SignalRow {
 }
 
 /// Which conjuncts of a requirement set the robustness of a run and which ones fail.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Masking {
     /// Path of the run file.
     pub run: String,
@@ -224,7 +237,8 @@ pub struct Masking {
 }
 
 /// How many simulations were evaluated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvaluatedCount {
     /// Number of evaluated simulations.
     pub evaluated: u64,
@@ -233,7 +247,8 @@ pub struct EvaluatedCount {
 }
 
 /// A conjunct over the simulations of a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MaskedConjunct {
     /// Text.
     pub formula: String,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{EndReasons, Estimate, Modes, Named, Number, Repeats, Scenario, Screening, Seed, Subject};
 
 /// Counterexamples that the trials of a search found.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Falsification {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -35,7 +35,6 @@ pub struct Falsification {
     /// Number of simulations that belong to no trial: in their batch they follow the end of their
     /// trial or its search.
     #[serde(skip)]
-    #[schemars(skip)]
     pub surplus: u64,
     /// Number of trials that found a counterexample.
     pub falsified_trials: u32,
@@ -73,7 +72,8 @@ pub struct Falsification {
 }
 
 /// A trial: one search with its own random seed.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trial {
     /// Number of the trial, from 1.
     pub trial: u32,
@@ -118,7 +118,8 @@ pub struct Trial {
 }
 
 /// A named requirement over the simulations of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Requirement {
     /// Name.
     pub name: String,
@@ -144,7 +145,8 @@ pub struct Requirement {
 
 /// The axes that cause the failure of a counterexample: simulations with its seed that move it
 /// toward nominal. They count in no rate.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Cause {
     /// Number of these simulations.
     pub simulations: u64,
@@ -169,7 +171,8 @@ pub struct Cause {
 }
 
 /// A simulation without a verdict.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Unevaluated {
     /// Number of the simulation in its trial, from 1.
     pub simulation: u32,
@@ -182,7 +185,8 @@ pub struct Unevaluated {
 }
 
 /// The part of a space that cannot fail if no predicate is steeper than its samples show.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SmoothRegion {
     /// Largest of the estimated upper bounds (95 % together) of the change of each predicate per
     /// width of the space, at any time; `null` if refused.
@@ -199,9 +203,10 @@ pub struct SmoothRegion {
 }
 
 /// The value of a search option.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum SearchValue {
     /// A number.
     Float(Number),

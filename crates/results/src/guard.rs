@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Estimate, Number, PairedRates, Seed, Subject};
@@ -7,7 +6,8 @@ use crate::{Estimate, Number, PairedRates, Seed, Subject};
 ///
 /// An alarm is a robustness of the guard's formula below the threshold. Alarms are counted where
 /// the guard only watches, so that they do not change what happens.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GuardTuning {
     /// Target, guarded controller, space, and the seed of the held-out scenarios.
     #[serde(flatten)]
@@ -39,7 +39,8 @@ pub struct GuardTuning {
 }
 
 /// Alarms of a guard that only watches.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GuardAlarms {
     /// Seed of the evaluation.
     pub seed: Seed,
@@ -62,7 +63,8 @@ pub struct GuardAlarms {
 
 /// Time from an alarm to the certain failure: the first sample at which no continuation satisfies
 /// the requirement.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AlarmLead {
     /// Number of failures with an alarm in time.
     pub n: u64,
@@ -75,7 +77,8 @@ pub struct AlarmLead {
 }
 
 /// A threshold, and its alarms in the training scenarios.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GuardCurvePoint {
     /// Threshold, in the unit of the guard's formula.
     pub threshold: Number,

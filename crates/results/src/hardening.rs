@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{Estimate, GuardFacts, Number, Seed, optional};
@@ -8,7 +7,8 @@ use crate::{Estimate, GuardFacts, Number, Seed, optional};
 /// The measures, the failure probabilities, the margins and the searches are those of the final
 /// set: scenarios and seeds that are simulated once, after the last decision. No training run and
 /// no decision used them. The corners of the initial box are the same points everywhere.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Hardening {
     /// Name of the target.
     pub target: String,
@@ -61,7 +61,8 @@ pub struct Hardening {
 }
 
 /// A rate of success before and after.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedMeasure {
     /// Name: `space` (success in the space), `success`, `strict` and `careful` (from random
     /// starts), `noise` (from random starts with action noise of 0.5).
@@ -78,11 +79,11 @@ pub struct HardenedMeasure {
     pub fixed: u64,
     /// Two-sided p-value of the exact McNemar test; `null` without a controller after.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub p_value: Option<f64>,
     /// The p-value, adjusted by Holm's method for all measures.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub adjusted_p_value: Option<f64>,
 }
 
@@ -101,7 +102,8 @@ impl HardenedMeasure {
 }
 
 /// Corners of the initial box before and after.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedCorners {
     /// Number of corners.
     pub corners: u64,
@@ -112,22 +114,24 @@ pub struct HardenedCorners {
 }
 
 /// The smallest disturbance of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedMargin {
     /// Amplitude of the smallest disturbance that breaks it; `null` if none was found.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub amplitude: Option<f64>,
     /// Largest amplitude at which no simulation failed.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub without_failure: Option<f64>,
     /// Number of simulations.
     pub simulations: u64,
 }
 
 /// Searches for failures of a controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedSearch {
     /// Number of simulations.
     pub simulations: u64,
@@ -138,14 +142,15 @@ pub struct HardenedSearch {
 }
 
 /// A failure mode in the searches of the final comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedMode {
     /// Decisive predicate.
     pub predicate: String,
     /// Axes by which its failures were grouped.
     pub axes: Vec<String>,
     /// `vanished`, `stayed` or `appeared`.
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub change: ModeChange,
     /// Number of its failures before.
     pub before: u64,
@@ -194,7 +199,8 @@ impl ModeChange {
 }
 
 /// Failures that the searches of the rounds found, simulated again.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardenedArchive {
     /// Number of failures.
     pub failures: u64,
@@ -203,7 +209,8 @@ pub struct HardenedArchive {
 }
 
 /// A round of a hardening.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HardeningRound {
     /// Number of the round, from 1.
     pub number: u32,
@@ -217,11 +224,11 @@ pub struct HardeningRound {
     pub file_hash: Option<String>,
     /// Upper bound of the failure rate in the space before the round, on the validation set.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub bound_before: Option<f64>,
     /// The same after the round; `null` without a candidate.
     #[serde(with = "optional")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub bound_after: Option<f64>,
     /// Whether the round was accepted.
     pub accepted: bool,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, optional};
 
 /// The smallest disturbance that violates a requirement.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Margin {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -58,7 +58,8 @@ impl Margin {
 }
 
 /// The smallest disturbance at one combination of categories.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CategoryMargin {
     /// The category of each categorical axis.
     pub categories: Named<String>,
@@ -86,7 +87,8 @@ impl CategoryMargin {
 }
 
 /// The simulations with disturbances up to an amplitude.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Level {
     /// Largest offset of a disturbed axis, as a fraction of the distance from its nominal value to
     /// its bound.
@@ -99,7 +101,7 @@ pub struct Level {
     pub without_verdict: u64,
     /// Minimum robustness; `null` if no simulation has one.
     #[serde(serialize_with = "optional::serialize")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub minimum_robustness: Option<f64>,
     /// Whether a simulation violates the requirement.
     pub is_violated: bool,
@@ -132,7 +134,8 @@ impl Level {
 }
 
 /// A violation and the size of its disturbance.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Witness {
     /// The norms of its disturbance.
     #[serde(flatten)]
@@ -155,7 +158,8 @@ pub struct Witness {
 
 /// Norms of a disturbance. The offset of an axis from its nominal value is in units of the distance
 /// from the nominal value to the bound on the same side, so that 1 is the largest offset.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Norms {
     /// Largest offset (L∞): the amplitude.
     pub amplitude: f64,

@@ -1,4 +1,3 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{EndReasons, Estimate, Named, Number, Scenario, Seed, Subject, optional};
@@ -7,7 +6,8 @@ use crate::{EndReasons, Estimate, Named, Number, Scenario, Seed, Subject, option
 ///
 /// A source case is a random scenario. A relation changes some of its axes, which gives the
 /// follow-up case, and says what must hold between the two results. Both cases have the same seed.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Metamorphic {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,7 +47,8 @@ impl Metamorphic {
 }
 
 /// The range from which an axis of source cases is drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SourceRange {
     /// Name of the axis.
     pub axis: String,
@@ -58,7 +59,8 @@ pub struct SourceRange {
 }
 
 /// The pairs of a metamorphic relation.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MetamorphicRelation {
     /// Name of the relation.
     pub name: String,
@@ -89,7 +91,8 @@ pub struct MetamorphicRelation {
 }
 
 /// Pairs by the verdicts of source case and follow-up case.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VerdictCounts {
     /// Both satisfy the requirement.
     pub both_satisfied: u64,
@@ -102,7 +105,8 @@ pub struct VerdictCounts {
 }
 
 /// A pair that breaks a relation.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BrokenPair {
     /// Number of the pair, from 1.
     pub pair: u32,
@@ -117,7 +121,8 @@ pub struct BrokenPair {
 }
 
 /// A simulation of a pair.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PairCase {
     /// Its trial in the run.
     pub trial: u32,
@@ -127,14 +132,15 @@ pub struct PairCase {
     pub scenario: Scenario,
     /// Robustness; `null` without a verdict.
     #[serde(serialize_with = "optional::serialize")]
-    #[schemars(with = "Option<Number>")]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub robustness: Option<f64>,
     /// Whether it violates the requirement; `null` without a verdict.
     pub is_violated: Option<bool>,
 }
 
 /// The smallest change that was found to break a relation, by bisection: an upper bound.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SmallestChange {
     /// Number of the pair.
     pub pair: u32,

@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Named, Number, Scenario, Seed};
 
 /// Findings of trials that keep going: failure modes, estimates of the unseen ones, coverage of the
 /// space.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Modes {
     /// Number of simulations that violate the requirement, over all trials. This key and the next
     /// four exist with `--keep-going` only.
@@ -21,7 +21,8 @@ pub struct Modes {
 }
 
 /// A failure mode and the trials that found it.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FoundMode {
     /// The mode.
     #[serde(flatten)]
@@ -31,7 +32,8 @@ pub struct FoundMode {
 }
 
 /// The first simulation of a trial in a mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FirstInMode {
     /// Number of the trial.
     pub trial: u32,
@@ -40,7 +42,8 @@ pub struct FirstInMode {
 }
 
 /// Failures with the same decisive predicate, similar scenarios and similar times.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FailureMode {
     /// Number of the mode, from 1.
     pub mode: u64,
@@ -76,7 +79,8 @@ pub struct FailureMode {
 /// The trials of a run have independent seeds, so these estimates hold for searches that choose
 /// their points by earlier results. Those from the number of failures of each mode, as in Good and
 /// Turing, would need independent simulations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct UnseenModes {
     /// Number of trials.
     pub trials: u64,
@@ -97,7 +101,8 @@ pub struct UnseenModes {
 ///
 /// A visited cell has at least one simulation. It says nothing about the rest of the cell, and
 /// nothing about combinations of three or more axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Coverage {
     /// Number of pairs of axes with more than one value; 1 for a space with one such axis.
     pub pairs: u64,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Number, RequirementVerdict, Severity};
 
 /// Robustness of formulas on recorded logs.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Monitor {
     /// Robustness at time 0 of the first formula; of several logs, in the worst one.
     pub robustness: Number,
@@ -33,7 +33,8 @@ pub struct Monitor {
 }
 
 /// The verdict of a formula on a log.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LogVerdict {
     /// File of the log; of a log with several topics, their files.
     pub log: String,
@@ -43,7 +44,7 @@ pub struct LogVerdict {
     pub description: Option<String>,
     /// `critical`, `error` or `warning`: a violated formula with `warning` does not give exit
     /// code 1.
-    #[schemars(with = "String")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub severity: Severity,
     /// Formula.
     pub formula: String,
@@ -79,7 +80,8 @@ impl LogVerdict {
 }
 
 /// A time in which a part of a formula is violated.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LogViolation {
     /// The part.
     pub formula: String,
@@ -98,7 +100,8 @@ pub struct LogViolation {
 }
 
 /// The part of a formula that is violated most.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WorstPart {
     /// The part.
     pub formula: String,
@@ -111,7 +114,8 @@ pub struct WorstPart {
 }
 
 /// The predicate that determines the robustness at time 0.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LogPredicate {
     /// The comparison.
     pub formula: String,
@@ -126,7 +130,8 @@ pub struct LogPredicate {
 }
 
 /// A line of `monitor --follow`: what the samples so far say about a formula.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MonitorChange {
     /// `verdict`: no continuation changes the verdict. `end`: the samples have ended before that,
     /// and the verdict is that of `monitor` without `--follow`. `interrupted`: a signal ended the
@@ -155,7 +160,8 @@ pub struct MonitorChange {
 }
 
 /// The first violation of a part of a formula.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FirstViolation {
     /// The part.
     pub formula: String,

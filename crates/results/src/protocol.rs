@@ -1,8 +1,8 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Whether a simulator that is a program keeps the protocol.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProtocolCheck {
     /// The command.
     pub command: String,
@@ -22,7 +22,8 @@ pub struct ProtocolCheck {
 }
 
 /// The outcome of one check.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProtocolFinding {
     /// Name of the check: `hello`, `nominal`, `corners`, `repeat`, `seeds`, `order`, `unknown`,
     /// `process`, `output` or `end`.

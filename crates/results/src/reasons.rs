@@ -1,8 +1,8 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 /// The simulations of a run with one end whose target, or its controller, said why.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EndReasons {
     /// The end, such as `crashed`, `timed out`, `invalid scenario` or `terminated`.
     pub end: String,

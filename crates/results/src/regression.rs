@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Number, Repeats};
 
 /// Counterexamples of a folder, simulated again. The document is printed also if a test could not
 /// run (exit code 2).
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Regression {
     /// The folder.
     pub folder: String,
@@ -31,7 +31,8 @@ pub struct Regression {
 }
 
 /// A counterexample, simulated again.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RegressionTest {
     /// Name of the file.
     pub file: String,
@@ -62,7 +63,8 @@ pub struct RegressionTest {
 }
 
 /// Simulations of a counterexample with the baseline.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BaselineTest {
     /// Robustness with the recorded seed; `null` after an error.
     pub robustness: Option<Number>,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{AxisFacts, GuardFacts, Number, Scenario, Seed};
 
 /// A recorded simulation, simulated again.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Replay {
     /// Path of the run file, or of the exported counterexample.
     pub run: String,

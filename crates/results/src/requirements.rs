@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Number, Signal};
 
 /// A formula: in words, its traps, and what it says about traces.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaDescription {
     /// Name of the pattern that it comes from; `null` without one.
     pub pattern: Option<String>,
@@ -32,7 +32,8 @@ pub struct FormulaDescription {
 }
 
 /// The part of a trace that decides a formula at time 0.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaHorizon {
     /// Number of samples; `null` if the sampling period is unknown and the formula has times, or if
     /// a bound does not fit the period.
@@ -43,7 +44,8 @@ pub struct FormulaHorizon {
 }
 
 /// A place of a formula that often means something else than its author thinks.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaTrap {
     /// Name of the trap, such as `vacuous-implication`.
     pub name: String,
@@ -62,7 +64,8 @@ pub struct FormulaTrap {
 }
 
 /// A formula and its sub-formulas on a trace.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaExample {
     /// `log`, `episode` (of a target), `found` (by a search for an example), or `pattern` (that of
     /// a pattern).
@@ -85,7 +88,8 @@ pub struct FormulaExample {
 }
 
 /// The values of a signal of an example.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaValues {
     /// Name.
     pub signal: String,
@@ -94,7 +98,8 @@ pub struct FormulaValues {
 }
 
 /// A sub-formula over a trace.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FormulaLane {
     /// The sub-formula.
     pub formula: String,
@@ -105,7 +110,8 @@ pub struct FormulaLane {
 }
 
 /// Samples of the same state.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LaneSpan {
     /// `holds`, `violated` (also with a window that is cut at the end), or `undecided`: not
     /// violated, but a window of the sub-formula reaches beyond the end of the trace.
@@ -117,7 +123,8 @@ pub struct LaneSpan {
 }
 
 /// A named pattern of requirements.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RequirementPattern {
     /// Name.
     pub name: String,
@@ -132,7 +139,8 @@ pub struct RequirementPattern {
 }
 
 /// A parameter of a pattern.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PatternParameter {
     /// Name.
     pub name: String,
@@ -145,7 +153,8 @@ pub struct PatternParameter {
 }
 
 /// The tightest values of the parameters of a formula for which logs or runs satisfy it.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Mining {
     /// Formula as given, with the names of its parameters.
     pub formula: String,
@@ -166,7 +175,8 @@ pub struct Mining {
 }
 
 /// A parameter of a formula.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MinedParameter {
     /// Name.
     pub name: String,
@@ -184,7 +194,8 @@ pub struct MinedParameter {
 }
 
 /// Values of the parameters for which the traces satisfy the formula.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MinedPoint {
     /// Values, in the order of the parameters.
     pub values: Vec<Number>,
@@ -213,7 +224,8 @@ pub struct MinedPoint {
 }
 
 /// The tightest value of a parameter for one trace.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MinedTrace {
     /// Name of the trace.
     pub name: String,

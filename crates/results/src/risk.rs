@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{EndReasons, Estimate, Number, Scenario, Screening, Seed, Subject, number};
 
 /// The probability of a violation under a distribution of scenarios.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Risk {
     /// Path of the run file; missing if none is written.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,8 @@ pub struct Risk {
 }
 
 /// The distribution of an axis.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxisDistribution {
     /// Name of the axis.
     pub axis: String,
@@ -71,7 +72,8 @@ pub struct AxisDistribution {
 }
 
 /// A probability of a violation with its 95 % interval.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Probability {
     /// Estimate.
     pub value: Option<f64>,
@@ -86,7 +88,8 @@ pub struct Probability {
 }
 
 /// Independent simulations under the distribution itself.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MonteCarlo {
     /// Number of simulations.
     pub simulations: u64,
@@ -106,14 +109,16 @@ pub struct MonteCarlo {
 }
 
 /// The search for failures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Exploration {
     /// Number of simulations.
     pub simulations: u64,
 }
 
 /// Simulations under a distribution that is fitted to the failures, with weights.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Importance {
     /// Number of simulations that fitted the regions.
     pub fitting_simulations: u64,
@@ -138,7 +143,8 @@ pub struct Importance {
 }
 
 /// Adaptive multilevel splitting with independent chains.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Splitting {
     /// Number of simulations.
     pub simulations: u64,
@@ -151,13 +157,14 @@ pub struct Splitting {
 }
 
 /// A chain of multilevel splitting.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Chain {
     /// Estimate of the probability of a robustness below the level.
     pub probability: f64,
     /// 0 if the chain reached the failures, otherwise the robustness that it reached.
     #[serde(serialize_with = "number")]
-    #[schemars(with = "Number")]
+    #[cfg_attr(feature = "schema", schemars(with = "Number"))]
     pub level: f64,
     /// Whether it reached the failures.
     pub is_complete: bool,
@@ -168,7 +175,8 @@ pub struct Chain {
 }
 
 /// A failure.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RiskFailure {
     /// Scenario by axis; a value that is drawn at random is `null`.
     pub scenario: Scenario,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{AxisFacts, Estimate, Number, RunFacts, Scenario, Seed};
 
 /// How two runs differ, A and B.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunDifference {
     /// The run A.
     pub first: DifferingRun,
@@ -26,7 +26,8 @@ pub struct RunDifference {
 }
 
 /// A run of a difference.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DifferingRun {
     /// Path of the run file.
     pub run: String,
@@ -38,7 +39,8 @@ pub struct DifferingRun {
 }
 
 /// A fact in which two runs differ.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DifferingFact {
     /// Subject of the fact, such as `plan action-noise` or `hash of the target`.
     pub name: String,
@@ -49,7 +51,8 @@ pub struct DifferingFact {
 }
 
 /// A rate or mean of two runs.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DifferingResult {
     /// Name, such as `success rate`.
     pub name: String,
@@ -62,7 +65,8 @@ pub struct DifferingResult {
 }
 
 /// The simulations of two runs, place by place: trial and number.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DifferingSimulations {
     /// Number of simulations with the same scenario and seed at the same place.
     pub shared: u64,
@@ -81,7 +85,8 @@ pub struct DifferingSimulations {
 }
 
 /// A simulation with another verdict in B than in A.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ChangedVerdict {
     /// Number of the trial.
     pub trial: u32,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{GuardFacts, Number, Seed};
 
 /// A run file. One that cannot be read has the keys `run` and `error` only.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunSummary {
     /// Path of the run file.
     pub run: String,
@@ -16,7 +16,8 @@ pub struct RunSummary {
 }
 
 /// Contents of a run file.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunFacts {
     /// Kind of the run: `evaluate`, `falsify`, `margin`, `metamorphic` or `risk`.
     pub kind: String,

@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::Named;
 
 /// Counts of a screening: another engine simulates everything, MuJoCo C confirms what it flags and
 /// an audit sample of the rest.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Screening {
     /// Device of the other engine: `gpu`.
     pub device: String,
@@ -35,7 +35,8 @@ pub struct Screening {
 }
 
 /// Number of simulations in which MuJoCo C found something.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Finding {
     /// Number among the flagged simulations.
     pub flagged: u64,
@@ -44,7 +45,8 @@ pub struct Finding {
 }
 
 /// Simulations that MuJoCo C repeated for one reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Confirmed {
     /// Number of simulations.
     pub simulations: u64,

@@ -1,11 +1,11 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Estimate, Number, Seed};
 
 /// A rule that ends simulations, and what it found. Its interval holds at any time: at all ends of
 /// batches together, it contains the true value with a probability of at least 95 %.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Sequential {
     /// The rule: `decided` or `width=W`.
     pub until: String,
@@ -38,7 +38,8 @@ pub struct Sequential {
 
 /// How many simulations, or pairs, a question takes: fixed beforehand, and with a rule that stops
 /// by itself. No target is simulated.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SampleSize {
     /// The rule: `decided` or `width=W`.
     pub until: String,
@@ -78,7 +79,8 @@ pub struct SampleSize {
 }
 
 /// Expected shares of pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ExpectedPairs {
     /// Both succeed.
     pub both: Number,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Explanation, Number, Repeats, Scenario, Subject};
 
 /// Simulations of one chosen scenario.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Simulation {
     /// Target, controller, noise and space of the simulation.
     #[serde(flatten)]
@@ -38,7 +38,8 @@ pub struct Simulation {
 }
 
 /// A named requirement on one simulation.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RequirementVerdict {
     /// Name.
     pub name: String,
@@ -52,7 +53,8 @@ pub struct RequirementVerdict {
 
 /// The share of the variance of the robustness that comes from the scenario; the rest comes from
 /// noise.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Noise {
     /// Share that comes from the scenario, from 0 to 1; `null` if the robustness is constant,
     /// infinite or undecided.

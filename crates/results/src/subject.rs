@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::{Number, Seed};
 
 /// Subject of a question: target, controller, noise and scenario space.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Subject {
     /// Name of the target.
     pub target: String,
@@ -20,7 +20,6 @@ pub struct Subject {
     pub controller: Option<String>,
     /// The controller as the plan names it, by its name or its path; `null` without one.
     #[serde(skip)]
-    #[schemars(skip)]
     pub controller_given: Option<String>,
     /// Hash of what the controller does; `null` without one.
     pub controller_hash: Option<String>,
@@ -52,7 +51,8 @@ pub struct Subject {
 }
 
 /// A guard: an online monitor of the controller, and who acts instead of it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GuardFacts {
     /// Formula that is monitored.
     pub formula: String,
@@ -93,7 +93,8 @@ impl GuardFacts {
 }
 
 /// An axis of a scenario space.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AxisFacts {
     /// Name.
     pub name: String,
@@ -117,7 +118,8 @@ pub struct AxisFacts {
 }
 
 /// Values of an axis without which another one has no effect.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct NeededAxis {
     /// Name of the axis.
     pub axis: String,
@@ -128,9 +130,10 @@ pub struct NeededAxis {
 }
 
 /// The values that an axis can take between its bounds.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
-#[schemars(inline)]
+#[cfg_attr(feature = "schema", schemars(inline))]
 pub enum AxisValues {
     /// `continuous`, `logarithmic` or `integer`.
     Kind(String),

@@ -1,16 +1,17 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Tables of campaigns. `reproduce performance`, `reproduce falsification` and `reproduce tables`
 /// print the same document.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Tables {
     /// The pages.
     pub pages: Vec<TablePage>,
 }
 
 /// A page of tables.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TablePage {
     /// Name of the file without ending.
     pub name: String,
@@ -21,7 +22,8 @@ pub struct TablePage {
 }
 
 /// A table.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Table {
     /// Caption.
     pub caption: String,

@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::{Named, Number, Seed};
 
 /// A finished training run.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Training {
     /// Task.
     pub task: String,
@@ -55,7 +55,8 @@ pub struct Training {
 }
 
 /// Rates of a validation on scenarios.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ScenarioRates {
     /// Success rate.
     pub success_rate: Number,
@@ -66,7 +67,8 @@ pub struct ScenarioRates {
 }
 
 /// Time until the return of a training run converged.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TrainingTime {
     /// Number of control steps over all environments.
     pub environment_steps: u64,
@@ -77,7 +79,8 @@ pub struct TrainingTime {
 }
 
 /// A checked plan of a training run, which was not started.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TrainingPlan {
     /// Task.
     pub task: String,

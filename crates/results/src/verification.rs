@@ -1,10 +1,10 @@
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::Seed;
 
 /// Units of collected results, run again.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Verification {
     /// Commit at which the digests hold, from the manifest; `null` if it names none.
     pub commit: Option<String>,
@@ -24,7 +24,8 @@ pub struct Verification {
 
 /// A unit that was run again: a trial of a falsification, or a hundred simulations of an
 /// evaluation.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct VerifiedUnit {
     /// Name of the campaign.
     pub campaign: String,

@@ -1,39 +1,15 @@
-//! Writes the reference of all settings. `cargo xtask settings` runs it; the test of this example
-//! compares it with the file.
+//! Writes the reference of all settings. `cargo xtask settings` runs it.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mishandle_training::{ALGORITHMS, Setting};
 
-/// The page.
-const PAGE: &str = "docs/reference/algorithms/settings.md";
+/// The text before the tables.
+const HEAD: &str = "docs/reference/algorithms/settings.md";
 
-const HEAD: &str = "\
-# All settings
-
-A settings file is TOML. The keys of an algorithm's first table are at the top of the file, those of the other tables under
-`[run]`, `[episodes]` and so on:
-
-```toml
-gamma = 0.995
-
-[run]
-total_steps = 2_000_000
-stop_success = 0.98
-
-[episodes]
-action_noise = 0.5
-```
-
-Whole numbers are written out, as 20_000_000. A missing key has the default below, or the value of the base if the file
-contains `base = \"skrl-0.10\"` ([settings bases](../bases.md)).
-
-`mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
-controllers are in [experiments/training](../../../experiments/training). [Train a controller](../../guide/training.md) explains what
-the algorithms share.
-
-`cargo xtask settings` generates this page from the declarations in [crates/training](../../../crates/training/src).";
+/// Folder of the page.
+const REFERENCE: &str = "target/reference";
 
 /// Returns the heading of a table.
 fn heading(algorithm: &str, table: &str) -> String {
@@ -73,14 +49,9 @@ fn row(setting: &Setting, default: Option<&str>) -> String {
     format!("| `{key}` | {default} | {} | {allowed} |", cell(setting.description))
 }
 
-/// Returns the path of the page.
-fn path() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(PAGE)
-}
-
-/// Returns the page.
-fn page() -> String {
-    let mut lines = vec![HEAD.to_string()];
+/// Returns the tables that follow the text.
+fn tables() -> String {
+    let mut lines = Vec::new();
     for entry in ALGORITHMS {
         let mut within = None;
         for (setting, default) in (entry.default)().values() {
@@ -100,11 +71,8 @@ fn page() -> String {
 }
 
 fn main() -> std::io::Result<()> {
-    fs::write(path(), page())
-}
-
-#[test]
-fn the_page_is_up_to_date() {
-    let found = fs::read_to_string(path()).unwrap();
-    assert!(found == page(), "{PAGE} is out of date; run: cargo xtask settings");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let head = fs::read_to_string(root.join(HEAD))?;
+    fs::create_dir_all(root.join(REFERENCE))?;
+    fs::write(root.join(REFERENCE).join("settings.md"), head + &tables())
 }

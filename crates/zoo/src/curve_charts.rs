@@ -49,10 +49,7 @@ struct Seeds {
 pub(crate) fn write(folder: &ZooFolder, tasks: &[BenchmarkTask]) -> Result<Vec<String>, ZooError> {
     let mut drawn = Vec::new();
     for BenchmarkTask { name: task, .. } in tasks {
-        let found: Vec<Seeds> = (algorithms().zip(COLORS))
-            .map(|(algorithm, color)| load(folder, task, algorithm, color))
-            .collect::<Result<_, _>>()?;
-        let found: Vec<Seeds> = found.into_iter().filter(|seeds| !seeds.curves.is_empty()).collect();
+        let found = kept(folder, task)?;
         let path = folder.chart(task);
         if found.is_empty() {
             remove(&path)?;
@@ -62,6 +59,14 @@ pub(crate) fn write(folder: &ZooFolder, tasks: &[BenchmarkTask]) -> Result<Vec<S
         drawn.push(task.clone());
     }
     Ok(drawn)
+}
+
+/// Reads the curves of a task.
+fn kept(folder: &ZooFolder, task: &str) -> Result<Vec<Seeds>, ZooError> {
+    let found: Vec<Seeds> = (algorithms().zip(COLORS))
+        .map(|(algorithm, color)| load(folder, task, algorithm, color))
+        .collect::<Result<_, _>>()?;
+    Ok(found.into_iter().filter(|seeds| !seeds.curves.is_empty()).collect())
 }
 
 fn load(
@@ -193,6 +198,8 @@ fn time_ticks() -> Vec<(f64, String)> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
 
     #[test]
@@ -248,5 +255,23 @@ mod tests {
         }
         let again = Seeds { algorithm: "ppo", color: COLORS[0], curves: vec![] };
         assert!(chart("a-task", &[again]).svg().contains("wall-clock time"));
+    }
+
+    #[test]
+    fn the_shipped_charts_are_drawn_from_the_shipped_curves() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let folder = ZooFolder::new(&root);
+        let mut charts = 0;
+        for entry in std::fs::read_dir(root.join("controllers/curves")).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                let task = path.file_name().unwrap().to_str().unwrap();
+                let shipped = std::fs::read_to_string(folder.chart(task)).unwrap();
+                let drawn = chart(task, &kept(&folder, task).unwrap()).svg();
+                assert!(shipped == drawn, "{task}: run `cargo run --release -p mishandle-zoo -- tables`");
+                charts += 1;
+            }
+        }
+        assert_eq!(charts, 8);
     }
 }

@@ -15,6 +15,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 
 use crate::process::{cargo, output, run};
+use crate::reference;
 
 /// Version of mdBook. Other versions may give headings other anchors.
 const VERSION: &str = "0.5.4";
@@ -52,6 +53,7 @@ pub fn build(root: &Path) -> Result<()> {
             fs::remove_dir_all(&folder).with_context(|| format!("cannot empty {}", folder.display()))?;
         }
     }
+    reference::write(root)?;
     let pages = pages::prepare(root, &root.join(SOURCE).join("src"))?;
     fs::write(root.join(SOURCE).join("book.toml"), CONFIGURATION).context(SOURCE)?;
     let book = root.join(BOOK);

@@ -8,6 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 
 use crate::markdown::{resolve, rewrite};
+use crate::reference::{FOLDER, PAGES};
 
 /// The contents page, from the root.
 const CONTENTS: &str = "docs/README.md";
@@ -26,7 +27,9 @@ pub fn prepare(root: &Path, folder: &Path) -> Result<usize> {
     let missing = missing(root, &pages)?;
     ensure!(missing.is_empty(), "{CONTENTS} does not list {}", missing.join(", "));
     for page in &pages {
-        let text = fs::read_to_string(root.join(page)).with_context(|| format!("{CONTENTS} lists {page}"))?;
+        let whole = PAGES.iter().find(|(beginning, _)| beginning == page);
+        let path = whole.map_or(root.join(page), |(_, name)| root.join(FOLDER).join(name));
+        let text = fs::read_to_string(path).with_context(|| format!("{CONTENTS} lists {page}"))?;
         let mut pictures = BTreeSet::new();
         let text = rewrite(&text, |link| {
             let path = resolve(page, link.split(['#', '?']).next().unwrap_or(link))?;

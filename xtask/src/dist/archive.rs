@@ -1,5 +1,5 @@
-//! The archive: program, MuJoCo's library, licenses, manual pages, completions. And the recipe of a
-//! container that holds it.
+//! The archive: program, MuJoCo's library, licenses, manual pages, completions, reference. And the
+//! recipe of a container that holds it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,11 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use super::sources;
+use super::{BUILD, PACKAGES, sources};
 use crate::mujoco::LICENSES;
 use crate::platform::Platform;
 use crate::process::{output, run};
+use crate::reference::FOLDER;
 
 /// Packs a folder with sorted names, no owners and one time: the same files give the same bytes.
 const PACK: &str = "
@@ -35,7 +36,8 @@ const README: &str = "# Mishandle
 
 The program finds MuJoCo's library in lib/mishandle. Move both together, or copy the folders bin, lib and share into
 a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. Pictures need EGL
-(Debian: libegl1), films ffmpeg. Licenses are in share/doc/mishandle.
+(Debian: libegl1), films ffmpeg. share/doc/mishandle has the licenses, and in reference the keys of JSON documents with
+their schemas, and the training settings.
 ";
 
 /// Packs the archive of the release build, and writes the recipe beside it.
@@ -50,7 +52,7 @@ pub fn archive(root: &Path, out: &Path, tools: &Path, platform: &Platform) -> Re
         fs::copy(&from, &to).with_context(|| format!("cannot copy {}", from.display()))?;
         Ok(to)
     };
-    let program = copy(root.join("target/release/mishandle"), "bin/mishandle")?;
+    let program = copy(root.join(BUILD).join("mishandle"), "bin/mishandle")?;
     let mujoco = root.join("target/mujoco/lib");
     copy(mujoco.join(platform.library), &format!("lib/mishandle/{}", platform.library))?;
     for license in LICENSES {
@@ -59,6 +61,9 @@ pub fn archive(root: &Path, out: &Path, tools: &Path, platform: &Platform) -> Re
     for license in ["LICENSE-APACHE", "LICENSE-MIT"] {
         copy(root.join(license), &format!("share/doc/mishandle/{license}"))?;
     }
+    let mut reference = Command::new("cp");
+    reference.arg("-R").arg(root.join(FOLDER)).arg(folder.join("share/doc/mishandle"));
+    run(&mut reference, &[0])?;
     let mut glibc = String::new();
     if cfg!(target_os = "linux") {
         glibc = format!("2.{}", super::glibc(&program)?);
@@ -95,7 +100,7 @@ pub fn archive(root: &Path, out: &Path, tools: &Path, platform: &Platform) -> Re
 /// Returns the recipe of a container. It copies the archive and loads nothing but its base image.
 fn container(name: &str) -> String {
     format!(
-        "# podman build -t mishandle target/dist; podman run --rm -v \"$PWD:/work\" mishandle falsify toy/sphere-2d\n\
+        "# podman build -t mishandle {PACKAGES}; podman run --rm -v \"$PWD:/work\" mishandle falsify toy/sphere-2d\n\
          # Prepared: no test builds this image.\n\
          FROM debian:12-slim\n\
          ADD {name}.tar.gz /opt\n\

@@ -110,7 +110,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let plan = plan(command)?;
     if mishandle::train::uses_default_settings(&plan)? {
         output::message(&format!(
-            "note: no settings are shipped for {} with {}; using the defaults in docs/reference/algorithms/settings.md",
+            "note: no settings are shipped for {} with {}; using the defaults, which --dry-run prints",
             plan.task, plan.algorithm
         ));
     }

@@ -1,66 +1,49 @@
 //! Writes what is made from the result types: the reference page, the JSON Schemas and the Python
-//! classes.
-//!
-//! `cargo xtask results` runs it; the test of this example compares them with the files.
+//! classes. `cargo xtask results` runs it.
 
 mod page;
 mod python;
 mod shape;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::io::{Error, Result};
+use std::path::Path;
 
 use mishandle_results::{Document, SCHEMA};
 use serde_json::{Value, json};
 
 use crate::shape::Types;
 
-/// The reference page.
-const PAGE: &str = "docs/reference/json.md";
+/// The text before the tables of the reference page.
+const HEAD: &str = "docs/reference/json.md";
 
-/// Folder of the JSON Schemas, one for each document.
-const SCHEMAS: &str = "docs/reference/schemas";
+/// Folder of the reference page and of the JSON Schemas, one for each document.
+const REFERENCE: &str = "target/reference";
 
 /// The Python classes.
 const PYTHON: &str = "python/mishandle/results.py";
 
-/// The command that writes the files.
-const COMMAND: &str = "cargo xtask results";
-
-fn main() -> std::io::Result<()> {
-    let root = root();
-    for (path, text) in files() {
-        let path = root.join(path);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder)?;
-        }
-        fs::write(path, text)?;
-    }
-    Ok(())
-}
-
-/// Returns the root of the repository.
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-/// Returns the path of each file, from the root of the repository, and its text.
-fn files() -> Vec<(String, String)> {
+fn main() -> Result<()> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let documents = Document::all();
     let types = Types::new(&documents);
-    let mut files: Vec<(String, String)> = documents
-        .iter()
-        .map(|document| (format!("{SCHEMAS}/{}.json", file_name(document)), schema(document)))
-        .collect();
-    files.push((PAGE.to_string(), page::page(&documents, &types, COMMAND)));
-    files.push((PYTHON.to_string(), python::module(&types)));
-    files
+    if let Some(field) = types.without_description() {
+        return Err(Error::other(format!("{field} has no doc comment")));
+    }
+    let schemas = root.join(REFERENCE).join("schemas");
+    fs::create_dir_all(&schemas)?;
+    for document in &documents {
+        fs::write(schemas.join(file_name(document)), schema(document))?;
+    }
+    let head = fs::read_to_string(root.join(HEAD))?;
+    fs::write(root.join(REFERENCE).join("json.md"), head + &page::sections(&documents, &types))?;
+    fs::write(root.join(PYTHON), python::module(&types))
 }
 
-/// Returns the name of a schema without ending: `explain-masking` for `explain --masking`.
+/// Returns the file name of a schema: `explain-masking.json` for `explain --masking`.
 fn file_name(document: &Document) -> String {
     let words = document.command.to_lowercase();
-    words.split([' ', '-']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
+    words.split([' ', '-']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-") + ".json"
 }
 
 /// Returns the JSON Schema of what a command prints: the object, or the array of objects, with the
@@ -89,35 +72,4 @@ fn schema(document: &Document) -> String {
         }
     };
     format!("{schema:#}\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_generated_files_are_up_to_date() {
-        for (path, text) in files() {
-            let found = fs::read_to_string(root().join(&path)).unwrap_or_default();
-            assert!(found == text, "{path} is out of date; run: {COMMAND}");
-        }
-    }
-
-    #[test]
-    fn every_schema_of_the_folder_is_that_of_a_document() {
-        let known: Vec<String> = files().into_iter().map(|(path, _)| path).collect();
-        for entry in fs::read_dir(root().join(SCHEMAS)).unwrap() {
-            let path = format!("{SCHEMAS}/{}", entry.unwrap().file_name().to_string_lossy());
-            assert!(known.contains(&path), "{path} is not the schema of a document; remove it");
-        }
-    }
-
-    #[test]
-    fn every_field_has_a_description() {
-        for (name, fields) in Types::new(&Document::all()).objects() {
-            for field in fields {
-                assert!(!field.description.is_empty(), "{name}.{} has no description", field.key);
-            }
-        }
-    }
 }

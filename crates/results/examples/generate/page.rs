@@ -1,55 +1,14 @@
-//! The reference page: a section for each document, and one for each type that several fields have.
+//! The sections of the reference page: one for each document, and one for each type that several
+//! fields have.
 
 use mishandle_results::Document;
 
 use crate::shape::{Field, Object, Shape, Types};
 
-/// The text before the tables. The block is the output of the example.
-const HEAD: &str = r#"# Read results as JSON
-
-To process results in a script, add `--json` to a command:
-
-```console
-$ mishandle monitor --formula 'always[0:2](d <= 0.35)' d.csv --json
-{
-  "schema": 1,
-  "robustness": 0.04999999999999999,
-  "windows": "cut",
-  "cuts_windows": false,
-  "robustness_signal": [
-    0.04999999999999999,
-    0.04999999999999999,
-    0.24999999999999997
-  ]
-}
-```
-
-Here `d.csv` has the lines `d`, `0.2`, `0.3` and `0.1`.
-
-The command prints one document to stdout: an object, or an array of objects for `tasks`, `searches` and `runs`. Messages go to
-stderr. The same command with the same seed prints the same bytes, except for `run`, the path of the run file, and
-`wall_clock_secs`. If a command fails, stdout is empty and stderr contains the error message. An interrupted command prints the
-document of its finished simulations.
-
-- `schema` is the first key of every object that a command prints: the version of the documents, 1. Within a version, keys are
-  only added.
-- A `seed` is a string of digits, because many JSON readers round integers above 2^53.
-- An infinity is the string `"inf"` or `"-inf"`. Missing values are `null`.
-- Rates are fractions from 0 to 1. Times are in seconds or in control steps, as stated in the tables.
-- A `map` is an object whose keys are names, such as the names of axes or options.
-- A key whose type ends with `?` is missing where the text says so.
-
-Each document has a [JSON Schema](SCHEMAS). The Python package has the same types as classes: `mishandle.results`. This page, the
-schemas and the classes are written by `COMMAND`.
-"#;
-
-/// Link from the page to the folder of the schemas.
-const SCHEMAS: &str = "schemas";
-
-/// Returns the page. `command` is the command that writes it.
-pub fn page(documents: &[Document], types: &Types, command: &str) -> String {
+/// Returns the sections that follow the text of the page.
+pub fn sections(documents: &[Document], types: &Types) -> String {
     let page = Page { documents, types };
-    let mut text = HEAD.replace("SCHEMAS", SCHEMAS).replace("COMMAND", command);
+    let mut text = String::new();
     for document in documents {
         let object = types.get(document.name);
         text += &format!("\n## `{}`\n\n", document.command);

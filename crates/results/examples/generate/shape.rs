@@ -86,10 +86,12 @@ impl Types {
         }
     }
 
-    /// Returns the name and the fields of each type.
-    #[cfg(test)]
-    pub fn objects(&self) -> impl Iterator<Item = (&str, &[Field])> {
-        self.objects.iter().map(|object| (object.name.as_str(), object.fields.as_slice()))
+    /// Returns the name of a field without a description, `TYPE.FIELD`.
+    pub fn without_description(&self) -> Option<String> {
+        let mut fields =
+            self.objects.iter().flat_map(|object| object.fields.iter().map(move |field| (object, field)));
+        let (object, field) = fields.find(|(_, field)| field.description.is_empty())?;
+        Some(format!("{}.{}", object.name, field.key))
     }
 
     /// Returns how many fields have each type. One of several types of a field counts twice: its

@@ -1,0 +1,5 @@
+//! The tests of this package as one program, because linking takes longer than most of them.
+//! A file of this folder is a module here.
+
+mod header;
+mod interface;
