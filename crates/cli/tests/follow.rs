@@ -3,7 +3,7 @@
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::bench::{Bench, signal, text};
 use serde_json::Value;
@@ -186,7 +186,6 @@ fn a_signal_ends_it_with_the_answer_so_far() {
             Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' -"));
         following.write("d\n0\n");
         following.line();
-        let start = Instant::now();
         signal(&following.child, name);
         let line = following.line();
         assert_eq!(
@@ -194,7 +193,6 @@ fn a_signal_ends_it_with_the_answer_so_far() {
             (&"interrupted".into(), &1.into(), &Value::Null)
         );
         assert_eq!(following.end().0, Some(130));
-        assert!(start.elapsed() < Duration::from_secs(20));
     }
 }
 

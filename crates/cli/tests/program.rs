@@ -444,7 +444,7 @@ fn simulations(path: &Path) -> u64 {
 fn wait_for_rows(path: &Path, rows: u64) {
     let start = Instant::now();
     while !path.exists() || simulations(path) < rows {
-        assert!(start.elapsed() < Duration::from_secs(60), "no {rows} simulations within a minute");
+        assert!(start.elapsed() < Duration::from_secs(600), "no {rows} simulations within ten minutes");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -627,14 +627,14 @@ fn a_second_signal_stops_a_long_batch_immediately() {
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
     let start = Instant::now();
     while !bench.path("a.sqlite").exists() {
-        assert!(start.elapsed() < Duration::from_secs(60));
+        assert!(start.elapsed() < Duration::from_secs(600));
         std::thread::sleep(Duration::from_millis(5));
     }
     // The batch starts soon after the file exists. A signal before it would end the program in an
     // orderly way.
     let ticks = processor_ticks(&child);
     while processor_ticks(&child) < ticks + 100 {
-        assert!(start.elapsed() < Duration::from_secs(60));
+        assert!(start.elapsed() < Duration::from_secs(600));
         std::thread::sleep(Duration::from_millis(5));
     }
     signal(&child, "INT");

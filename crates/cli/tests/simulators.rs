@@ -126,7 +126,7 @@ fn assert_no_process(bench: &Bench) {
     for process in processes.lines() {
         let command = format!("/proc/{process}/cmdline");
         while std::fs::read_to_string(&command).is_ok_and(|words| words.contains("tank.py")) {
-            assert!(start.elapsed() < Duration::from_secs(10), "process {process} is still running");
+            assert!(start.elapsed() < Duration::from_secs(600), "process {process} is still running");
             std::thread::sleep(Duration::from_millis(20));
         }
     }

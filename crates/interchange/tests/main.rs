@@ -9,5 +9,7 @@ mod graph;
 mod history;
 mod images;
 mod onnx;
+#[path = "../../stl/tests/processor_time.rs"]
+mod processor_time;
 mod stable_baselines;
 mod torch;

@@ -6,3 +6,5 @@ mod csv;
 mod follow;
 mod formats;
 mod memory;
+#[path = "../../stl/tests/processor_time.rs"]
+mod processor_time;

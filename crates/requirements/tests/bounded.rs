@@ -1,15 +1,15 @@
 //! No text makes the analyses panic or take long, and drawings are those of the monitor.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
+use crate::processor_time::processor_secs;
 use mishandle_random::Sequence;
 use mishandle_requirements::{Context, describe, draw, find_examples};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 
 #[test]
 fn long_and_deep_formulas_take_little_time() {
-    let start = Instant::now();
+    let start = processor_secs();
     let texts = [
         "not ".repeat(10_000) + "(x >= 1)",
         "(".repeat(10_000) + "x >= 1" + &")".repeat(10_000),
@@ -36,7 +36,7 @@ fn long_and_deep_formulas_take_little_time() {
             }
         }
     }
-    assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+    assert!(processor_secs() - start < 60.0, "{} s", processor_secs() - start);
 }
 
 #[test]

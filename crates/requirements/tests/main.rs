@@ -4,4 +4,6 @@
 mod bounded;
 mod mining;
 mod patterns;
+#[path = "../../stl/tests/processor_time.rs"]
+mod processor_time;
 mod traps;

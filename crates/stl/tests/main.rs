@@ -6,4 +6,5 @@
 mod dense_golden;
 mod errors;
 mod golden;
+mod processor_time;
 mod reference;

@@ -43,7 +43,7 @@ fn writes_until_killed() {
 /// printed.
 fn run_and_kill(path: &Path, batches: usize) -> u32 {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "writes_until_killed", "--nocapture"])
+        .args(["--exact", "kill::writes_until_killed", "--nocapture"])
         .env(RUN, path)
         .stdout(Stdio::piped())
         .spawn()
@@ -183,7 +183,7 @@ fn a_kill_at_a_random_moment_loses_no_committed_row() {
 /// that it printed.
 fn kill_after(path: &Path, moment: Duration) -> Option<u32> {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "lives_until_killed", "--nocapture"])
+        .args(["--exact", "kill::lives_until_killed", "--nocapture"])
         .env(LIFE, path)
         .stdout(Stdio::piped())
         .spawn()

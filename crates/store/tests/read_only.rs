@@ -71,7 +71,7 @@ fn runs_in_a_read_only_folder_are_readable_and_not_writable() {
         allow(&place(name), 0o555);
     }
     let mut checks = Command::new(&program);
-    checks.args(["--exact", "as_an_ordinary_user", "--nocapture"]).env(FOLDER, folder.path());
+    checks.args(["--exact", "read_only::as_an_ordinary_user", "--nocapture"]).env(FOLDER, folder.path());
     if metadata("/proc/self").map_or(ROOT + 1, |process| process.uid()) == ROOT {
         checks.uid(NOBODY).gid(NOBODY);
     }

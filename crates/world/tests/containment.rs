@@ -20,7 +20,7 @@ fn register() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         let program = std::env::current_exe().unwrap().into();
-        let arguments = ["--exact", "the_child", "--nocapture", CHILD].map(Into::into);
+        let arguments = ["--exact", "containment::the_child", "--nocapture", CHILD].map(Into::into);
         set_child_program([program].into_iter().chain(arguments).collect());
     });
 }

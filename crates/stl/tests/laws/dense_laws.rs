@@ -1,12 +1,12 @@
 //! Laws of robustness in dense time, and inputs at the limits.
 
+use crate::processor_time::processor_secs;
 use super::naive::{NAMES, Random};
 use super::random_signals::{compile, evaluate, for_random_cases};
 use mishandle_stl::{
     DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Violation, is_satisfied,
     is_violated,
 };
-use std::time::Instant;
 
 fn signal(times: &[f64], values: &[f64], interpolation: Interpolation) -> DenseSignal {
     DenseSignal::new("x", times.to_vec(), values.to_vec(), interpolation).unwrap()
@@ -377,14 +377,6 @@ fn extreme_inputs_have_values() {
     assert_eq!(compile("once[0.5:1](always[0:2](x))", &x).unwrap().horizon(), Some(1.5));
 }
 
-/// Returns the time that this thread had a processor, s, since other programs share the machine;
-/// outside of Linux the time that passed since `start`.
-fn processor_secs(start: Instant) -> f64 {
-    let counted = std::fs::read_to_string("/proc/thread-self/schedstat");
-    let nanoseconds = counted.ok().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or(start.elapsed().as_secs_f64(), |nanoseconds| nanoseconds / 1e9)
-}
-
 /// Ten times as many breakpoints take about ten times as long, for short and long windows, and
 /// without any.
 #[test]
@@ -408,12 +400,11 @@ fn the_cost_is_linear_in_the_number_of_breakpoints() {
         for text in texts {
             let monitor = compile(text, &short).unwrap();
             let time = |signals: &[DenseSignal], repetitions: usize| {
-                let start = Instant::now();
-                let before = processor_secs(start);
+                let before = processor_secs();
                 for _ in 0..repetitions {
                     std::hint::black_box(monitor.robustness_signal(signals).unwrap());
                 }
-                processor_secs(start) - before
+                processor_secs() - before
             };
             // The least of several times, because other programs share the caches.
             let best = |signals, repetitions| {

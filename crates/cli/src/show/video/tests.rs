@@ -40,13 +40,11 @@ impl Bench {
     /// Checks that the script fails with a message that contains `part`, and leaves only itself.
     #[track_caller]
     fn refuses(script: &str, part: &str) {
-        let start = Instant::now();
         let (bench, result) = Bench::encode(script, Duration::from_secs(3));
         let message = format!("{:#}", result.unwrap_err());
         assert!(message.contains(part), "{script}: {message}");
         assert!(message.len() < 2 * MESSAGE_BYTES, "{script}: {} bytes", message.len());
         assert_eq!(std::fs::read_dir(bench.folder.path()).unwrap().count(), 1, "{script} left a file");
-        assert!(start.elapsed() < Duration::from_secs(200), "{script}: {:?}", start.elapsed());
     }
 }
 
