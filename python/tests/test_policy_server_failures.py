@@ -224,7 +224,7 @@ class Failures(unittest.TestCase):
                 self.assertIsNone(child.poll(), child.stderr.read() if child.poll() is not None and child.stderr else "")
                 time.sleep(0.05)
             child.send_signal(signal.SIGINT)
-            # The server answers as soon as it is told to, which is after the end of the child.
+            # The server answers after the end of the child only.
             _, errors = child.communicate()
             self.assertIn("KeyboardInterrupt", errors)
             server.policy = proportional

@@ -1,4 +1,4 @@
-//! The part that the commands `evaluate`, `falsify`, `margin` and `risk` share: they ask a question.
+//! The part that `evaluate`, `falsify`, `margin` and `risk` share: they ask a question.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -10,8 +10,8 @@ use super::{escape, output, scenario};
 /// Largest number of broken pairs in the table of a relation.
 const MAX_PAIRS: usize = 5;
 
-/// Returns a table of the relations of runs with these names, and for each broken relation the worst
-/// pairs and the smallest change.
+/// Returns a table of the relations of runs with these names, and for each broken relation the
+/// worst pairs and the smallest change.
 pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
     let relations =
         || runs.iter().flat_map(|(run, found)| found.relations.iter().map(move |own| (*run, *found, own)));

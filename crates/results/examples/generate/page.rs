@@ -30,8 +30,8 @@ struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// Returns whether a type is described in a section of its own, because several keys hold it, or
-    /// one key holds it or another type.
+    /// Returns whether a type is described in a section of its own, because several keys hold it,
+    /// or one key holds it or another type.
     fn has_section(&self, name: &str) -> bool {
         self.document(name).is_none() && self.types.uses().get(name).is_some_and(|uses| *uses > 1)
     }
