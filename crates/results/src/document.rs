@@ -9,8 +9,7 @@ use crate::{
     Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
     FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Metamorphic, Mining,
     Monitor, MonitorChange, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference,
-    RunSummary, SampleSize, Search, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
-    Verification,
+    RunSummary, SampleSize, Search, Simulation, Target, Targets, Task, Training, TrainingPlan,
 };
 
 /// Version of the documents. Within a version, keys are only added.
@@ -68,8 +67,6 @@ impl Document {
             Document::object::<Comparison>("compare"),
             Document::object::<RunDifference>("diff"),
             Document::object::<SampleSize>("size"),
-            Document::object::<Tables>("reproduce"),
-            Document::object::<Verification>("reproduce verify"),
             Document::array::<RunSummary>("runs"),
             Document::object::<Replay>("replay"),
             Document::object::<Explanation>("explain"),

@@ -30,7 +30,7 @@ Whole numbers are written out, as 20_000_000. A missing key has the default belo
 contains `base = \"skrl-0.10\"` ([settings bases](../bases.md)).
 
 `mishandle train TASK --algorithm NAME --dry-run` prints all settings of a training run. The settings of the shipped
-controllers are in [experiments/training](../../../experiments/training). [Train a controller](../../guide/training.md) explains what
+controllers are in [controllers/training](../../../controllers/training). [Train a controller](../../guide/training.md) explains what
 the algorithms share.
 
 `cargo xtask settings` generates this page from the declarations in [crates/training](../../../crates/training/src).";

@@ -9,7 +9,7 @@ const MARKDOWN: usize = 120;
 
 /// Pages that a program writes.
 const GENERATED: [&str; 3] =
-    ["docs/notebook/2026-11-28-paper/", "docs/reference/json.md", "docs/reference/algorithms/settings.md"];
+    ["studies/notebook/2026-11-28-paper/", "docs/reference/json.md", "docs/reference/algorithms/settings.md"];
 
 pub fn check(tree: &Tree) -> Vec<Problem> {
     tree.files.iter().filter(|file| !file.path.contains("/golden/")).flat_map(check_file).collect()
