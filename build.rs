@@ -12,7 +12,7 @@ const SOURCES: [&str; 5] = ["build.rs", "Cargo.toml", "Cargo.lock", "src", "crat
 
 /// Folders with a subfolder for each task, and the extensions of the files that are embedded.
 const EMBEDDED: [(&str, &[&str]); 2] =
-    [("controllers", &["safetensors", "onnx"]), ("experiments/training", &["toml"])];
+    [("controllers", &["safetensors", "onnx"]), ("controllers/training", &["toml"])];
 
 fn main() -> io::Result<()> {
     // `git status` must run again after every change of a source.

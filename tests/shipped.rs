@@ -1,17 +1,12 @@
-//! The files in `controllers/`: each belongs to one generation, by its name and its header.
+//! The files in `controllers/`: names, and the policies that see.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mishandle::controllers::{ControllerFile, Entry};
+use mishandle::controllers::Entry;
 use mishandle::resolve::onnx_policy;
 use mishandle::rollout::Controller;
-use mishandle::shipped::{GENERATIONS, Generation, ShippedFile, shipped_controllers};
+use mishandle::shipped::{ShippedFile, shipped_controllers};
 use mishandle::tasks::TASKS;
-use mishandle::training::ALGORITHMS;
-
-/// Largest size of all weights of a generation, bytes: each clone downloads them.
-const LARGEST: u64 = 6_000_000;
 
 /// Largest size of a policy that sees, bytes.
 const LARGEST_MODEL: u64 = 3_000_000;
@@ -28,50 +23,6 @@ fn files_with(extension: &str) -> Vec<PathBuf> {
     let folders = entries(&Path::new(env!("CARGO_MANIFEST_DIR")).join("controllers"));
     let files = folders.iter().filter(|path| path.is_dir()).flat_map(|folder| entries(folder));
     files.filter(|path| path.extension().is_some_and(|ending| ending == extension)).collect()
-}
-
-fn generation(path: &Path) -> (&'static str, &'static Generation) {
-    let name = path.file_stem().unwrap().to_str().unwrap();
-    Generation::of(name).unwrap_or_else(|| panic!("{} has no name of a generation", path.display()))
-}
-
-#[test]
-fn each_file_is_of_the_task_and_the_algorithm_that_its_name_states() {
-    for path in files() {
-        let header = ControllerFile::load(&path).unwrap().header;
-        let task = path.parent().unwrap().file_name().unwrap().to_str().unwrap();
-        assert_eq!(
-            (&header.task[..], &header.algorithm[..]),
-            (task, generation(&path).0),
-            "{}",
-            path.display()
-        );
-    }
-}
-
-#[test]
-fn the_first_generation_is_complete_and_each_is_small() {
-    let mut found: BTreeMap<&str, (usize, u64)> = BTreeMap::new();
-    for path in files() {
-        let (count, size) = found.entry(generation(&path).1.name).or_default();
-        *count += 1;
-        *size += path.metadata().unwrap().len();
-    }
-    let tasks = TASKS.iter().filter(|task| task.definition().variant_of.is_none()).count();
-    assert_eq!(found[Generation::of_paper().name].0, tasks * ALGORITHMS.len());
-    for (name, (count, size)) in found {
-        assert!(count <= tasks * ALGORITHMS.len() && size <= LARGEST, "{name}: {count} files, {size} bytes");
-    }
-}
-
-#[test]
-fn the_table_of_the_generations_says_how_each_was_trained() {
-    let page = std::fs::read_to_string("controllers/README.md").unwrap();
-    for Generation { name, training, .. } in &GENERATIONS {
-        let row = page.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap();
-        let on = training.strip_prefix("trained on ").unwrap();
-        assert!(row.contains(&format!("| {on} |")), "{row}");
-    }
 }
 
 /// Errors and lists show them from here.

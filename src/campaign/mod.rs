@@ -10,9 +10,8 @@ use mishandle_store::{RunFile, RunKind, RunWriter, StoreError};
 use crate::error::MishandleError;
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
-use crate::resolve::{ResolvedPlan, described_target, is_path, is_target_file, recorded_plan};
+use crate::resolve::{ResolvedPlan, is_path, is_target_file, recorded_plan};
 use crate::run::{Device, Opening, create_run, shares_arm};
-use crate::shipped::{EXPERT, Generation};
 
 /// File of a campaign's folder that contains the campaign.
 const CAMPAIGN_FILE: &str = "campaign.toml";
@@ -20,13 +19,6 @@ const CAMPAIGN_FILE: &str = "campaign.toml";
 /// Why a file does not belong to a run.
 const OTHER_PLAN: &str =
     "its plan is not that of the campaign file, which was changed, or the file was replaced";
-
-/// Extension of the empty file that stands in the place of a run file while the controller of the
-/// run is not trained.
-const UNTRAINED: &str = "untrained";
-
-/// Name for the temporary folder in which a run is made that is added to a campaign.
-const ADDED: &str = "added";
 
 /// A run of a campaign.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,44 +127,9 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
 /// # Errors
 /// If the text or one of its plans is invalid, the folder exists, or a file cannot be written.
 pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
-    create(text, folder, |_, _| false)
-}
-
-/// Creates the folder of a campaign as [`create_campaign`] does, but leaves out the runs whose
-/// controller has the name of a [generation](Generation) that lacks it. [`untrained_runs`] returns
-/// them, and [`add_trained_runs`] adds them later.
-///
-/// # Errors
-/// Those of [`create_campaign`]; if no controller is trained.
-pub fn create_trained_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
-    create(text, folder, is_untrained)
-}
-
-/// Returns whether a run cannot be resolved because its controller is not trained.
-fn is_untrained(run: &GridRun, error: &MishandleError) -> bool {
-    let lacks_controller = matches!(error, MishandleError::UnknownName { kind: "controller", .. });
-    lacks_controller && Generation::of(&run.plan.controller).is_some()
-}
-
-/// Creates the folder of a campaign without the runs that `is_left_out` accepts with their error.
-fn create(
-    text: &str,
-    folder: &Path,
-    is_left_out: impl Fn(&GridRun, &MishandleError) -> bool,
-) -> Result<Vec<CampaignRun>, MishandleError> {
-    let (mut runs, mut untrained, mut reason) = (Vec::new(), Vec::new(), None);
-    for run in read_grid(text)? {
-        match check(&run) {
-            Ok(()) => runs.push(run),
-            Err(error) if is_left_out(&run, &error) => {
-                reason.get_or_insert_with(|| of_run(&run, error));
-                untrained.push(run);
-            }
-            Err(error) => return Err(of_run(&run, error)),
-        }
-    }
-    if let Some(reason) = reason.filter(|_| runs.is_empty()) {
-        return Err(reason);
+    let runs = read_grid(text)?;
+    for run in &runs {
+        check(run).map_err(|error| of_run(run, error))?;
     }
     let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
     // Removes them again if the campaign cannot be created.
@@ -186,94 +143,25 @@ fn create(
     for run in &runs {
         create_in(run, created.path(), folder)?;
     }
-    for run in &untrained {
-        write_atomically(&untrained_path(created.path(), &run.name), &[]).map_err(write)?;
-    }
     write_atomically(&created.path().join(CAMPAIGN_FILE), text.as_bytes()).map_err(write)?;
     created.persist().map_err(write)?;
     Ok(runs.into_iter().map(|run| CampaignRun::new(folder, run)).collect())
 }
 
-/// Returns the runs of the campaign in a folder, in the order of its file, without the
-/// [untrained](untrained_runs) ones.
+/// Returns the runs of the campaign in a folder, in the order of its file.
 ///
 /// # Errors
 /// If the folder contains no campaign, its file cannot be read, or a run file is missing or a
 /// symbolic link.
 pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> {
-    let mut runs = Vec::new();
-    for run in planned_runs(folder)? {
+    let run = |run| {
         let run = CampaignRun::new(folder, run);
         match run.path.try_exists() {
-            Ok(true) => {
-                refuse_link(&run.path).map_err(|error| run.differs(&error.to_string()))?;
-                runs.push(run);
-            }
-            _ if untrained_path(folder, &run.name).is_file() => {}
-            _ => return Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
+            Ok(true) => refuse_link(&run.path).map_err(|error| run.differs(&error.to_string())).map(|()| run),
+            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
         }
-    }
-    Ok(runs)
-}
-
-/// Returns the runs that [`create_trained_campaign`] left out, in the order of the campaign file.
-///
-/// # Errors
-/// If the folder contains no campaign, or its file cannot be read.
-pub fn untrained_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
-    let mut runs = planned_runs(folder)?;
-    runs.retain(|run| {
-        !run_path(folder, &run.name, &run.plan).exists() && untrained_path(folder, &run.name).is_file()
-    });
-    Ok(runs)
-}
-
-/// Returns a plan as its run file would have it: without a space, it has the first one of its
-/// target. Its controller need not exist.
-///
-/// # Errors
-/// If the target is unknown.
-pub fn with_space(plan: &Plan) -> Result<Plan, MishandleError> {
-    let mut plan = plan.clone();
-    if plan.space.is_empty() {
-        let target = described_target(&Plan { controller: EXPERT.to_string(), ..plan.clone() })?;
-        plan.space = target.spaces.first().map_or_else(String::new, |space| space.name().to_string());
-    }
-    Ok(plan)
-}
-
-/// Adds the run files of the untrained runs whose controllers are trained by now.
-///
-/// # Errors
-/// If the folder contains no campaign, a plan is invalid for another reason, or a file cannot be
-/// written.
-pub fn add_trained_runs(folder: &Path) -> Result<(), MishandleError> {
-    for run in planned_runs(folder)? {
-        let marker = untrained_path(folder, &run.name);
-        let path = run_path(folder, &run.name, &run.plan);
-        let write = |source| MishandleError::Write { what: "run", path: path.clone(), source };
-        if !marker.is_file() {
-            continue;
-        }
-        if path.exists() {
-            // An earlier call was killed before it removed the marker.
-            std::fs::remove_file(&marker).map_err(write)?;
-            continue;
-        }
-        match check(&run) {
-            Ok(()) => {
-                // A kill leaves no part of the run under its name.
-                let parts = AtomicFolder::create_new(&folder.join(ADDED)).map_err(write)?;
-                create_in(&run, parts.path(), folder)?;
-                let made = run_path(parts.path(), &run.name, &run.plan);
-                std::fs::rename(made, &path).map_err(write)?;
-                std::fs::remove_file(&marker).map_err(write)?;
-            }
-            Err(error) if is_untrained(&run, &error) => {}
-            Err(error) => return Err(of_run(&run, error)),
-        }
-    }
-    Ok(())
+    };
+    planned_runs(folder)?.into_iter().map(run).collect()
 }
 
 /// Returns the runs of the campaign file in a folder.
@@ -336,10 +224,6 @@ fn run_path(folder: &Path, name: &str, plan: &Plan) -> PathBuf {
     folder.join(format!("{name}.{extension}"))
 }
 
-fn untrained_path(folder: &Path, name: &str) -> PathBuf {
-    folder.join(format!("{name}.{UNTRAINED}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -360,23 +244,5 @@ mod tests {
         std::fs::write(home.path().join("file"), "").unwrap();
         assert!(create_campaign(text, &home.path().join("file/campaign")).is_err());
         assert_eq!(entries(home.path()), 2);
-    }
-
-    #[test]
-    fn only_a_name_of_a_generation_is_untrained() {
-        let left_out = |controller: &str| {
-            let [run] =
-                &read_grid(&format!("target = 'ball-balancing'\ncontroller = '{controller}'\n[evaluate]\n"))
-                    .unwrap()[..]
-            else {
-                panic!("one run")
-            };
-            let unknown =
-                |kind| MishandleError::UnknownName { kind, name: controller.to_string(), known: Vec::new() };
-            assert!(!is_untrained(run, &unknown("space")));
-            is_untrained(run, &unknown("controller"))
-        };
-        assert!(left_out("ppo-2") && left_out("ddpg"));
-        assert!(!left_out("ppo-9") && !left_out("poo-2") && !left_out("expert"));
     }
 }

@@ -17,7 +17,7 @@ use crate::resolve::guard::training_guard;
 use crate::resolve::robot::RobotToTrain;
 use crate::resolve::task::{guarded_loop, load_controller};
 use crate::resolve::{is_onnx, is_target_file, preset, task};
-use crate::shipped::{ShippedFile, check_home, shipped_settings};
+use crate::shipped::{SETTINGS, ShippedFile, check_home, shipped_settings};
 
 /// Name of the space of the initial states.
 pub(crate) const STARTS: &str = "starts";
@@ -230,7 +230,7 @@ impl TrainingTarget for TaskToTrain {
     }
 
     fn shipped_settings(&self, algorithm: &str, device: &str) -> Result<Option<ShippedFile>, MishandleError> {
-        check_home("experiments/training")?;
+        check_home(SETTINGS)?;
         Ok(shipped_settings(self.0.definition(), algorithm, device))
     }
 

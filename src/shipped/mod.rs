@@ -1,7 +1,5 @@
 //! Shipped controllers and training settings: from a folder, or from the program itself.
 
-mod generation;
-
 use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -12,14 +10,14 @@ use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
 
-pub use generation::{GENERATIONS, Generation};
-
-/// The files in `controllers/` and `experiments/training/` at build time: path and content, sorted
-/// by path.
+/// The shipped controllers and settings at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
 
 /// Folder of the shipped controllers.
 pub(crate) const CONTROLLERS: &str = "controllers";
+
+/// Folder of the shipped training settings.
+pub(crate) const SETTINGS: &str = "controllers/training";
 
 /// Extensions of the shipped controllers: our own files, and ONNX models.
 pub(crate) const EXTENSIONS: [&str; 2] = ["safetensors", "onnx"];
@@ -58,7 +56,7 @@ fn home_from_environment() -> Option<PathBuf> {
 }
 
 fn is_home(folder: &Path) -> bool {
-    folder.join(CONTROLLERS).is_dir() && folder.join("experiments/training").is_dir()
+    folder.join(SETTINGS).is_dir()
 }
 
 /// Describes the source of the shipped files, for messages: `in FOLDER` or
@@ -173,7 +171,7 @@ pub fn shipped_controller(definition: &Definition, name: &str) -> Option<Shipped
 /// if they exist.
 pub fn shipped_settings(definition: &Definition, algorithm: &str, device: &str) -> Option<ShippedFile> {
     let suffix = if device == "cpu" { String::new() } else { format!("-{device}") };
-    ShippedFile::find(&format!("experiments/training/{}/{algorithm}{suffix}.toml", base(definition)))
+    ShippedFile::find(&format!("{SETTINGS}/{}/{algorithm}{suffix}.toml", base(definition)))
 }
 
 /// Returns the names of a task's shipped controllers in alphabetical order, then `expert`.
@@ -217,7 +215,7 @@ mod tests {
             let name = task.definition().name;
             for file in [
                 format!("controllers/{name}/ppo.safetensors"),
-                format!("experiments/training/{name}/ppo.toml"),
+                format!("controllers/training/{name}/ppo.toml"),
             ] {
                 assert!(EMBEDDED.iter().any(|(known, _)| *known == file), "{file}");
             }
@@ -228,11 +226,9 @@ mod tests {
     fn only_a_program_in_the_folder_target_of_a_clone_uses_the_files_of_the_clone() {
         let folder = tempfile::tempdir().unwrap();
         let home = folder.path();
-        for name in ["controllers", "experiments/training"] {
-            std::fs::create_dir_all(home.join(name)).unwrap();
-        }
+        std::fs::create_dir_all(home.join(SETTINGS)).unwrap();
         assert_eq!(clone_of(&home.join("target/release/mishandle")).as_deref(), Some(home));
-        // Installed into a folder in which someone has put folders with these names.
+        // Installed into a folder in which someone has put a folder with this name.
         for program in
             ["mishandle", "bin/mishandle", ".cargo/bin/mishandle", "other/target/release/mishandle"]
         {

@@ -1,4 +1,5 @@
-//! `cargo xtask falsifier-bench`: runs the benchmark of falsifiers in `experiments/falsifiers`.
+//! `cargo xtask falsifier-bench`: runs the benchmark of falsifiers in
+//! `studies/experiments/falsifiers`.
 //!
 //! Each file of requirements there has a virtual environment under `target`, because the outside
 //! searches need other versions of the same packages, and some of them gigabytes.
@@ -26,7 +27,7 @@ const LARGE: [&str; 2] = ["requirements-botorch", "requirements-stgem"];
 pub fn bench(root: &Path, arguments: &[String]) -> Result<()> {
     let (large, rest): (Vec<_>, Vec<_>) =
         arguments.iter().cloned().partition(|argument| argument == "--large");
-    let folder = root.join("experiments/falsifiers");
+    let folder = root.join("studies/experiments/falsifiers");
     let make = |name: &str| {
         environment(root, &root.join("target/falsifier-venv"), &folder.join(name).with_extension("txt"))
     };

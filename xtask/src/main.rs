@@ -102,7 +102,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "falsifier-bench",
         arguments: "[--quick] [--estimate] [--large] ...",
-        about: "compare our searches with those of other libraries (docs/notebook/2026-11-23-falsifiers.md); --quick: minutes",
+        about: "compare our searches with those of other libraries (studies/notebook/2026-11-23-falsifiers.md); --quick: minutes",
         run: falsifier_bench::bench,
     },
     Chore {

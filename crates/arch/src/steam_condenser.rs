@@ -13,7 +13,7 @@
 //! with a lag of 1 s of the valve and of 0.5 s of the sensor. Temperatures are in °C, in the first
 //! equation too, as in the model. The controller has the form of the competition's: three neurons
 //! that see the error and, through two lags each, their own outputs. Its weights were trained by
-//! experiments/arch/train_condenser.py, because those of the competition may not be copied.
+//! studies/experiments/arch/train_condenser.py, because those of the competition may not be copied.
 
 use mishandle_rollout::{Axis, Seed};
 use mishandle_toys::Toy;

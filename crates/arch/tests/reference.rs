@@ -1,5 +1,5 @@
-//! Traces agree with those of SciPy's integrators, which experiments/arch/reference.py wrote from
-//! equations of its own.
+//! Traces agree with those of SciPy's integrators, which studies/experiments/arch/reference.py
+//! wrote from equations of its own.
 
 use std::collections::BTreeMap;
 

@@ -26,7 +26,6 @@ mod regress;
 mod render;
 mod replay;
 mod report;
-mod reproduce;
 mod risk;
 mod runs;
 mod searches;
@@ -50,7 +49,7 @@ pub use regress::junit;
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "bisect", "reproduce"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "bisect"]),
     (
         "Understand",
         &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
@@ -73,7 +72,6 @@ pub enum Command {
     Diff(diff::Arguments),
     Size(size::Arguments),
     Bisect(bisect::Arguments),
-    Reproduce(reproduce::Arguments),
     Explain(explain::Arguments),
     Simulate(simulate::Arguments),
     Replay(replay::Arguments),
@@ -116,7 +114,6 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Diff(arguments) => diff::run(arguments),
         Command::Size(arguments) => size::run(arguments),
         Command::Bisect(arguments) => bisect::run(arguments),
-        Command::Reproduce(arguments) => reproduce::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),

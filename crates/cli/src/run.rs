@@ -10,7 +10,6 @@ pub mod log_question;
 pub mod logs;
 pub mod pages;
 pub mod question;
-pub mod tables;
 
 use anyhow::Result;
 use mishandle_text::plural;

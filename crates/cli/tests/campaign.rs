@@ -164,3 +164,35 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
         bench.refuses(command, &["6.harden does not belong to the run `6`: it is a symbolic link"]);
     }
 }
+
+#[test]
+fn jobs_change_no_row() {
+    let bench = Bench::new();
+    bench.write("grid.toml", "target = 'toy/sphere-2d'\nseed = [1, 2, 3]\n[falsify]\nsearch = ['random', 'nelder-mead']\ntrials = 2\nbudget = 30\n");
+    bench.check("campaign grid.toml --out one", 1);
+    bench.check("campaign grid.toml --out three --jobs 3 --pages pages", 1);
+    for name in ["1_random", "2_random", "3_nelder-mead"] {
+        let digest = |folder| {
+            RunFile::open(bench.path(&format!("{folder}/{name}.sqlite"))).unwrap().content_digest().unwrap()
+        };
+        assert_eq!(digest("one"), digest("three"), "{name}");
+    }
+    let page = std::fs::read_to_string(bench.path("pages/statistics.md")).unwrap();
+    let pairs = page.lines().filter(|line| line.contains("`random`, `nelder-mead`"));
+    assert_eq!(pairs.count(), 3, "each seed has a test of both searches: {page}");
+}
+
+#[test]
+fn the_starts_of_an_evaluation_are_the_first_ones_of_a_longer_one() {
+    let bench = Bench::new();
+    let rows = |episodes: u32| {
+        let flags = "evaluate point-reaching --controller expert --action-noise 0.5 --seed 0";
+        bench.check(&format!("{flags} --episodes {episodes} --out {episodes}.sqlite"), 0);
+        let run = RunFile::open(bench.path(&format!("{episodes}.sqlite"))).unwrap();
+        let rows = run.trial_simulations(1).map(|row| row.unwrap());
+        rows.map(|row| (row.number, row.seed, row.scenario, row.robustness)).collect::<Vec<_>>()
+    };
+    let (short, long) = (rows(5), rows(25));
+    assert_eq!((short.len(), long.len()), (5, 25));
+    assert_eq!(short[..], long[..5]);
+}

@@ -152,8 +152,6 @@ fn every_document_satisfies_its_schema() {
         ),
         ("compare", "compare e.sqlite n.sqlite", 1),
         ("compare", "compare n.sqlite e.sqlite", 0),
-        ("reproduce", "reproduce tables grid", 0),
-        ("reproduce verify", "reproduce verify 2026-11-22 --any-commit", 0),
         ("simulate", "simulate toy/noisy --repeat 5 --scenarios 3", 0),
         ("simulate", "simulate toy/noisy", 0),
         ("margin", "margin toy/car-following --space dynamics+events --budget 400", 1),
@@ -181,7 +179,6 @@ fn every_document_satisfies_its_schema() {
         &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
     );
     bench.check("campaign grid.toml --out made", 0);
-    bench.check("reproduce collect made --out 2026-11-22", 0);
     let reference = reference();
     let page = std::fs::read_to_string(reference.join("json.md")).unwrap();
     for (section, command, code) in commands {

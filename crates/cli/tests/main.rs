@@ -33,7 +33,6 @@ mod program;
 mod render;
 mod report;
 mod report_browser;
-mod reproduce;
 mod risk;
 mod robots_guide;
 mod runs;

@@ -30,7 +30,6 @@ fn the_help_of_every_command_has_examples() {
         "margin",
         "risk",
         "compare",
-        "reproduce",
         "replay",
         "render",
         "completions",

@@ -80,19 +80,24 @@ fn a_campaign_has_an_index_and_a_page_for_each_run() {
             start
         };
         assert_eq!(place(1) < place(2), counts[0] > counts[1], "the most failures come first");
-        assert!(index.contains("href=\"falsification.html\"") && index.contains("href=\"performance.html\""));
-        for name in ["falsification.html", "falsification.md", "performance.html", "runs/2_evaluate.html"] {
+        assert!(index.contains("href=\"statistics.html\""));
+        for name in ["statistics.html", "statistics.md", "runs/2_evaluate.html"] {
             assert!(bench.path(&format!("{pages}/{name}")).is_file(), "{pages}/{name}");
         }
         // One survival curve for each seed ends at the share of trials without a failure.
-        let tables = page(&bench, &format!("{pages}/falsification.html"));
+        let tables = page(&bench, &format!("{pages}/statistics.html"));
         assert_eq!(tables.matches("<svg class=\"chart\"").count(), 2);
         for falsified in counts {
             let share = (100.0 * (6 - falsified) as f64 / 6.0).round();
             let label = format!("aria-label=\"Share of trials without a failure: random: {share} % after");
             assert!(tables.contains(&label), "{label}");
         }
-        assert!(!page(&bench, &format!("{pages}/falsification.md")).contains("Survival"));
+        let markdown = page(&bench, &format!("{pages}/statistics.md"));
+        assert!(!markdown.contains("Survival"));
+        for (seed, falsified) in (1..).zip(counts) {
+            let row = format!(", seed {seed} | - | `random` | {falsified} of 6 |");
+            assert!(markdown.contains(&row), "{row}:\n{markdown}");
+        }
         let run = page(&bench, &format!("{pages}/runs/1_falsify.html"));
         assert!(run.contains("href=\"../index.html\"") && run.contains("toy/sphere-2d"));
         assert_eq!(run.contains("they take simulations"), pages == "first");

@@ -312,8 +312,7 @@ fn pages_of_comparisons_and_campaigns_are_readable() {
     bench.check("campaign plan.toml --out spheres --pages pages", 1);
     for (name, charts, has_marks) in [
         ("index", 0, false),
-        ("falsification", 2, false),
-        ("performance", 0, false),
+        ("statistics", 2, false),
         ("runs/1_falsify", 2, true),
         ("runs/2_evaluate", 2, true),
     ] {

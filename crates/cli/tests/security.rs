@@ -179,8 +179,8 @@ fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
     plant("point-reaching/ppo");
     plant("ppo");
     plant("ppo.safetensors");
-    std::fs::create_dir_all(bench.path("experiments/training/point-reaching")).unwrap();
-    bench.write("experiments/training/point-reaching/ppo.toml", "no setting = 1");
+    std::fs::create_dir_all(bench.path("controllers/training/point-reaching")).unwrap();
+    bench.write("controllers/training/point-reaching/ppo.toml", "no setting = 1");
     assert_eq!((page(), evaluate("ppo", "after.sqlite")), (shipped, used.clone()));
     assert_eq!(evaluate("point-reaching/ppo", "after-2.sqlite"), used);
     bench.refuses("evaluate point-reaching --controller cube-stacking/ppo", &["trained for cube-stacking"]);

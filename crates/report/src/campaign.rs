@@ -206,12 +206,12 @@ pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
     facts + &crate::html::table("Runs, the most failures first", &head, &rows)
 }
 
-/// Returns the index of a campaign. `tables` are other pages: their addresses and titles.
+/// Returns the index of a campaign. `statistics` is the address of the page that compares its runs.
 pub fn campaign_page(
     name: &str,
     runs: &[RunSummary],
     hardenings: &[HardeningSummary],
-    tables: &[(String, String)],
+    statistics: Option<&str>,
 ) -> String {
     let mut out = format!("<section>\n<h2>{}: {}</h2>\n", text(name), headline(runs, hardenings));
     let open = runs.iter().filter(|run| !run.is_complete).count()
@@ -222,11 +222,11 @@ pub fn campaign_page(
             plural((runs.len() + hardenings.len()) as u64, "run")
         ));
     }
-    if !tables.is_empty() {
-        let link = |(href, title): &(String, String)| {
-            format!("<li><a href=\"{}\">{}</a></li>", text(href), text(title))
-        };
-        out.push_str(&format!("<ul>{}</ul>\n", tables.iter().map(link).collect::<String>()));
+    if let Some(href) = statistics {
+        out.push_str(&format!(
+            "<p><a href=\"{}\">Statistics</a> of the runs side by side.</p>\n",
+            text(href)
+        ));
     }
     if !runs.is_empty() {
         out.push_str(NOTE);

@@ -4,11 +4,11 @@
 //! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, repeats
 //! under noise, corners and pictures. [`page`] writes the HTML, [`markdown`] the most important of
 //! it. [`campaign_page`] and [`run_page`]
-//! write those of a campaign, [`comparison_page`] writes the page of two evaluations on the same
-//! scenarios and seeds, [`learning_curve_page`] that of a training run, [`hardening_page`] that of
-//! a hardening, with [`HardenedModes`]. [`log_page`] writes the page about verdicts on logs,
-//! [`check_reports`] the files about the requirements of a file, [`bisection_page`] that of a
-//! bisection, with its [`BisectionEvidence`].
+//! write those of a campaign, [`statistics_page`] compares its runs, [`comparison_page`] writes the
+//! page of two evaluations on the same scenarios and seeds, [`learning_curve_page`] that of a
+//! training run, [`hardening_page`] that of a hardening, with [`HardenedModes`]. [`log_page`]
+//! writes the page about verdicts on logs, [`check_reports`] the files about the requirements of a
+//! file, [`bisection_page`] that of a bisection, with its [`BisectionEvidence`].
 //!
 //! - `load`, `measure`, `pictures`, `seen`: the facts. `words`: verdict and meaning in sentences.
 //! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
@@ -27,6 +27,7 @@ mod commands;
 mod comparison;
 mod controller_pair;
 mod curves;
+mod grid;
 mod hardened_modes;
 mod hardening;
 mod html;
@@ -62,9 +63,12 @@ pub use check::{
     summary as check_summary,
 };
 pub use comparison::comparison_page;
+pub use grid::{
+    Block, GridFalsification, GridRun, NOTHING, Page, Table, code, percent_with_interval, search_comparison,
+    statistics_page, survival_curves, target_cell, value, with_interval,
+};
 pub use hardened_modes::HardenedModes;
 pub use hardening::{HardeningSummary, hardening_page};
-pub use html::text as escaped;
 pub use learning_curve::learning_curve_page;
 pub use load::RunReport;
 pub use log::{LogSection, log_page};
@@ -72,7 +76,6 @@ pub use markdown::markdown;
 pub use measure::{Measurement, Samples};
 pub use page::{Document, page};
 pub use pictures::{PICTURE, Painter};
-pub use survival::{SurvivalLine, survival_figure};
 pub use violated_counterexamples::ViolatedCounterexamples;
 
 /// Colors of the charts. `page.css` has the color of each in both themes.

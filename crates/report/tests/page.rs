@@ -178,7 +178,7 @@ fn the_index_of_a_campaign_has_its_hardenings_and_escapes_their_texts() {
         href: format!("runs/{name}.html"),
         found,
     };
-    let html = campaign_page("c", &[], &[summary("open", None), summary(HOSTILE, Some(found))], &[]);
+    let html = campaign_page("c", &[], &[summary("open", None), summary(HOSTILE, Some(found))], None);
     for part in ["1 of 2 hardenings accepted a controller.", "Not finished: 1 of 2 runs.", "not finished"] {
         assert!(html.contains(part), "{part}: {html}");
     }

@@ -11,8 +11,7 @@
 //! - [`Explanation`], [`Masking`], [`Replay`], [`Counterexamples`], [`Regression`], [`Comparison`]:
 //!   about recorded simulations.
 //! - [`Check`]: the requirements of a file, for several controllers.
-//! - [`Campaign`], [`RunSummary`], [`Tables`], [`Verification`], [`Evidence`],
-//!   [`EvidenceVerification`]: about several runs.
+//! - [`Campaign`], [`RunSummary`], [`Evidence`], [`EvidenceVerification`]: about several runs.
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
 //!   controllers.
 //! - [`Demonstrations`]: a data set of recorded episodes.
@@ -67,10 +66,8 @@ mod screening;
 mod sequential;
 mod simulation;
 mod subject;
-mod tables;
 mod training;
 mod values;
-mod verification;
 
 pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use bisection::{BisectedCandidate, Bisection};
@@ -132,9 +129,7 @@ pub use screening::{Confirmed, Finding, Screening};
 pub use sequential::{ExpectedPairs, SampleSize, Sequential};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
-pub use tables::{Table, TablePage, Tables};
 pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};
 pub use values::{Named, Number, Scenario, Seed};
-pub use verification::{Verification, VerifiedUnit};
 
 pub(crate) use values::{number, optional};

@@ -10,8 +10,7 @@ use crate::{
     Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
     FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Mining, Monitor,
     MonitorChange, Named, Number, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference,
-    RunSummary, SampleSize, Search, Seed, Simulation, Tables, Target, Targets, Task, Training, TrainingPlan,
-    Verification,
+    RunSummary, SampleSize, Search, Seed, Simulation, Target, Targets, Task, Training, TrainingPlan,
 };
 
 /// A document that a command prints with `--json`.
@@ -50,8 +49,6 @@ impl Document {
             Document::object::<Comparison>("compare"),
             Document::object::<RunDifference>("diff"),
             Document::object::<SampleSize>("size"),
-            Document::object::<Tables>("reproduce"),
-            Document::object::<Verification>("reproduce verify"),
             Document::array::<RunSummary>("runs"),
             Document::object::<Replay>("replay"),
             Document::object::<Explanation>("explain"),

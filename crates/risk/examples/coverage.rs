@@ -1,5 +1,5 @@
 //! Measures how often the intervals contain the known failure probabilities: the table of
-//! docs/notebook/2026-11-23-risk.md.
+//! studies/notebook/2026-11-23-risk.md.
 //!
 //! ```sh
 //! cargo run --release -p mishandle-risk --example coverage -- [replications [simulations [method]]]

@@ -1,5 +1,5 @@
 //! Measures how often the intervals of the method `sequence` contain known failure probabilities:
-//! the table of docs/notebook/2026-11-27-risk-of-sequences.md.
+//! the table of studies/notebook/2026-11-27-risk-of-sequences.md.
 //!
 //! ```sh
 //! cargo run -p mishandle-risk --example sequences -- \

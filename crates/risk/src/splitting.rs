@@ -28,7 +28,7 @@ const SMALLEST_POPULATION: u64 = 30;
 
 /// Smallest population of a chain for an estimate. With 185 particles, 95 % intervals contain the
 /// probability in 92 to 96 % of the replications of the known systems, with 111 in 80 to 97 %, with
-/// 62 in 75 to 97 %: docs/notebook/2026-11-23-risk.md. Smaller populations only find failures.
+/// 62 in 75 to 97 %: studies/notebook/2026-11-23-risk.md. Smaller populations only find failures.
 const POPULATION_FOR_ESTIMATE: u64 = 180;
 
 /// Fewest simulations of multilevel splitting.

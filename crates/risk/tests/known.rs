@@ -1,5 +1,5 @@
 //! Estimates for systems with known failure probabilities. The full table is in
-//! docs/notebook/2026-11-23-risk.md.
+//! studies/notebook/2026-11-23-risk.md.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;

@@ -1,5 +1,5 @@
 //! Importance sampling with a proposal that depends on the state, for processes with known failure
-//! probabilities. The full table is in docs/notebook/2026-11-27-risk-of-sequences.md.
+//! probabilities. The full table is in studies/notebook/2026-11-27-risk-of-sequences.md.
 
 use std::ops::ControlFlow;
 

@@ -12,7 +12,7 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
 
 /// Returns whether a file may be larger: weights of controllers, and what tests compare with.
 fn may_be_large(path: &str) -> bool {
-    let weights = ["controllers/", "experiments/vision/policies/"];
+    let weights = ["controllers/", "studies/experiments/vision/policies/"];
     weights.iter().any(|folder| path.starts_with(folder)) || path.split('/').any(|folder| folder == "tests")
 }
 
@@ -33,17 +33,17 @@ mod tests {
     fn a_large_file_is_found_outside_controllers_and_tests() {
         let (allowed, large) = ("a".repeat(LARGEST), "a".repeat(LARGEST + 1));
         let tree = Tree::of(&[
-            ("experiments/paper/allowed.csv", &allowed),
-            ("experiments/paper/rows.csv", &large),
+            ("studies/experiments/paper/allowed.csv", &allowed),
+            ("studies/experiments/paper/rows.csv", &large),
             ("controllers/cube-stacking/ppo.safetensors", &large),
-            ("experiments/vision/policies/cube-stacking.onnx", &large),
+            ("studies/experiments/vision/policies/cube-stacking.onnx", &large),
             ("crates/stl/tests/golden/values.json", &large),
             ("tests/golden/bits.json", &large),
             ("docs/attests.html", &large),
         ]);
         let found: Vec<String> = check(&tree).iter().map(ToString::to_string).collect();
         let what = "has 257 KB, more than 256; store what pages and scripts compute from, or a digest";
-        let paths = ["experiments/paper/rows.csv", "docs/attests.html"];
+        let paths = ["studies/experiments/paper/rows.csv", "docs/attests.html"];
         assert_eq!(found, paths.map(|path| format!("{path}:1: {what}")));
     }
 

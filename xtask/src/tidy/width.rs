@@ -8,7 +8,7 @@ const COMMENT: usize = 100;
 const MARKDOWN: usize = 120;
 
 /// Folder of pages that a program writes.
-const GENERATED: &str = "docs/notebook/2026-11-28-paper/";
+const GENERATED: &str = "studies/notebook/2026-11-28-paper/";
 
 pub fn check(tree: &Tree) -> Vec<Problem> {
     tree.files.iter().filter(|file| !file.path.contains("/golden/")).flat_map(check_file).collect()

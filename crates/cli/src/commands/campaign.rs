@@ -58,8 +58,8 @@ pub struct Arguments {
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
-    /// Write pages to this folder: an index, a page for each run, and the tables of
-    /// `mishandle reproduce` with statistics, also as Markdown
+    /// Write pages to this folder: an index, a page for each run, and the statistics of all runs
+    /// side by side, also as Markdown
     #[arg(long, value_name = "DIR")]
     pub pages: Option<PathBuf>,
     /// Print one JSON document to stdout
@@ -88,13 +88,6 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     let Ended { finished, stopped } = ended;
     let is_complete = finished.len() + stopped.len() == runs.len();
     let found = Campaign { folder: path_text(&folder), is_complete, runs: finished };
-    let untrained = mishandle::campaign::untrained_runs(&folder)?;
-    if !untrained.is_empty() {
-        let runs = plural(untrained.len() as u64, "run");
-        output::message(&format!(
-            "left out: {runs}, whose controllers are not trained; `mishandle reproduce` adds them"
-        ));
-    }
     let name = shell_quote(&found.folder);
     if !found.is_complete {
         output::message(&format!(

@@ -8,18 +8,21 @@ use mishandle::harden::{FinalRun, final_runs, finished, is_hardening};
 use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::store::RunFile;
 use mishandle_report::{
-    BisectionEvidence, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
-    ViolatedCounterexamples, campaign_page, hardening_page, run_page,
+    BisectionEvidence, GridRun, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
+    ViolatedCounterexamples, campaign_page, hardening_page, run_page, statistics_page,
 };
 use mishandle_text::{path_text, plural, shell_quote};
 
-use super::{ExitStatus, file, tables};
+use super::{ExitStatus, file};
 use crate::interrupt::control_flow;
 use crate::show::output;
 use crate::show::progress::Bar;
 
 /// The page of a campaign that leads to all others.
 const INDEX: &str = "index.html";
+
+/// Name of the page that compares the runs, without its ending.
+const STATISTICS: &str = "statistics";
 
 /// Folder of the pages of the runs, in that of a campaign's pages.
 const RUNS: &str = "runs";
@@ -47,8 +50,8 @@ impl Options<'_> {
 /// Why nothing is simulated.
 pub const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
 
-/// Writes the pages of a campaign to the folder `out`: an index, the tables, and a page for each
-/// run.
+/// Writes the pages of a campaign to the folder `out`: an index, a page for each run, and the
+/// statistics of all runs, also as Markdown.
 pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Result<ExitStatus> {
     let runs = campaign_runs(campaign)?;
     let index = out.join(INDEX);
@@ -64,7 +67,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         output::write_atomically(&path, true, html.as_bytes())
     };
     let up = format!("../{INDEX}");
-    let (mut summaries, mut hardenings) = (Vec::new(), Vec::new());
+    let (mut summaries, mut hardenings, mut compared) = (Vec::new(), Vec::new(), Vec::new());
     for run in &runs {
         let (name, href) = (&run.name, format!("{RUNS}/{}.html", run.name));
         let page = match run.is_hardening() {
@@ -83,6 +86,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
                     report(&file, &run.path, options).with_context(|| run.path.display().to_string())?;
                 report.map(|report| {
                     summaries.push(RunSummary::new(&report, name, &href));
+                    compared.extend(GridRun::new(&report));
                     run_page(&report, &up)
                 })
             }
@@ -99,10 +103,18 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         };
         write(pages.join(format!("{name}.html")), &page)?;
     }
-    let tables = tables::write(campaign, out)?;
     let name = campaign.canonicalize().unwrap_or_else(|_| campaign.to_path_buf());
     let name = name.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
-    write(index.clone(), &campaign_page(&name, &summaries, &hardenings, &tables))?;
+    let statistics = statistics_page(&name, &compared);
+    if let Some(page) = &statistics {
+        for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
+            let path = out.join(format!("{STATISTICS}.{ending}"));
+            output::write_atomically(&path, true, text.as_bytes())?;
+            output::message(&format!("Page: {}", shell_quote(&path_text(&path))));
+        }
+    }
+    let link = statistics.map(|_| format!("{STATISTICS}.html"));
+    write(index.clone(), &campaign_page(&name, &summaries, &hardenings, link.as_deref()))?;
     options.clear();
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",

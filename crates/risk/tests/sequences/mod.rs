@@ -15,7 +15,7 @@ use mishandle_stl::Formula;
 pub struct Process {
     pub name: &'static str,
     /// From exact formulas, or from backward recursion over the steps: the program in
-    /// docs/notebook/2026-11-27-risk-of-sequences.md.
+    /// studies/notebook/2026-11-27-risk-of-sequences.md.
     pub probability: f64,
     /// Number of steps, each with an axis for its noise.
     pub steps: usize,

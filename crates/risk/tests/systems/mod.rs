@@ -87,7 +87,7 @@ fn union(p: f64) -> f64 {
     p - 0.25 * p * p
 }
 
-/// The systems, in the order of the table of docs/notebook/2026-11-23-risk.md.
+/// The systems, in the order of the table of studies/notebook/2026-11-23-risk.md.
 pub fn systems() -> Vec<Known> {
     let normal = |name, probability, dimension, robustness| Known {
         name,
