@@ -1,5 +1,9 @@
 //! The simplex search of Nelder and Mead, equal to SciPy's `minimize(method="Nelder-Mead")` with
 //! bounds 0 and 1.
+//!
+//! # Reference
+//! Virtanen et al., "SciPy 1.0: fundamental algorithms for scientific computing in Python", Nature
+//! Methods 17, 2020.
 
 use std::cmp::Ordering;
 

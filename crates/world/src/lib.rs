@@ -14,6 +14,9 @@
 //!
 //! Units are SI, quaternions are (w, x, y, z), vectors and rotations are in the world frame, whose
 //! origin is the base of the robot. This is the only crate with `unsafe` code. It knows no tasks.
+//!
+//! # Reference
+//! Todorov, Erez and Tassa, "MuJoCo: A physics engine for model-based control", IROS 2012.
 
 mod actuated;
 mod batch;

@@ -1,5 +1,9 @@
 //! Dual annealing: generalized simulated annealing with a local search, as in SciPy's
 //! `dual_annealing`.
+//!
+//! # Reference
+//! Virtanen et al., "SciPy 1.0: fundamental algorithms for scientific computing in Python", Nature
+//! Methods 17, 2020.
 
 mod visiting;
 

@@ -66,8 +66,8 @@ impl Default for LbfgsbOptions {
 ///
 /// # Reference
 /// Byrd, Lu, Nocedal and Zhu, "A limited memory algorithm for bound constrained optimization", SIAM
-/// J. Sci. Comput. 16,
-/// 1995. Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
+/// J. Sci. Comput. 16, 1995. Zhu, Byrd, Lu and Nocedal, "Algorithm 778: L-BFGS-B", ACM TOMS 23,
+/// 1997. Morales and Nocedal, "Remark on Algorithm 778", ACM TOMS 38, 2011.
 #[derive(Debug, Clone)]
 pub struct Lbfgsb {
     options: LbfgsbOptions,

@@ -19,7 +19,9 @@
 //! episodes, s_k is the final observation.
 //!
 //! # Reference
-//! Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018.
+//! Haarnoja, Zhou, Abbeel and Levine, "Soft Actor-Critic: Off-Policy Maximum Entropy Deep
+//! Reinforcement Learning with a Stochastic Actor", ICML 2018. The temperature: Haarnoja et al.,
+//! "Soft Actor-Critic Algorithms and Applications", 2018.
 
 mod distribution;
 mod loss;
