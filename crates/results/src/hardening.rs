@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use crate::{Estimate, GuardFacts, Number, Seed, optional};
+use crate::{Estimate, GuardFacts, Seed, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
 ///
