@@ -16,9 +16,6 @@ use mishandle_tasks::{CAMERA_NAMES, TASKS};
 
 const PAGE: &str = include_str!("../COMPARE.md");
 
-/// Cells of Mishandle, each with the name of its row or column.
-type Cells = Vec<(&'static str, String)>;
-
 /// Returns the cells of a line of a table. No cell of the page contains an escaped `|`.
 fn cells(line: &str) -> Vec<&str> {
     line.trim().trim_matches('|').split('|').map(str::trim).collect()
@@ -54,7 +51,7 @@ fn stated(section: &str) -> Vec<(&'static str, &'static str)> {
 
 /// Checks that the cells of Mishandle in a section are `facts`, in this order.
 #[track_caller]
-fn assert_page(section: &str, facts: Cells) {
+fn assert_page(section: &str, facts: &[(&str, String)]) {
     let stated = stated(section);
     let names: Vec<&str> = stated.iter().map(|(name, _)| *name).collect();
     assert_eq!(names, facts.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "section {section}");
@@ -69,7 +66,7 @@ fn assert_page(section: &str, facts: Cells) {
 
 /// Returns a statement that `shown` proves.
 #[track_caller]
-fn holds<'a>(statement: &'a str, shown: bool) -> &'a str {
+fn holds(statement: &str, shown: bool) -> &str {
     assert!(shown, "the code does not show this: {statement}");
     statement
 }
@@ -156,7 +153,7 @@ fn the_cells_about_monitors_are_true() {
 
     assert_page(
         "Monitors",
-        vec![
+        &[
             (
                 "formula language",
                 holds("STL in RTAMT's syntax", parses("always[0:30](d <= 0.3) and eventually[0,1] (a >= b)"))
@@ -314,7 +311,7 @@ fn the_cells_about_falsifiers_are_true() {
     ];
     assert_page(
         "Falsifiers",
-        vec![
+        &[
             ("systems under test", systems),
             (
                 "inputs and scenario spaces",
@@ -387,7 +384,7 @@ fn the_cells_about_evaluation_are_true() {
     let formulas = |task: &&dyn mishandle_tasks::Task| {
         let resolved = ResolvedPlan::new(&Plan::new(task.definition().name, "expert")).unwrap();
         let has = |name: &&str| resolved.target.formulas.iter().any(|formula| formula.name == *name);
-        ["success", "strict", "careful"].iter().all(|name| has(name))
+        ["success", "strict", "careful"].iter().all(has)
     };
     let evidence = [
         &record(),
@@ -410,7 +407,7 @@ fn the_cells_about_evaluation_are_true() {
     let spaces = spaces();
     assert_page(
         "Evaluation and stress tests of robot policies",
-        vec![
+        &[
             ("systems", "those of [Falsifiers](#falsifiers)".to_string()),
             ("policies", policies.join("; ")),
             (
@@ -463,7 +460,7 @@ fn the_cells_about_training_are_true() {
     );
     assert_page(
         "Training libraries",
-        vec![
+        &[
             ("algorithms", algorithms),
             (
                 "framework",

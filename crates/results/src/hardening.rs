@@ -1,5 +1,7 @@
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "schema")]
+use crate::Number;
 use crate::{Estimate, GuardFacts, Seed, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.

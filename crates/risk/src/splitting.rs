@@ -178,9 +178,9 @@ struct Population {
 /// and Applications 25, 2007. Bréhier, Gazeau, Goudenège, Lelièvre and Rousset, "Unbiasedness of
 /// some generalized adaptive multilevel splitting algorithms", Annals of Applied Probability
 /// 26, 2016. Levels with ties: Walter, "Rare event simulation and splitting for discontinuous
-/// random variables", ESAIM: Probability and Statistics 19, 2015. Moves: Au and Beck, "Estimation of
-/// small failure probabilities in high dimensions by subset simulation", Probabilistic Engineering
-/// Mechanics 16, 2001.
+/// random variables", ESAIM: Probability and Statistics 19, 2015. Moves: Au and Beck, "Estimation
+/// of small failure probabilities in high dimensions by subset simulation", Probabilistic
+/// Engineering Mechanics 16, 2001.
 pub(crate) fn split(
     experiment: &mut Experiment<'_>,
     seed: Seed,

@@ -19,8 +19,8 @@
 //! Maler and Nickovic, "Monitoring Temporal Properties of Continuous Signals", FORMATS 2004. Donzé
 //! and Maler, "Robust Satisfaction of Temporal Logic over Real-Valued Signals", FORMATS 2010.
 //! Fainekos and Pappas, "Robustness of temporal logic specifications for continuous-time signals",
-//! Theoretical Computer Science 410, 2009. Syntax and values: Ničković and Yamaguchi, "RTAMT: Online
-//! Robustness Monitors from STL", ATVA 2020.
+//! Theoretical Computer Science 410, 2009. Syntax and values: Ničković and Yamaguchi, "RTAMT:
+//! Online Robustness Monitors from STL", ATVA 2020.
 //!
 //! # Example
 //! ```
