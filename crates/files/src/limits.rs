@@ -5,7 +5,7 @@
 //! | [`PLAN`] | plans | 128 KiB |
 //! | [`SETTINGS`] | training settings | 128 KiB |
 //! | [`SCENARIOS`] | tables of scenarios for training | 64 MiB |
-//! | [`CONTROLLER`] | controllers, and other files of the controller zoo | 256 MiB |
+//! | [`CONTROLLER`] | controllers, and their records | 256 MiB |
 //! | [`ONNX`] | ONNX models | 64 MiB |
 //! | [`MODEL`] | MJCF and URDF files, meshes and textures, each | 64 MiB |
 //! | [`CHECKPOINT`] | checkpoints of training runs | 64 GiB |
@@ -27,7 +27,7 @@ pub const SETTINGS: u64 = MIB / 8;
 /// Tables of scenarios for training: 20,000 of 100 axes.
 pub const SCENARIOS: u64 = 64 * MIB;
 
-/// Controllers: a policy of 67 million parameters. Records and pages of the controller zoo.
+/// Controllers: a policy of 67 million parameters. Their records.
 pub const CONTROLLER: u64 = 256 * MIB;
 
 /// ONNX models: a policy of 16 million parameters. A model is in memory up to four times while it

@@ -27,7 +27,7 @@ mod stored_curve;
 mod tables;
 mod thresholds;
 mod train;
-mod zoo;
+mod work;
 
 pub use error::{CurveFileProblem, PageProblem, ZooError};
 pub use folder::ZooFolder;
@@ -46,4 +46,4 @@ pub use runner::{BenchmarkTask, ControllerUnderTest, LocalRunner, Runner};
 pub use selection::Selection;
 pub use stored_curve::{StoredCurve, StoredCurveRow};
 pub use thresholds::{Rates, missed_thresholds, success_threshold};
-pub use zoo::{Zoo, ZooObserver};
+pub use work::{Zoo, ZooObserver};

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod pages;
+mod plan;
 mod program;
 mod runner;
 mod shipped;
-mod zoo;

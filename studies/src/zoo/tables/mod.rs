@@ -138,7 +138,8 @@ fn performance(shown: &Shown<'_>, noise: usize) -> String {
                     table += &rows(record, algorithm, noise, &last);
                 }
                 None => {
-                    table += &format!("| `{task}` | `{algorithm}` | {NOT_MEASURED} | | | | | | | | | | | |\n")
+                    table +=
+                        &format!("| `{task}` | `{algorithm}` | {NOT_MEASURED} | | | | | | | | | | | |\n");
                 }
             }
         }
