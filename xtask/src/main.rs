@@ -22,6 +22,7 @@ mod mujoco;
 mod pictures;
 mod platform;
 mod process;
+mod progress;
 mod readme;
 mod reference;
 mod robots;
