@@ -34,8 +34,8 @@ const README: &str = "# Mishandle
     bin/mishandle falsify ball-balancing --controller ppo --space delay --trials 2
 
 The program finds MuJoCo's library in lib/mishandle. Move both together, or copy the folders bin, lib and share into
-a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. Pictures need EGL
-(Debian: libegl1), films ffmpeg. Licenses are in share/doc/mishandle.
+a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. The command render
+needs EGL (Debian: libegl1), and ffmpeg for films. Licenses are in share/doc/mishandle.
 ";
 
 /// Packs the archive of the release build, and writes the recipe beside it.
