@@ -1,10 +1,11 @@
 //! Pictures of a scene for people, by ray casting.
 
 use mishandle_camera::{
-    Ambient, Background, Camera, Effects, Form, Lamp, Material, Mesh, Optics, Output, Pose, Scene, Shape,
-    Size, StateRenderer, StateShot, focal_length,
+    Ambient, Background, Camera, Effects, Form, Lamp, Material, Optics, Output, Pose, Scene, Shape, Size,
+    StateRenderer, StateShot, focal_length,
 };
 use mishandle_rollout::Seed;
+use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Arrow, Geom, PictureModel, Stage};
 
 use crate::error::MishandleError;
@@ -13,23 +14,21 @@ use crate::error::MishandleError;
 const RAYS: u32 = 4;
 
 /// The lamp in front of the robot, whose shadows have soft edges.
-const LAMP: Lamp = Lamp { strength: 0.5, radius: 0.025, shadow_rays: 4, ..Lamp::NOMINAL };
+const LAMP: Lamp = Lamp { strength: 0.5, radius: 0.025, ..Lamp::NOMINAL };
 
 /// The light beside the camera, which shows the shape of what the lamp does not reach.
 const HEADLIGHT: Lamp = Lamp { strength: 0.28, casts_shadows: false, ..Lamp::NOMINAL };
 
 const AMBIENT: Ambient = Ambient { above: [0.42; 3], below: [0.42; 3] };
 
-const SKY: Background = Background { above: [0.94, 0.96, 0.98], horizon: [1.0; 3] };
+/// A little darker than a page.
+const SKY: Background = Background { above: [0.94, 0.96, 0.98], horizon: [0.97, 0.98, 0.99] };
 
 /// Opacity of arrows: what is not opaque casts no shadow.
 const ALMOST_OPAQUE: f32 = 0.999;
 
-/// Radius of the tip of an arrow and its length, radii of its shaft.
-const TIP: [f32; 2] = [2.0, 4.0];
-
-/// Sides of a tip.
-const SIDES: u32 = 12;
+/// Radius of the tip of an arrow and half its length, radii of its shaft.
+const TIP: [f32; 2] = [2.0, 3.0];
 
 /// Draws states of one scene. A picture is a function of the state and of the states that frame it:
 /// it has the same bytes with any number of threads and without OpenGL.
@@ -38,9 +37,8 @@ pub(crate) struct RayRenderer {
     pub stage: Stage,
     renderer: StateRenderer,
     scene: Scene,
-    /// Number of shapes of the scene without arrows, and mesh of the tip of an arrow.
+    /// Number of shapes of the scene without arrows.
     shapes: usize,
-    tip: Form,
     size: Size,
     pixels: Vec<u8>,
 }
@@ -66,14 +64,11 @@ impl RayRenderer {
         let shape = |geom: &Geom| Some(Shape::of_geom(geom, Form::of_geom(geom)?));
         let sites = model.sites().into_iter().filter(|site| site.is_drawn);
         scene.shapes.extend(sites.chain(stage.ground()).filter_map(|geom| shape(&geom)));
-        let tip = Form::Mesh(scene.meshes.len());
-        scene.meshes.push(cone([0, 1].map(|i| TIP[i] * Arrow::RADIUS as f32)).into());
         Ok(RayRenderer {
             stage,
             renderer: StateRenderer::new(&model),
             shapes: scene.shapes.len(),
             scene,
-            tip,
             size,
             pixels: vec![0; 3 * size.pixels()],
         })
@@ -86,9 +81,7 @@ impl RayRenderer {
     pub fn draw(&mut self, state: &[f64]) -> &[u8] {
         self.stage.show(state);
         self.scene.shapes.truncate(self.shapes);
-        for arrow in self.stage.arrows() {
-            self.scene.shapes.extend(shapes(&arrow, self.tip));
-        }
+        self.scene.shapes.extend(self.stage.arrows().iter().flat_map(shapes));
         let view = self.stage.viewpoint();
         let numbers = |v: [f64; 3]| v.map(|v| v as f32);
         let pose = Pose { position: numbers(view.position), axes: view.axes.map(numbers) };
@@ -111,32 +104,22 @@ impl RayRenderer {
 }
 
 /// Returns the shaft and the tip of an arrow.
-fn shapes(arrow: &Arrow, tip: Form) -> [Shape; 2] {
-    let way = mishandle_world::frame::sub(arrow.to, arrow.from);
-    let length = mishandle_world::frame::norm(way) as f32;
-    let [from, way] = [arrow.from, way].map(|v| v.map(|v| v as f32));
-    let radius = Arrow::RADIUS as f32;
-    // The cap of the shaft is inside the tip.
-    let half = 0.5 * (length - TIP[1] * radius).max(0.0);
-    let pose = Pose::along(from, way);
+fn shapes(arrow: &Arrow) -> [Shape; 2] {
+    let way = sub(arrow.to, arrow.from);
+    let (length, radius) = (norm(way) as f32, Arrow::RADIUS as f32);
+    let pose = Pose::along(arrow.from.map(|v| v as f32), way.map(|v| v as f32));
     let material = Material { opacity: ALMOST_OPAQUE, emission: 1.0, ..Material::plain(Arrow::COLOR) };
     let shape = |form, height: f32| {
         let pose = Pose { position: pose.point([0.0, 0.0, height]), ..pose };
         Shape { body: 0, pose, form, material, geom: None }
     };
-    [shape(Form::Capsule { radius, half }, half), shape(tip, 2.0 * half)]
-}
-
-/// Returns a cone along z whose base is at z = 0.
-fn cone([radius, height]: [f32; 2]) -> Mesh {
-    let on_base = |side: u32| {
-        let (sin, cos) = (std::f32::consts::TAU * side as f32 / SIDES as f32).sin_cos();
-        [radius * cos, radius * sin, 0.0]
-    };
-    let vertices = [[0.0, 0.0, height], [0.0; 3]].into_iter().chain((0..SIDES).map(on_base)).collect();
-    let side = |side: u32| [2 + side, 2 + (side + 1) % SIDES];
-    let sides = (0..SIDES).map(side);
-    Mesh::new(vertices, sides.flat_map(|[a, b]| [[0, a, b], [1, b, a]]).collect())
+    let tip = (TIP[1] * radius).min(0.5 * length);
+    let shaft = 0.5 * (length - tip);
+    let wide = TIP[0] * radius;
+    [
+        shape(Form::Capsule { radius, half: shaft }, shaft),
+        shape(Form::Ellipsoid { half: [wide, wide, tip] }, length - tip),
+    ]
 }
 
 #[cfg(test)]
@@ -177,7 +160,10 @@ mod tests {
         let found = draw();
         assert!(count(&found, |[red, _, blue]| *blue > 100 && *red < 60) > 100, "the block is blue");
         assert!(count(&found, |[red, green, _]| *green > 100 && *red < 60) > 10, "the site is green");
-        assert!(count(&found, |pixel| pixel.iter().all(|v| (60..250).contains(v))) > 200, "there is a ground");
+        assert!(
+            count(&found, |pixel| pixel.iter().all(|v| (60..250).contains(v))) > 200,
+            "there is a ground"
+        );
         assert_eq!(std::thread::spawn(draw).join().unwrap(), found);
     }
 

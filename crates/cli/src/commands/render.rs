@@ -4,7 +4,9 @@ use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use mishandle::MishandleError;
 use mishandle::inspect::{Event, Explanation};
-use mishandle::picture::{CameraSettings, Drawing, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory};
+use mishandle::picture::{
+    CameraSettings, Drawing, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory,
+};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, WorldError, png};
 use mishandle_text::{instant, plural};
 

@@ -15,8 +15,8 @@ pub(super) const ARROWS: u32 = 2 * MOST as u32;
 const LEAST_FORCE: f64 = 0.2;
 
 /// Length of an arrow per force, m/N, and its bounds, m.
-const LENGTH: f64 = 0.001;
-const LENGTHS: [f64; 2] = [0.04, 0.5];
+const LENGTH: f64 = 0.000_25;
+const LENGTHS: [f64; 2] = [0.01, 0.125];
 
 /// Place of the arrows between the camera and their points, as a fraction of the distance. So close
 /// to the camera nothing hides them, and they look as if they were at the points.
@@ -72,8 +72,8 @@ pub(super) fn arrows(forces: &[ContactForce], eye: [f64; 3]) -> Vec<Arrow> {
     let is_large = |found: &&ContactForce| norm(found.force) >= LEAST_FORCE;
     let of_force = |ContactForce { point, force }: &ContactForce| {
         let size = norm(*force);
-        let half = scale(*force, 0.5 * (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]) / size);
-        [add(*point, half), sub(*point, half)].map(|end| Arrow { from: closer(*point), to: closer(end) })
+        let way = scale(*force, (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]) / size);
+        [add(*point, way), sub(*point, way)].map(|end| Arrow { from: closer(*point), to: closer(end) })
     };
     forces.iter().take(MOST).take_while(is_large).flat_map(of_force).collect()
 }
@@ -99,13 +99,13 @@ mod tests {
         assert!((norm(found[0].force) - 5.0).abs() < 1e-3, "{:?}", found[0].force);
         let [x, y, z] = found[0].point;
         assert!((x - 0.2).abs() < 1e-3 && (y - 0.1).abs() < 1e-3 && z.abs() < 1e-3, "{:?}", found[0].point);
-        // The larger force has the longer arrow: 0.1 m for 100 N, half of it to each side.
+        // The larger force has the longer arrow: 0.05 m to each side for 200 N.
         let large = ContactForce { force: [0.0, 0.0, 200.0], ..found[0] };
         let eye = [x + 2.0, y, z];
         let [up, down] = arrows(&[large], eye)[..] else { panic!("an arrow to each side") };
-        let expected = Arrow { from: [x + 1.7, y, z], to: [x + 1.7, y, z + 0.015] };
+        let expected = Arrow { from: [x + 1.7, y, z], to: [x + 1.7, y, z + 0.0075] };
         assert!(norm(sub(up.from, expected.from)) < 1e-12 && norm(sub(up.to, expected.to)) < 1e-12);
-        assert!(norm(sub(down.to, [x + 1.7, y, z - 0.015])) < 1e-12);
+        assert!(norm(sub(down.to, [x + 1.7, y, z - 0.0075])) < 1e-12);
         assert_eq!(arrows(&[ContactForce { force: [0.0, 0.1, 0.0], ..large }], eye), []);
     }
 }

@@ -10,7 +10,7 @@ use super::contacts::{ARROWS, Arrow};
 use super::stage::Placement;
 use super::view::Surroundings;
 use super::{PictureModel, Quality, Size, Stage, light};
-use crate::frame::add;
+use crate::frame::{add, sub};
 use crate::{Model, WorldError};
 
 /// Renders states of one scene with OpenGL.
@@ -93,8 +93,7 @@ impl Renderer {
             *light = add(*light, place);
         }
         mark(&self.stage.arrows(), self.inner.user_scene_mut());
-        let rendered =
-            self.inner.sync_data(&mut self.stage.world.data).and_then(|()| self.inner.render());
+        let rendered = self.inner.sync_data(&mut self.stage.world.data).and_then(|()| self.inner.render());
         rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;
         let rendered = self.inner.rgb_flat().unwrap_or_default();
         if self.factor == 1 {
@@ -118,7 +117,8 @@ fn mark(arrows: &[Arrow], scene: &mut MjvScene) {
         if let Ok(arrow) = arrow {
             // Shadows of the scene do not darken it.
             arrow.emission = 1.0;
-            arrow.connect(Arrow::RADIUS, *from, *to);
+            // MuJoCo draws half of the way.
+            arrow.connect(Arrow::RADIUS, *from, add(*to, sub(*to, *from)));
         }
     }
 }

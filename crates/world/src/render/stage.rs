@@ -72,12 +72,7 @@ impl Stage {
     ///
     /// # Errors
     /// If there is no such camera or body to follow.
-    pub fn new(
-        model: &Model,
-        picture: &PictureModel,
-        size: Size,
-        camera: &str,
-    ) -> Result<Stage, WorldError> {
+    pub fn new(model: &Model, picture: &PictureModel, size: Size, camera: &str) -> Result<Stage, WorldError> {
         Ok(Stage {
             world: model.world(),
             placement: placement(model, camera, picture.follows.as_deref())?,
