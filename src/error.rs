@@ -596,6 +596,12 @@ pub enum MishandleError {
         /// Fewest failures and fewest successes.
         fewest: usize,
     },
+    /// The scene of pictures cannot be built or drawn.
+    #[error(transparent)]
+    World(#[from] mishandle_world::WorldError),
+    /// A picture cannot be drawn by ray casting.
+    #[error(transparent)]
+    Camera(#[from] mishandle_camera::CameraError),
     /// A task cannot be built.
     #[error(transparent)]
     Task(#[from] mishandle_tasks::TaskError),

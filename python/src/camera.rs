@@ -58,7 +58,7 @@ impl Drop for Camera {
 fn draw_orders(model: &PictureModel, size: Size, framed: &[Vec<f64>], orders: &Receiver<Order>) {
     let mut renderer = Renderer::new(model, size, Quality::Fast, CAMERAS[0]);
     if let Ok(renderer) = &mut renderer {
-        renderer.frame(framed.iter().map(Vec::as_slice));
+        renderer.stage().frame(framed.iter().map(Vec::as_slice));
     }
     for (states, reply) in orders {
         let drawn = match &mut renderer {

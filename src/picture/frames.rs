@@ -4,12 +4,14 @@
 use mishandle_stl::{Formula, is_violated};
 use mishandle_store::SignalRecord;
 use mishandle_world::{
-    Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size, TimeBar,
-    WorldError,
+    Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size, Stage,
+    TimeBar, WorldError,
 };
 
+use crate::error::MishandleError;
 use crate::inspect::{Event, Explanation, PredicateHistory};
 use crate::picture::cameras::{SeenEpisode, TargetCameras};
+use crate::picture::ray_renderer::RayRenderer;
 
 /// Colors of text, secondary text, violations, satisfied samples and the window of the formula.
 const INK: Color = [29, 33, 38];
@@ -207,19 +209,31 @@ impl SeenStates {
     }
 }
 
+/// The way to draw a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawing {
+    /// By ray casting, for small pictures: without textures of files, and with the same bytes on
+    /// every machine.
+    Rays,
+    /// With MuJoCo's renderer, which needs OpenGL, in this quality.
+    OpenGl(Quality),
+}
+
 /// A view of a frame.
 #[derive(Debug)]
 enum View {
     /// The scene, from a camera for people.
-    Scene(Box<Renderer>),
+    Rays(Box<RayRenderer>),
+    OpenGl(Box<Renderer>),
     /// The image that a camera of the target sees: its index among those of [`SeenStates`].
     Seen(usize),
 }
 
 impl View {
-    fn scene(&self) -> Option<&Renderer> {
+    fn stage(&mut self) -> Option<&mut Stage> {
         match self {
-            View::Scene(view) => Some(view),
+            View::Rays(renderer) => Some(&mut renderer.stage),
+            View::OpenGl(renderer) => Some(renderer.stage()),
             View::Seen(_) => None,
         }
     }
@@ -246,14 +260,15 @@ impl FrameRenderer {
     /// no contacts are marked.
     ///
     /// # Errors
-    /// If MuJoCo rejects the document, there is no such camera, or OpenGL is not available.
+    /// If MuJoCo rejects the document, there is no such camera, or OpenGL is needed and not
+    /// available.
     pub fn new(
         model: &PictureModel,
         size: Size,
-        quality: Quality,
+        drawing: Drawing,
         (cameras, seen): (&[&str], Option<SeenStates>),
         captions: Option<FrameCaptions>,
-    ) -> Result<FrameRenderer, WorldError> {
+    ) -> Result<FrameRenderer, MishandleError> {
         let seen_index = |camera: &str| seen.as_ref()?.cameras.names().position(|name| name == camera);
         let marks_contacts = cameras.iter().any(|camera| seen_index(camera).is_none());
         let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
@@ -268,13 +283,18 @@ impl FrameRenderer {
             if let Some(index) = seen_index(camera) {
                 return Ok(View::Seen(index));
             }
-            let mut view = Renderer::new(model, scene, quality, camera)?;
-            if captions.is_some() {
-                view.mark_contacts();
+            let mut view = match drawing {
+                Drawing::Rays => View::Rays(Box::new(RayRenderer::new(model, scene, camera)?)),
+                Drawing::OpenGl(quality) => {
+                    View::OpenGl(Box::new(Renderer::new(model, scene, quality, camera)?))
+                }
+            };
+            if let (Some(stage), Some(_)) = (view.stage(), &captions) {
+                stage.mark_contacts();
             }
-            Ok(View::Scene(Box::new(view)))
+            Ok(view)
         };
-        let views = cameras.iter().map(view).collect::<Result<_, WorldError>>()?;
+        let views = cameras.iter().map(view).collect::<Result<_, MishandleError>>()?;
         Ok(FrameRenderer { views, seen, size, height: scene.height() as usize, captions })
     }
 
@@ -290,10 +310,8 @@ impl FrameRenderer {
 
     /// Places the cameras so that everything is in the image in all of these states.
     pub fn fit<'a>(&mut self, states: &(impl IntoIterator<Item = &'a [f64]> + Clone)) {
-        for view in &mut self.views {
-            if let View::Scene(view) = view {
-                view.frame(states.clone());
-            }
+        for stage in self.views.iter_mut().filter_map(View::stage) {
+            stage.frame(states.clone());
         }
     }
 
@@ -307,7 +325,8 @@ impl FrameRenderer {
         let width = self.size.width() as usize;
         for (index, view) in self.views.iter_mut().enumerate() {
             match (view, &mut self.seen) {
-                (View::Scene(view), _) => frame.paste((index * width, 0), width, view.draw(state)?),
+                (View::Rays(view), _) => frame.paste((index * width, 0), width, view.draw(state)),
+                (View::OpenGl(view), _) => frame.paste((index * width, 0), width, view.draw(state)?),
                 (View::Seen(camera), Some(seen)) => {
                     let image = seen.image(*camera, sample);
                     let image = Picture::enlarged(&image, seen.cameras.size(), [width, self.height]);
@@ -318,7 +337,8 @@ impl FrameRenderer {
             }
         }
         if let Some((captions, layout)) = &self.captions {
-            let contacts = self.views.iter().filter_map(View::scene).map(Renderer::largest_contact);
+            let stages = self.views.iter_mut().filter_map(View::stage);
+            let contacts = stages.map(|stage| stage.largest_contact());
             layout.draw(&captions.with_contact(sample, contacts.reduce(f64::max)), &mut frame);
         }
         Ok(frame)

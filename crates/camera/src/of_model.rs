@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_world::{CameraMount, GeomKind, Model, Surface, World};
+use mishandle_world::{CameraMount, Geom, GeomKind, Model, Surface, World};
 
 use crate::camera::{Camera, CameraError, Effects, Optics, Size};
 use crate::form::Form;
@@ -35,37 +35,19 @@ impl Scene {
         // The mesh of the scene with each index of the model.
         let mut meshes: Vec<(usize, usize)> = Vec::new();
         for (index, geom) in model.geoms().iter().enumerate().filter(|(_, geom)| geom.is_drawn) {
-            let [a, b, c] = geom.size.map(|v| v as f32);
             let form = match geom.kind {
-                GeomKind::Plane => {
-                    Form::Plane { half: [a, b].map(|half| if half > 0.0 { half } else { f32::INFINITY }) }
-                }
-                GeomKind::Sphere => Form::Sphere { radius: a },
-                GeomKind::Capsule => Form::Capsule { radius: a, half: b },
-                GeomKind::Ellipsoid => Form::Ellipsoid { half: [a, b, c] },
-                GeomKind::Cylinder => Form::Cylinder { radius: a, half: b },
-                GeomKind::Box => Form::Box { half: [a, b, c] },
                 GeomKind::Mesh(mesh) => {
                     let known = meshes.iter().find(|(known, _)| *known == mesh).map(|(_, own)| *own);
-                    Form::Mesh(known.unwrap_or_else(|| {
+                    Some(Form::Mesh(known.unwrap_or_else(|| {
                         let (vertices, triangles) = model.mesh(mesh);
                         scene.meshes.push(Arc::new(Mesh::new(vertices, triangles)));
                         meshes.push((mesh, scene.meshes.len() - 1));
                         scene.meshes.len() - 1
-                    }))
+                    })))
                 }
-                GeomKind::Other => continue,
+                _ => Form::of_geom(geom),
             };
-            let [red, green, blue, opacity] = geom.color;
-            let material = Material {
-                opacity,
-                specular: HIGHLIGHT * geom.specular,
-                exponent: (EXPONENT * geom.shininess) as u32,
-                emission: geom.emission,
-                ..Material::plain([red, green, blue])
-            };
-            let pose = Pose::new(geom.position, geom.quaternion);
-            scene.shapes.push(Shape { body: geom.body.index(), pose, form, material, geom: Some(index) });
+            scene.shapes.extend(form.map(|form| Shape { geom: Some(index), ..Shape::of_geom(geom, form) }));
         }
         for surface in model.surfaces() {
             let vertices = surface.vertices.iter().map(|(_, local)| local.map(|v| v as f32)).collect();
@@ -83,6 +65,40 @@ impl Scene {
             true => Ok(scene),
             false => Err(CameraError::Shapes(scene.shapes.len())),
         }
+    }
+}
+
+impl Form {
+    /// Returns the form of a geom without a mesh, if cameras draw it.
+    pub fn of_geom(geom: &Geom) -> Option<Form> {
+        let [a, b, c] = geom.size.map(|v| v as f32);
+        match geom.kind {
+            GeomKind::Plane => {
+                Some(Form::Plane { half: [a, b].map(|half| if half > 0.0 { half } else { f32::INFINITY }) })
+            }
+            GeomKind::Sphere => Some(Form::Sphere { radius: a }),
+            GeomKind::Capsule => Some(Form::Capsule { radius: a, half: b }),
+            GeomKind::Ellipsoid => Some(Form::Ellipsoid { half: [a, b, c] }),
+            GeomKind::Cylinder => Some(Form::Cylinder { radius: a, half: b }),
+            GeomKind::Box => Some(Form::Box { half: [a, b, c] }),
+            GeomKind::Mesh(_) | GeomKind::Other => None,
+        }
+    }
+}
+
+impl Shape {
+    /// Returns a shape of this form in place and color of a geom or a site.
+    pub fn of_geom(geom: &Geom, form: Form) -> Shape {
+        let [red, green, blue, opacity] = geom.color;
+        let material = Material {
+            opacity,
+            specular: HIGHLIGHT * geom.specular,
+            exponent: (EXPONENT * geom.shininess) as u32,
+            emission: geom.emission,
+            ..Material::plain([red, green, blue])
+        };
+        let pose = Pose::new(geom.position, geom.quaternion);
+        Shape { body: geom.body.index(), pose, form, material, geom: None }
     }
 }
 

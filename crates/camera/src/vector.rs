@@ -66,6 +66,13 @@ impl Pose {
         Pose { position: position.map(|v| v as f32), axes: axes.map(|axis| axis.map(|v| v as f32)) }
     }
 
+    /// Returns a pose whose z axis has this direction, of any length.
+    pub fn along(position: [f32; 3], z: [f32; 3]) -> Pose {
+        let z = unit(z);
+        let [x, y] = beside(z);
+        Pose { position, axes: [x, y, z] }
+    }
+
     /// Returns the direction in the outer frame of a direction in this frame.
     pub fn direction(&self, v: [f32; 3]) -> [f32; 3] {
         let [x, y, z] = self.axes;

@@ -324,7 +324,6 @@ fn pages_of_comparisons_and_campaigns_are_readable() {
 fn reports_of_all_tasks_have_charts_and_pictures() {
     let bench = Bench::new();
     let Some((mut browser, folder)) = start(&bench) else { return };
-    let can_render = bench.run("render point-reaching --out probe.png --size 32x24").status.success();
     let tasks = bench.json("tasks --json", 0);
     for task in tasks.as_array().unwrap() {
         let name = task["name"].as_str().unwrap();
@@ -335,6 +334,6 @@ fn reports_of_all_tasks_have_charts_and_pictures() {
         bench.check(&format!("falsify {name} {flags} --out {name}.sqlite"), 1);
         bench.check(&format!("report {name}.sqlite --probes 4 --out {name}.html"), 0);
         let facts = check(&mut browser, &folder, &bench.path(&format!("{name}.html")), true);
-        assert_eq!(facts["images"].as_u64() > Some(0), can_render, "{name}: {facts}");
+        assert!(facts["images"].as_u64() > Some(0), "{name}: {facts}");
     }
 }

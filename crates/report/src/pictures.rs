@@ -2,10 +2,10 @@
 
 use mishandle::counterexample::CounterexampleReplay;
 use mishandle::inspect::{Event, ExplainedSimulation, Explanation};
-use mishandle::picture::{FrameCaptions, FrameRenderer};
+use mishandle::picture::{Drawing, FrameCaptions, FrameRenderer};
 use mishandle::rollout::Request;
 use mishandle::store::{RunFile, RunHeader};
-use mishandle::world::{CAMERAS, Picture, PictureModel, Quality, Size, WorldError, animated_png, png};
+use mishandle::world::{CAMERAS, Picture, PictureModel, Size, WorldError, animated_png, png};
 use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::seen::{Seen, seen};
@@ -56,9 +56,9 @@ pub enum PictureError {
     /// The simulation cannot be replayed.
     #[error(transparent)]
     Replay(#[from] MishandleError),
-    /// The scene cannot be rendered.
+    /// A picture cannot be encoded.
     #[error(transparent)]
-    Render(#[from] WorldError),
+    Encode(#[from] WorldError),
     /// A system that draws itself did not.
     #[error("{0}")]
     Painter(String),
@@ -259,22 +259,16 @@ impl<'a> Shown<'a> {
         let samples = strip_samples(event, last);
         let view: Vec<&[f64]> = samples.iter().map(|sample| self.states[*sample].as_slice()).collect();
         let frames = self.frames(model, size, (&samples, &view), &mut *must_end)?;
-        // A film has many frames; fine ones would take most of the time of the report.
-        let mut renderer = self.renderer(model, size, Quality::Fast)?;
+        let mut renderer = self.renderer(model, size)?;
         let film = film(&mut renderer, self.states, event, self.header.control_dt, must_end)?;
         Ok(Pictures { frames, film: Some(film), seen: None })
     }
 
-    fn renderer(
-        &self,
-        model: &PictureModel,
-        size: Size,
-        quality: Quality,
-    ) -> Result<FrameRenderer, PictureError> {
+    fn renderer(&self, model: &PictureModel, size: Size) -> Result<FrameRenderer, PictureError> {
         let (header, last) = (self.header, self.states.len().saturating_sub(1));
         let (explanation, event) = (Some(self.explanation), self.event.as_ref());
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
-        Ok(FrameRenderer::new(model, size, quality, (&CAMERAS[..1], None), Some(captions))?)
+        Ok(FrameRenderer::new(model, size, Drawing::Rays, (&CAMERAS[..1], None), Some(captions))?)
     }
 
     /// Renders samples in a view that shows all states of `view`.
@@ -285,7 +279,7 @@ impl<'a> Shown<'a> {
         (samples, view): (&[usize], &[&[f64]]),
         must_end: MustEnd<'_>,
     ) -> Result<Vec<Frame>, PictureError> {
-        let mut renderer = self.renderer(model, size, Quality::Fine)?;
+        let mut renderer = self.renderer(model, size)?;
         renderer.fit(&view.iter().copied());
         let picture = |sample: &usize| -> Result<Frame, PictureError> {
             if must_end() {

@@ -42,7 +42,6 @@ impl Model {
 
     /// Returns the body that a camera follows: the first one of the robot with a free joint, or the
     /// last one of the longest chain of joints.
-    #[cfg(any(test, feature = "render"))]
     pub(crate) fn followed_body(&self) -> usize {
         use mujoco_rs::prelude::MjtJoint;
         let (model, roots) = (&*self.inner, self.robot_roots());

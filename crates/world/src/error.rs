@@ -44,6 +44,9 @@ pub enum WorldError {
     /// A [`WorldDevice`](crate::WorldDevice) cannot make or step a batch.
     #[error("{0}")]
     Device(String),
+    /// Pixels are not a picture.
+    #[error("cannot encode a picture: {0}")]
+    Picture(String),
     /// OpenGL is not available.
     #[error(
         "cannot render without a display: {0} (rendering needs EGL and OpenGL; on Debian and Ubuntu: apt install libegl1 \

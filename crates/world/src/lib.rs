@@ -63,8 +63,8 @@ pub use part_forces::{Part, PartForces, PartMap};
 pub use pending::{PendingRows, split_rows};
 pub use probe::{FORCES, Probe, ProbeRecorder, ProbedJoint, Readings};
 pub use render::{
-    CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer, Size,
-    TimeBar, animated_png, png,
+    Arrow, CAMERAS, Caption, CaptionLayout, CaptionPart, Color, Picture, PictureModel, Quality, Renderer,
+    Size, Stage, TimeBar, Viewpoint, animated_png, png,
 };
 pub use rows::Rows;
 pub use servo::Servo;

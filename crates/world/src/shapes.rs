@@ -8,7 +8,10 @@ use crate::{Body, ElementKind, Model, World};
 /// Group of collision shapes, which are drawn only if bodies have no other ones.
 pub(crate) const COLLISION_GEOMS: usize = 3;
 
-/// The color of a geom that states none.
+/// Which groups of sites pictures show.
+const SITE_GROUPS: [bool; 6] = [true, true, true, false, false, false];
+
+/// The color of a geom or site that states none.
 const UNSET: [f32; 4] = [0.5, 0.5, 0.5, 1.0];
 
 /// The kind of a geom.
@@ -32,7 +35,22 @@ pub enum GeomKind {
     Other,
 }
 
-/// A geom as it is drawn.
+impl GeomKind {
+    fn of(kind: MjtGeomBase, mesh: i32) -> GeomKind {
+        match kind {
+            MjtGeomBase::mjGEOM_PLANE => GeomKind::Plane,
+            MjtGeomBase::mjGEOM_SPHERE => GeomKind::Sphere,
+            MjtGeomBase::mjGEOM_CAPSULE => GeomKind::Capsule,
+            MjtGeomBase::mjGEOM_ELLIPSOID => GeomKind::Ellipsoid,
+            MjtGeomBase::mjGEOM_CYLINDER => GeomKind::Cylinder,
+            MjtGeomBase::mjGEOM_BOX => GeomKind::Box,
+            MjtGeomBase::mjGEOM_MESH => GeomKind::Mesh(mesh as usize),
+            _ => GeomKind::Other,
+        }
+    }
+}
+
+/// A geom or a site as it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geom {
     /// Its body.
@@ -96,39 +114,60 @@ impl Model {
     /// Returns the geoms, in the order of their indices.
     pub fn geoms(&self) -> Vec<Geom> {
         let (model, groups) = (&*self.inner, self.drawn_groups());
-        let geom = |index: usize| {
-            let kind = match model.geom_type()[index] {
-                MjtGeomBase::mjGEOM_PLANE => GeomKind::Plane,
-                MjtGeomBase::mjGEOM_SPHERE => GeomKind::Sphere,
-                MjtGeomBase::mjGEOM_CAPSULE => GeomKind::Capsule,
-                MjtGeomBase::mjGEOM_ELLIPSOID => GeomKind::Ellipsoid,
-                MjtGeomBase::mjGEOM_CYLINDER => GeomKind::Cylinder,
-                MjtGeomBase::mjGEOM_BOX => GeomKind::Box,
-                MjtGeomBase::mjGEOM_MESH => GeomKind::Mesh(model.geom_dataid()[index] as usize),
-                _ => GeomKind::Other,
-            };
-            let material = usize::try_from(model.geom_matid()[index]).ok();
-            let own = model.geom_rgba()[index];
-            let color = match material {
-                // As in MuJoCo, the color of the geom wins if it states one.
-                Some(material) if own == UNSET => model.mat_rgba()[material],
-                _ => own,
-            };
-            let group = usize::try_from(model.geom_group()[index]).unwrap_or_default();
-            Geom {
-                body: Body(model.geom_bodyid()[index] as usize),
-                kind,
-                size: model.geom_size()[index],
-                position: model.geom_pos()[index],
-                quaternion: model.geom_quat()[index],
-                is_drawn: groups.get(group).is_some_and(|drawn| *drawn) && color[3] > 0.0,
-                color,
-                specular: material.map_or(0.5, |material| model.mat_specular()[material]),
-                shininess: material.map_or(0.5, |material| model.mat_shininess()[material]),
-                emission: material.map_or(0.0, |material| model.mat_emission()[material]),
-            }
+        let geom = |index: usize| Geom {
+            body: Body(model.geom_bodyid()[index] as usize),
+            kind: GeomKind::of(model.geom_type()[index], model.geom_dataid()[index]),
+            size: model.geom_size()[index],
+            position: model.geom_pos()[index],
+            quaternion: model.geom_quat()[index],
+            ..self.looks(
+                (model.geom_group()[index], &groups),
+                (model.geom_rgba()[index], model.geom_matid()[index]),
+            )
         };
         (0..self.count(ElementKind::Geom)).map(geom).collect()
+    }
+
+    /// Returns the sites, in the order of their indices.
+    pub fn sites(&self) -> Vec<Geom> {
+        let model = &*self.inner;
+        let site = |index: usize| Geom {
+            body: Body(model.site_bodyid()[index] as usize),
+            kind: GeomKind::of(model.site_type()[index], 0),
+            size: model.site_size()[index],
+            position: model.site_pos()[index],
+            quaternion: model.site_quat()[index],
+            ..self.looks(
+                (model.site_group()[index], &SITE_GROUPS),
+                (model.site_rgba()[index], model.site_matid()[index]),
+            )
+        };
+        (0..self.count(ElementKind::Site)).map(site).collect()
+    }
+
+    /// Returns a point with the looks of an element of a group, with its own color and its
+    /// material.
+    fn looks(&self, (group, drawn): (i32, &[bool; 6]), (own, material): ([f32; 4], i32)) -> Geom {
+        let model = &*self.inner;
+        let material = usize::try_from(material).ok();
+        let color = match material {
+            // As in MuJoCo, the color of the element wins if it states one.
+            Some(material) if own == UNSET => model.mat_rgba()[material],
+            _ => own,
+        };
+        let is_shown = drawn.get(usize::try_from(group).unwrap_or_default()).is_some_and(|drawn| *drawn);
+        Geom {
+            body: Body(0),
+            kind: GeomKind::Sphere,
+            size: [0.0; 3],
+            position: [0.0; 3],
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            is_drawn: is_shown && color[3] > 0.0,
+            color,
+            specular: material.map_or(0.5, |material| model.mat_specular()[material]),
+            shininess: material.map_or(0.5, |material| model.mat_shininess()[material]),
+            emission: material.map_or(0.0, |material| model.mat_emission()[material]),
+        }
     }
 
     /// Returns vertices (m, in the frame of its geoms) and triangles of a mesh.

@@ -35,9 +35,9 @@ const README: &str = "# Mishandle
     bin/mishandle falsify ball-balancing --controller ppo --space delay --trials 2
 
 The program finds MuJoCo's library in lib/mishandle. Move both together, or copy the folders bin, lib and share into
-a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. Pictures need EGL
-(Debian: libegl1), films ffmpeg. share/doc/mishandle has the licenses, and in reference the keys of JSON documents with
-their schemas, and the training settings.
+a prefix such as /usr/local. The program needs glibc GLIBC or later and, on x86-64, AVX2 and FMA. The command render
+needs EGL (Debian: libegl1), and ffmpeg for films. share/doc/mishandle has the licenses, and in reference the keys of
+JSON documents with their schemas, and the training settings.
 ";
 
 /// Packs the archive of the release build, and writes the recipe beside it.

@@ -2,8 +2,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::{Args, ValueEnum};
+use mishandle::MishandleError;
 use mishandle::inspect::{Event, Explanation};
-use mishandle::picture::{CameraSettings, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory};
+use mishandle::picture::{
+    CameraSettings, Drawing, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory,
+};
 use mishandle::world::{CAMERAS, Picture, Quality, Size, WorldError, png};
 use mishandle_text::{instant, plural};
 
@@ -125,8 +128,8 @@ impl Arguments {
         Ok(if settings.names.is_empty() { None } else { trajectory.seen_by(&settings)? })
     }
 
-    fn quality(&self) -> Quality {
-        if self.fast { Quality::Fast } else { Quality::Fine }
+    fn drawing(&self) -> Drawing {
+        Drawing::OpenGl(if self.fast { Quality::Fast } else { Quality::Fine })
     }
 }
 
@@ -205,7 +208,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             check_fits(command, &names, size)?;
             let seen = command.seen_states(names, &trajectory)?;
             let cameras = command.cameras();
-            let renderer = FrameRenderer::new(&model, size, command.quality(), (&cameras, seen), None);
+            let renderer = FrameRenderer::new(&model, size, command.drawing(), (&cameras, seen), None);
             (renderer.map_err(|error| with_cameras(error, known))?, trajectory, None)
         }
         (None, None) => bail!("nothing to render: give a TARGET or --run RUN"),
@@ -239,11 +242,11 @@ fn check_fits(command: &Arguments, names: &[String], size: Size) -> Result<()> {
 }
 
 /// Returns an error that names the cameras of the target, too, if there is no such camera.
-fn with_cameras(error: WorldError, target: Vec<String>) -> WorldError {
+fn with_cameras(error: MishandleError, target: Vec<String>) -> MishandleError {
     match error {
-        WorldError::Element { kind: kind @ "camera", name, mut known } => {
+        MishandleError::World(WorldError::Element { kind: kind @ "camera", name, mut known }) => {
             known.extend(target);
-            WorldError::Element { kind, name, known }
+            WorldError::Element { kind, name, known }.into()
         }
         other => other,
     }
@@ -288,7 +291,7 @@ fn recorded(
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let (quality, cameras) = (command.quality(), command.cameras());
+    let (drawing, cameras) = (command.drawing(), command.cameras());
     let model = mishandle::resolve::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
     let known = mishandle::resolve::camera_names(&mishandle::resolve::recorded_target(run.header())?)?;
@@ -297,7 +300,7 @@ fn recorded(
     let of_scene: Vec<&str> =
         cameras.iter().copied().filter(|name| !names.iter().any(|seen| seen == name)).collect();
     drop(
-        FrameRenderer::new(&model, size, quality, (&of_scene, None), None)
+        FrameRenderer::new(&model, size, drawing, (&of_scene, None), None)
             .map_err(|error| with_cameras(error, known))?,
     );
     let (replayed, trajectory) =
@@ -347,7 +350,7 @@ fn recorded(
     let captions =
         FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
     let seen = command.seen_states(names, &trajectory)?;
-    let renderer = FrameRenderer::new(&model, size, quality, (&cameras, seen), Some(captions))?;
+    let renderer = FrameRenderer::new(&model, size, drawing, (&cameras, seen), Some(captions))?;
     if !renderer.has_captions() {
         output::message("frames of this size are too small for captions; try --size 320x240");
     }

@@ -1,4 +1,4 @@
-//! Animated PNG: films that every browser shows, without scripts and without a video codec.
+//! PNG, and animated PNG: films that every browser shows, without scripts and without a video codec.
 
 use png::{BitDepth, BlendOp, ColorType, Compression, DisposeOp, Encoder, EncodingError};
 
@@ -8,6 +8,21 @@ use crate::WorldError;
 
 /// Index of the transparent color.
 const TRANSPARENT: u8 = u8::MAX;
+
+/// Encodes an image as PNG. It has three bytes per pixel and rows from the top.
+///
+/// # Errors
+/// If the number of bytes does not match the size.
+pub fn png(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
+    let mut file = Vec::new();
+    let mut encoder = Encoder::new(&mut file, width, height);
+    encoder.set_color(ColorType::Rgb);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(Compression::High);
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(pixels));
+    written.map_err(|error| WorldError::Picture(error.to_string()))?;
+    Ok(file)
+}
 
 /// Encodes pictures of the same size as an animated PNG, which repeats. Each picture is shown for a
 /// number of milliseconds.
@@ -22,9 +37,9 @@ pub fn animated_png(frames: &[(Picture, u16)]) -> Result<Vec<u8>, WorldError> {
         pair[0].0.width() == pair[1].0.width() && pair[0].0.height() == pair[1].0.height()
     };
     if frames.is_empty() || !frames.windows(2).all(is_same_size) {
-        return Err(WorldError::Render("a film needs pictures of one size".to_string()));
+        return Err(WorldError::Picture("a film needs pictures of one size".to_string()));
     }
-    encode(frames).map_err(|error| WorldError::Render(error.to_string()))
+    encode(frames).map_err(|error| WorldError::Picture(error.to_string()))
 }
 
 fn encode(frames: &[(Picture, u16)]) -> Result<Vec<u8>, EncodingError> {

@@ -1,5 +1,7 @@
 //! Captions: lines of text and a time bar, drawn below a scene.
 
+use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
+
 use super::picture::{Color, Picture};
 
 /// A caption of a frame.
@@ -173,49 +175,29 @@ fn elided(text: &str, columns: usize) -> String {
     characters[..start].iter().chain(&['.', '.']).chain(&characters[characters.len() - end..]).collect()
 }
 
-#[cfg(feature = "render")]
-use glyphs::{glyph, glyph_width};
-
-#[cfg(feature = "render")]
-mod glyphs {
-    use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
-
-    fn raster_height(type_height: usize) -> Option<RasterHeight> {
-        match type_height {
-            16 => Some(RasterHeight::Size16),
-            20 => Some(RasterHeight::Size20),
-            24 => Some(RasterHeight::Size24),
-            32 => Some(RasterHeight::Size32),
-            _ => None,
-        }
-    }
-
-    /// Returns the width in pixels of all characters of this height; `None` if there is no such
-    /// type.
-    pub fn glyph_width(type_height: usize) -> Option<usize> {
-        Some(get_raster_width(FontWeight::Regular, raster_height(type_height)?))
-    }
-
-    /// Returns the weights of a character's pixels, rows from the top.
-    pub fn glyph(character: char, type_height: usize, is_bold: bool) -> Option<&'static [u8]> {
-        let weight = if is_bold { FontWeight::Bold } else { FontWeight::Regular };
-        let raster = |character| get_raster(character, weight, raster_height(type_height)?);
-        raster(character).or_else(|| raster('?')).map(|raster| raster.pixels())
+fn raster_height(type_height: usize) -> Option<RasterHeight> {
+    match type_height {
+        16 => Some(RasterHeight::Size16),
+        20 => Some(RasterHeight::Size20),
+        24 => Some(RasterHeight::Size24),
+        32 => Some(RasterHeight::Size32),
+        _ => None,
     }
 }
 
-/// There is no type in builds without the feature `render`, which draw nothing.
-#[cfg(not(feature = "render"))]
-fn glyph_width(_type_height: usize) -> Option<usize> {
-    None
+/// Returns the width in pixels of all characters of this height; `None` if there is no such type.
+fn glyph_width(type_height: usize) -> Option<usize> {
+    Some(get_raster_width(FontWeight::Regular, raster_height(type_height)?))
 }
 
-#[cfg(not(feature = "render"))]
-fn glyph(_character: char, _type_height: usize, _is_bold: bool) -> Option<&'static [u8]> {
-    None
+/// Returns the weights of a character's pixels, rows from the top.
+fn glyph(character: char, type_height: usize, is_bold: bool) -> Option<&'static [u8]> {
+    let weight = if is_bold { FontWeight::Bold } else { FontWeight::Regular };
+    let raster = |character| get_raster(character, weight, raster_height(type_height)?);
+    raster(character).or_else(|| raster('?')).map(|raster| raster.pixels())
 }
 
-#[cfg(all(test, feature = "render"))]
+#[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;

@@ -1,6 +1,6 @@
-//! Replacement for the renderer in builds without the feature `render`.
+//! Replacement for MuJoCo's renderer in builds without the feature `render`.
 
-use super::{Picture, PictureModel, Quality, Size};
+use super::{PictureModel, Quality, Size, Stage};
 use crate::WorldError;
 
 /// Renders states of one scene. Never exists in this build.
@@ -22,17 +22,7 @@ impl Renderer {
     }
 
     /// Never called, since there is no renderer.
-    pub fn mark_contacts(&mut self) {
-        match *self {}
-    }
-
-    /// Never called, since there is no renderer.
-    pub fn largest_contact(&self) -> f64 {
-        match *self {}
-    }
-
-    /// Never called, since there is no renderer.
-    pub fn frame<'a>(&mut self, _states: impl IntoIterator<Item = &'a [f64]>) {
+    pub fn stage(&mut self) -> &mut Stage {
         match *self {}
     }
 
@@ -43,20 +33,4 @@ impl Renderer {
     pub fn draw(&mut self, _state: &[f64]) -> Result<&[u8], WorldError> {
         match *self {}
     }
-}
-
-/// Returns an error.
-///
-/// # Errors
-/// Always: this build cannot render.
-pub fn png(_width: u32, _height: u32, _pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
-    Err(WorldError::NoRenderer)
-}
-
-/// Returns an error.
-///
-/// # Errors
-/// Always: this build cannot render.
-pub fn animated_png(_frames: &[(Picture, u16)]) -> Result<Vec<u8>, WorldError> {
-    Err(WorldError::NoRenderer)
 }

@@ -1,64 +1,32 @@
+//! MuJoCo's renderer.
+
 use std::fmt;
 
 use mujoco_rs::prelude::*;
 use mujoco_rs::renderer::MjRenderer;
-use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption};
+use mujoco_rs::wrappers::mj_visualization::{MjvCamera, MjvOption, MjvScene};
 
-use super::contact_marks;
-use super::light;
-use super::picture::shrink;
-use super::view::{self, Surroundings, View};
-use super::{CAMERAS, PictureModel, Quality, Size};
-use crate::frame::{add, norm, sub};
-use crate::{ElementKind, Model, World, WorldError};
+use super::contacts::{ARROWS, Arrow};
+use super::stage::Placement;
+use super::view::Surroundings;
+use super::{PictureModel, Quality, Size, Stage, light};
+use crate::frame::{add, sub};
+use crate::{Model, WorldError};
 
-/// The name of a scene's own camera.
-const CAMERA: &str = "view";
-
-/// The camera that follows a body.
-const FOLLOWING: &str = "close";
-
-/// Group of the robot's sites, which are not rendered.
-const HIDDEN_SITES: usize = 4;
-
-/// Renders states of one scene.
-///
-/// If the scene has a camera named `view`, that camera is used. Otherwise the camera is placed
-/// automatically, so that the whole scene is in the image and few bodies are occluded.
+/// Renders states of one scene with OpenGL.
 pub struct Renderer {
-    world: World,
+    stage: Stage,
     inner: MjRenderer,
     /// Width of the rendered image, and number of its pixels per pixel of the picture, in each
     /// direction.
     width: usize,
     factor: usize,
     pixels: Vec<u8>,
-    placement: Placement,
-    surroundings: Surroundings,
-    /// The camera moves along if the robot moves far: where the robot is in the first state.
-    along: Option<[f64; 3]>,
-    view: Option<View>,
-    marks_contacts: bool,
-    /// Largest force at a contact point of the picture, N.
-    largest_contact: f64,
-}
-
-/// How the camera is placed.
-#[derive(Clone, Copy, Debug)]
-enum Placement {
-    /// A camera of the scene.
-    Scene,
-    /// From the corner from which enough bodies are visible.
-    Auto,
-    /// From this direction: azimuth and elevation, degrees.
-    Direction([f64; 2]),
-    /// Around this body, in each state, from this distance, m.
-    Follow { body: usize, distance: f64 },
 }
 
 impl fmt::Debug for Renderer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Renderer").field("world", &self.world).finish_non_exhaustive()
+        f.debug_struct("Renderer").field("stage", &self.stage).finish_non_exhaustive()
     }
 }
 
@@ -79,99 +47,31 @@ impl Renderer {
         let is_large = size.width().max(size.height()) > *Size::RANGE.end() / 2;
         let factor = if quality == Quality::Fine && !is_large { 2 } else { 1 };
         let [width, height] = [factor * size.width(), factor * size.height()];
-        let PictureModel { document, assets, follows, is_untrusted } = picture;
-        let bare = match is_untrusted {
-            true => Model::from_untrusted(document, assets.clone()),
-            false => Model::from_xml_with_assets(document, assets.clone()),
-        }?;
-        let surroundings = Surroundings::new(&bare);
-        let lit = light::with_lights(&bare, [width, height], quality, &surroundings);
-        let model = light::without_others(Model::from_xml_with_assets(&lit, assets.clone())?, &bare, quality);
-        let (placement, camera) = place(&model, camera, follows.as_deref())?;
-        let mut options = MjvOption { geomgroup: bare.drawn_groups().map(u8::from), ..MjvOption::default() };
-        options.sitegroup[HIDDEN_SITES] = 0;
+        let bare = picture.compile()?;
+        let lit = light::with_lights(&bare, [width, height], quality, &Surroundings::new(&bare));
+        let lit = Model::from_xml_with_assets(&lit, picture.assets.clone())?;
+        let model = light::without_others(lit, &bare, quality);
+        let stage = Stage::new(&model, picture, size, camera)?;
+        let camera = match stage.placement {
+            Placement::Scene(id) => MjvCamera::new_fixed(id),
+            _ => MjvCamera::new_free(&model.inner),
+        };
+        let options = MjvOption { geomgroup: bare.drawn_groups().map(u8::from), ..MjvOption::default() };
         let inner = MjRenderer::builder()
             .width(width)
             .height(height)
             .camera(camera)
-            .num_visual_user_geom(contact_marks::ARROWS)
+            .num_visual_user_geom(ARROWS)
             .opts(options)
             .build(&model.inner)
             .map_err(|error| WorldError::Render(error_chain(&error)))?;
-        Ok(Renderer {
-            world: model.world(),
-            inner,
-            width: width as usize,
-            factor: factor as usize,
-            pixels: Vec::new(),
-            placement,
-            surroundings,
-            along: None,
-            view: None,
-            marks_contacts: false,
-            largest_contact: 0.0,
-        })
+        Ok(Renderer { stage, inner, width: width as usize, factor: factor as usize, pixels: Vec::new() })
     }
 
-    /// Draws an arrow at each contact point in the following pictures. Its length is proportional
-    /// to the force, 0.1 m for 100 N, from 0.04 to 0.5 m.
-    pub fn mark_contacts(&mut self) {
-        self.marks_contacts = true;
-    }
-
-    /// Returns the largest force at a contact point of the last picture, N; 0 without marks.
-    pub fn largest_contact(&self) -> f64 {
-        self.largest_contact
-    }
-
-    /// Places the camera so that everything near the robot is in the image in all of these states.
-    /// If the robot moves farther than it reaches, the camera moves along. A scene's own camera and
-    /// the one that follows a body are unchanged.
-    ///
-    /// # Panics
-    /// If a state is shorter than [`Model::state_size`].
-    pub fn frame<'a>(&mut self, states: impl IntoIterator<Item = &'a [f64]>) {
-        if matches!(self.placement, Placement::Scene | Placement::Follow { .. }) {
-            return;
-        }
-        let (mut points, mut first, mut places) = (Vec::new(), None, Vec::new());
-        for state in states {
-            first = first.or(Some(state));
-            self.world.set_state(state);
-            self.world.data.forward();
-            let mut near = Vec::new();
-            self.surroundings.corners(&self.world, &mut near);
-            points.push(near);
-            places.push(self.surroundings.place(&self.world));
-        }
-        let start = places.first().copied().unwrap_or_default();
-        let is_far = places.iter().any(|place| norm(sub(*place, start)) > self.surroundings.radius());
-        self.along = is_far.then_some(start);
-        let moved = |place: [f64; 3]| if is_far { sub(place, start) } else { [0.0; 3] };
-        let points = points.into_iter().zip(places);
-        let corners: Vec<[f64; 3]> = points
-            .flat_map(|(near, place)| near.into_iter().map(move |point| sub(point, moved(place))))
-            .collect();
-        if let Some(first) = first {
-            self.world.set_state(first);
-            self.world.data.forward();
-        }
-        let global = &self.world.model().inner.vis().global;
-        let aspect = f64::from(global.offwidth) / f64::from(global.offheight);
-        let fovy = f64::from(global.fovy).to_radians();
-        let groups = self.inner.opts().geomgroup;
-        let view = match self.placement {
-            Placement::Direction(direction_deg) => view::fit(&corners, direction_deg, fovy, aspect),
-            _ => view::best(&mut self.world, &corners, &groups, fovy, aspect),
-        };
-        self.view = Some(view);
-        self.set_view(&view);
-    }
-
-    fn set_view(&mut self, view: &View) {
-        let camera = self.inner.camera_mut();
-        [camera.azimuth, camera.elevation] = view.direction_deg;
-        (camera.lookat, camera.distance) = (view.center, view.distance);
+    /// Returns the stage, to place the camera and to mark contacts. Its state is the one of the last
+    /// picture.
+    pub fn stage(&mut self) -> &mut Stage {
+        &mut self.stage
     }
 
     /// Renders a state: three bytes per pixel (red, green, blue), rows from the top.
@@ -182,25 +82,18 @@ impl Renderer {
     /// # Panics
     /// If the state is shorter than [`Model::state_size`].
     pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
-        self.world.set_state(state);
-        self.world.data.forward();
-        let place = self.surroundings.place(&self.world);
-        if let Placement::Follow { body, distance } = self.placement {
-            let (direction_deg, center) = (view::CLOSE_DEG, self.world.data.xpos()[body]);
-            self.set_view(&View { direction_deg, center, distance });
-        } else if let (Some(start), Some(view)) = (self.along, self.view) {
-            self.set_view(&View { center: add(view.center, sub(place, start)), ..view });
-        }
-        for light in self.world.data.light_xpos_mut() {
+        self.stage.show(state);
+        // A camera of the scene has a place of its own.
+        let (view, camera) = (self.stage.view, self.inner.camera_mut());
+        [camera.azimuth, camera.elevation] = view.direction_deg;
+        (camera.lookat, camera.distance) = (view.center, view.distance);
+        let place = self.stage.place();
+        let data = &mut self.stage.world.data;
+        for light in data.light_xpos_mut() {
             *light = add(*light, place);
         }
-        if self.marks_contacts {
-            let forces = contact_marks::contact_forces(&self.world);
-            self.largest_contact = forces.first().map_or(0.0, |largest| norm(largest.force));
-            let (eye, ..) = self.inner.camera().frame(&self.world.data);
-            contact_marks::draw(&forces, eye, self.inner.user_scene_mut());
-        }
-        let rendered = self.inner.sync_data(&mut self.world.data).and_then(|()| self.inner.render());
+        mark(&self.stage.arrows(), self.inner.user_scene_mut());
+        let rendered = self.inner.sync_data(&mut self.stage.world.data).and_then(|()| self.inner.render());
         rendered.map_err(|error| WorldError::Render(error_chain(&error)))?;
         let rendered = self.inner.rgb_flat().unwrap_or_default();
         if self.factor == 1 {
@@ -211,26 +104,21 @@ impl Renderer {
     }
 }
 
-/// Finds a camera by its name.
-fn place(model: &Model, name: &str, follows: Option<&str>) -> Result<(Placement, MjvCamera), WorldError> {
-    let scene = |name: &str| model.inner.name_to_id(MjtObjBase::mjOBJ_CAMERA, name);
-    let free = |placement| Ok((placement, MjvCamera::new_free(&model.inner)));
-    if let Some((_, direction_deg)) = view::DIRECTIONS.iter().find(|(known, _)| *known == name) {
-        return free(Placement::Direction(*direction_deg));
-    }
-    let own = if name == CAMERAS[0] { CAMERA } else { name };
-    match (scene(own), name) {
-        (_, FOLLOWING) => {
-            let body = follows.map(|name| model.body(name)).transpose()?;
-            let body = body.map_or_else(|| model.followed_body(), |body| body.0);
-            free(Placement::Follow { body, distance: view::close_distance(model, body) })
-        }
-        (Some(id), _) => Ok((Placement::Scene, MjvCamera::new_fixed(id))),
-        (None, name) if name == CAMERAS[0] => free(Placement::Auto),
-        (None, name) => {
-            let own = model.names(ElementKind::Camera);
-            let known = CAMERAS.into_iter().map(str::to_string).chain(own).collect();
-            Err(WorldError::Element { kind: "camera", name: name.to_string(), known })
+/// Replaces the arrows of a scene.
+fn mark(arrows: &[Arrow], scene: &mut MjvScene) {
+    scene.clear_geom();
+    let [red, green, blue] = Arrow::COLOR;
+    for Arrow { from, to } in arrows {
+        // SAFETY: the arrow refers to no element of the model: it has no texture and no mesh.
+        #[allow(unsafe_code)]
+        let arrow = unsafe {
+            scene.try_create_geom(MjtGeom::mjGEOM_ARROW, None, None, None, Some([red, green, blue, 1.0]))
+        };
+        if let Ok(arrow) = arrow {
+            // Shadows of the scene do not darken it.
+            arrow.emission = 1.0;
+            // MuJoCo draws half of the way.
+            arrow.connect(Arrow::RADIUS, *from, add(*to, sub(*to, *from)));
         }
     }
 }
@@ -243,17 +131,33 @@ fn error_chain(error: &dyn std::error::Error) -> String {
         .join(": ")
 }
 
-/// Encodes an image as PNG. It has three bytes per pixel and rows from the top.
-///
-/// # Errors
-/// If the number of bytes does not match the size.
-pub fn png(width: u32, height: u32, pixels: &[u8]) -> Result<Vec<u8>, WorldError> {
-    let mut file = Vec::new();
-    let mut encoder = png::Encoder::new(&mut file, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
-    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(pixels));
-    written.map_err(|error| WorldError::Render(error.to_string()))?;
-    Ok(file)
+/// Averages squares of `factor` x `factor` pixels.
+fn shrink(pixels: &[u8], width: usize, factor: usize, out: &mut Vec<u8>) {
+    out.clear();
+    let samples = factor * factor;
+    for rows in pixels.chunks(3 * width * factor) {
+        for column in 0..width / factor {
+            for channel in 0..3 {
+                let at = |i: usize| rows[3 * (i / factor * width + column * factor + i % factor) + channel];
+                let sum: usize = (0..samples).map(|i| usize::from(at(i))).sum();
+                out.push(((sum + samples / 2) / samples) as u8);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_of_pixels_becomes_their_mean() {
+        // 4 x 2 pixels; the red values of the left square are 0, 10, 20, 31, those of the right one
+        // all 7.
+        let red = [0, 10, 7, 7, 20, 31, 7, 7];
+        let pixels: Vec<u8> = red.iter().flat_map(|red| [*red, 1, 2]).collect();
+        let mut out = Vec::new();
+        shrink(&pixels, 4, 2, &mut out);
+        assert_eq!(out, [15, 1, 2, 7, 1, 2]);
+    }
 }

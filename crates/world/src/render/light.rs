@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use mujoco_rs::wrappers::mj_model::MjtGeomBase;
-
 use super::Quality;
+use super::stage::{self, FOVY_DEG};
 use super::view::Surroundings;
 use crate::{Model, with_elements};
 
@@ -61,20 +60,17 @@ pub(super) fn with_lights(
     // size of their map, pixels.
     let (shadow_radius, scale) = (3.2 * size, if quality == Quality::Fine { 2 } else { 3 });
     let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
-    let ground = match bare.inner.geom_type().contains(&MjtGeomBase::mjGEOM_PLANE) {
-        true => String::new(),
-        false => {
-            let [x, y, _] = surroundings.start();
-            let side = if surroundings.is_mobile() { 0.0 } else { 2.0 * size };
-            format!(
-                r#"<geom type="plane" pos="{x} {y} 0" size="{side} {side} 0.1" contype="0" conaffinity="0" rgba="0.86 0.87 0.88 1"/>"#
-            )
-        }
-    };
+    let ground = stage::ground(bare, surroundings).map_or_else(String::new, |ground| {
+        let ([x, y, z], [across, along, step], [red, green, blue, _]) =
+            (ground.position, ground.size, ground.color);
+        format!(
+            r#"<geom type="plane" pos="{x} {y} {z}" size="{across} {along} {step}" contype="0" conaffinity="0" rgba="{red} {green} {blue} 1"/>"#
+        )
+    });
     let additions = format!(
         r#"
 <visual>
-  <global offwidth="{width}" offheight="{height}" fovy="32"/>
+  <global offwidth="{width}" offheight="{height}" fovy="{FOVY_DEG}"/>
   <headlight ambient="0.42 0.42 0.42" diffuse="0.28 0.28 0.28" specular="0.05 0.05 0.05"/>
   <quality shadowsize="{shadow_size}" offsamples="4"/>
   <map znear="0.05" zfar="{}" shadowclip="{shadow_radius}"/>

@@ -1,38 +1,37 @@
-//! Off-screen rendering of a scene by MuJoCo's renderer, without a display.
+//! Pictures of a scene: cameras for people, marks of contacts, captions, image files, and
+//! MuJoCo's renderer, without a display.
 //!
-//! The module `enabled` is used with the feature `render`. Without it, the functions of `disabled`
-//! return an error with the command to build with the feature.
+//! The renderer in the module `enabled` is used with the feature `render`. Without it, the one of
+//! `disabled` is an error with the command to build with the feature.
 
 use std::sync::Arc;
 
-use crate::Assets;
+use crate::{Assets, Model, WorldError};
 
-#[cfg(feature = "render")]
 mod animation;
 mod caption;
-#[cfg(feature = "render")]
-mod contact_marks;
+mod contacts;
 #[cfg(feature = "render")]
 mod enabled;
 #[cfg(feature = "render")]
 mod light;
-#[cfg(feature = "render")]
 mod palette;
 mod picture;
-#[cfg(feature = "render")]
+mod stage;
 mod view;
 #[cfg(feature = "render")]
-pub use animation::animated_png;
-#[cfg(feature = "render")]
-pub use enabled::{Renderer, png};
+pub use enabled::Renderer;
 
+pub use animation::{animated_png, png};
 pub use caption::{Caption, CaptionLayout, CaptionPart, TimeBar};
+pub use contacts::Arrow;
 pub use picture::{Color, Picture};
+pub use stage::{Stage, Viewpoint};
 
 #[cfg(not(feature = "render"))]
 mod disabled;
 #[cfg(not(feature = "render"))]
-pub use disabled::{Renderer, animated_png, png};
+pub use disabled::Renderer;
 
 /// The scene of pictures, with all its visual elements.
 #[derive(Clone, Debug)]
@@ -57,6 +56,17 @@ impl PictureModel {
     /// Makes the model of a document of others and the files that it refers to.
     pub fn from_untrusted(document: impl Into<String>, assets: Arc<Assets>) -> PictureModel {
         PictureModel { assets, is_untrusted: true, ..PictureModel::new(document) }
+    }
+
+    /// Compiles the model.
+    ///
+    /// # Errors
+    /// If MuJoCo rejects the document.
+    pub fn compile(&self) -> Result<Model, WorldError> {
+        match self.is_untrusted {
+            true => Model::from_untrusted(&self.document, self.assets.clone()),
+            false => Model::from_xml_with_assets(&self.document, self.assets.clone()),
+        }
     }
 }
 

@@ -99,36 +99,9 @@ impl Picture {
     }
 }
 
-#[cfg(any(test, feature = "render"))]
-/// Averages squares of `factor` x `factor` pixels.
-pub(super) fn shrink(pixels: &[u8], width: usize, factor: usize, out: &mut Vec<u8>) {
-    out.clear();
-    let samples = factor * factor;
-    for rows in pixels.chunks(3 * width * factor) {
-        for column in 0..width / factor {
-            for channel in 0..3 {
-                let at = |i: usize| rows[3 * (i / factor * width + column * factor + i % factor) + channel];
-                let sum: usize = (0..samples).map(|i| usize::from(at(i))).sum();
-                out.push(((sum + samples / 2) / samples) as u8);
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_square_of_pixels_becomes_their_mean() {
-        // 4 x 2 pixels; the red values of the left square are 0, 10, 20, 31, those of the right one
-        // all 7.
-        let red = [0, 10, 7, 7, 20, 31, 7, 7];
-        let pixels: Vec<u8> = red.iter().flat_map(|red| [*red, 1, 2]).collect();
-        let mut out = Vec::new();
-        shrink(&pixels, 4, 2, &mut out);
-        assert_eq!(out, [15, 1, 2, 7, 1, 2]);
-    }
 
     #[test]
     fn enlarged_pixels_are_squares() {

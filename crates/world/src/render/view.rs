@@ -2,7 +2,7 @@
 
 use mujoco_rs::wrappers::mj_model::MjtGeomBase;
 
-use crate::frame::{add, dot, norm, scale, sub};
+use crate::frame::{add, cross, dot, norm, scale, sub};
 use crate::{Body, Model, World};
 
 /// The camera directions: at the robot from its front right, slightly from above, or from another
@@ -149,41 +149,57 @@ pub(super) struct View {
     pub distance: f64,
 }
 
+impl View {
+    /// The view of the origin from nearby.
+    pub(super) const STRAIGHT: View =
+        View { direction_deg: [AZIMUTHS_DEG[0], ELEVATION_DEG], center: [0.0; 3], distance: 1.0 };
+
+    /// Returns where the camera is.
+    pub(super) fn eye(&self) -> [f64; 3] {
+        sub(self.center, scale(forward(self.direction_deg), self.distance))
+    }
+
+    /// Returns the directions to the right, upwards and backwards in the image.
+    pub(super) fn axes(&self) -> [[f64; 3]; 3] {
+        let forward = forward(self.direction_deg);
+        let (sin, cos) = self.direction_deg[0].to_radians().sin_cos();
+        let right = [sin, -cos, 0.0];
+        [right, cross(right, forward), scale(forward, -1.0)]
+    }
+}
+
 /// Returns the first view of the points from which enough bodies are visible in the current state,
 /// or the view with the most visible bodies.
-pub(super) fn best(world: &mut World, points: &[[f64; 3]], groups: &[u8; 6], fovy: f64, aspect: f64) -> View {
-    let mut best = (f64::NEG_INFINITY, None);
+pub(super) fn best(world: &mut World, points: &[[f64; 3]], fovy: f64, aspect: f64) -> View {
+    let mut best = (f64::NEG_INFINITY, View::STRAIGHT);
     for azimuth_deg in AZIMUTHS_DEG {
         let view = fit(points, [azimuth_deg, ELEVATION_DEG], fovy, aspect);
-        let eye = sub(view.center, scale(forward(view.direction_deg), view.distance));
-        let visible = visible_fraction(world, eye, groups);
+        let visible = visible_fraction(world, view.eye());
         if visible > best.0 {
-            best = (visible, Some(view));
+            best = (visible, view);
         }
         if visible >= MIN_VISIBLE {
             break;
         }
     }
-    let direction_deg = [AZIMUTHS_DEG[0], ELEVATION_DEG];
-    let straight = View { direction_deg, center: [0.0; 3], distance: 1.0 };
-    best.1.unwrap_or(straight)
+    best.1
 }
 
 /// Returns the fraction of bodies with at least one shape whose center is visible from `eye`.
-fn visible_fraction(world: &mut World, eye: [f64; 3], groups: &[u8; 6]) -> f64 {
+fn visible_fraction(world: &mut World, eye: [f64; 3]) -> f64 {
     let model = world.model().clone();
-    let bodies = model.inner.geom_bodyid();
+    let (bodies, groups) = (model.inner.geom_bodyid(), model.drawn_groups());
     let (mut there, mut found) = (vec![false; model.inner.nbody() as usize], Vec::new());
     for (geom, kind) in model.inner.geom_type().iter().enumerate() {
-        let is_shown = groups.get(model.inner.geom_group()[geom] as usize).is_some_and(|shown| *shown != 0);
+        let is_shown = groups.get(model.inner.geom_group()[geom] as usize).is_some_and(|shown| *shown);
         let body = bodies[geom] as usize;
         if *kind == MjtGeomBase::mjGEOM_PLANE || body == 0 || !is_shown {
             continue;
         }
         there[body] = true;
         let direction = sub(world.data.geom_xpos()[geom], eye);
-        let (hit, _) = world.data.ray(&eye, &direction, Some(groups), true, None, None);
-        if hit.is_some_and(|hit| bodies[hit] as usize == body) && !found.contains(&body) {
+        let hit = world.ray(eye, direction);
+        if hit.is_some_and(|(hit, _)| bodies[hit] as usize == body) && !found.contains(&body) {
             found.push(body);
         }
     }
@@ -198,10 +214,8 @@ fn forward(direction_deg: [f64; 2]) -> [f64; 3] {
 
 /// Places a camera with this direction so that all points are in the image and centered.
 pub(super) fn fit(points: &[[f64; 3]], direction_deg: [f64; 2], fovy: f64, aspect: f64) -> View {
-    let forward = forward(direction_deg);
-    let (sin, cos) = direction_deg[0].to_radians().sin_cos();
-    let right = [sin, -cos, 0.0];
-    let up = crate::frame::cross(right, forward);
+    let [right, up, back] = View { direction_deg, ..View::STRAIGHT }.axes();
+    let forward = scale(back, -1.0);
     let middle = |along: &dyn Fn([f64; 3]) -> f64| {
         let values = || points.iter().map(|p| along(*p));
         let (low, high) =

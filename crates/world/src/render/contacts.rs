@@ -1,8 +1,5 @@
 //! Arrows at the contact points of a picture.
 
-use mujoco_rs::prelude::*;
-use mujoco_rs::wrappers::mj_visualization::MjvScene;
-
 use crate::World;
 use crate::frame::{add, norm, scale, sub};
 
@@ -10,33 +7,51 @@ use crate::frame::{add, norm, scale, sub};
 /// with the largest forces.
 const MOST: usize = 64;
 
-/// Number of arrows that a scene must hold.
+/// Largest number of arrows of a picture.
+#[cfg(feature = "render")]
 pub(super) const ARROWS: u32 = 2 * MOST as u32;
 
 /// Smallest force with an arrow, N.
 const LEAST_FORCE: f64 = 0.2;
 
 /// Length of an arrow per force, m/N, and its bounds, m.
-const LENGTH: f64 = 0.001;
-const LENGTHS: [f64; 2] = [0.04, 0.5];
+const LENGTH: f64 = 0.000_25;
+const LENGTHS: [f64; 2] = [0.01, 0.125];
 
 /// Place of the arrows between the camera and their points, as a fraction of the distance. So close
 /// to the camera nothing hides them, and they look as if they were at the points.
 const CLOSENESS: f64 = 0.15;
 
-/// Radius of an arrow's shaft, m, and color.
+/// Radius of the shaft of an arrow at its contact point, m.
 const RADIUS: f64 = 0.006;
-const COLOR: [f32; 4] = [0.9, 0.15, 0.05, 1.0];
 
 /// A force at a contact point, in world axes.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct ContactForce {
     pub point: [f64; 3],
     /// Force on one of the two bodies, N.
     pub force: [f64; 3],
 }
 
+/// An arrow that marks a contact, before everything else in the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrow {
+    /// Its start, m.
+    pub from: [f64; 3],
+    /// Its tip, m.
+    pub to: [f64; 3],
+}
+
+impl Arrow {
+    /// Radius of the shaft, m.
+    pub const RADIUS: f64 = CLOSENESS * RADIUS;
+
+    /// Color, which light does not change: red, green, blue.
+    pub const COLOR: [f32; 3] = [0.9, 0.15, 0.05];
+}
+
 /// Returns the forces at the contact points of the last evaluation of the dynamics, largest first.
-pub(super) fn contact_forces(world: &World) -> Vec<ContactForce> {
+pub(super) fn forces(world: &World) -> Vec<ContactForce> {
     let mut found: Vec<ContactForce> = (world.data.contact().iter().enumerate())
         .filter_map(|(index, contact)| {
             let local = world.data.try_contact_force(index).ok()?;
@@ -50,30 +65,17 @@ pub(super) fn contact_forces(world: &World) -> Vec<ContactForce> {
     found
 }
 
-/// Replaces the arrows of a scene by those of these forces, as a camera at `eye` sees them. Two
-/// arrows leave each point, because both bodies feel the force.
-pub(super) fn draw(forces: &[ContactForce], eye: [f64; 3], scene: &mut MjvScene) {
+/// Returns the arrows of these forces as a camera at `eye` sees them. Two arrows leave each point,
+/// because both bodies feel the force.
+pub(super) fn arrows(forces: &[ContactForce], eye: [f64; 3]) -> Vec<Arrow> {
     let closer = |point: [f64; 3]| add(eye, scale(sub(point, eye), CLOSENESS));
-    scene.clear_geom();
-    for ContactForce { point, force } in forces.iter().take(MOST) {
+    let is_large = |found: &&ContactForce| norm(found.force) >= LEAST_FORCE;
+    let of_force = |ContactForce { point, force }: &ContactForce| {
         let size = norm(*force);
-        if size < LEAST_FORCE {
-            break;
-        }
-        let length = (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]);
-        let half = scale(*force, 0.5 * length / size);
-        for end in [add(*point, half), sub(*point, half)] {
-            // SAFETY: the arrow refers to no element of the model: it has no texture and no mesh.
-            #[allow(unsafe_code)]
-            let arrow =
-                unsafe { scene.try_create_geom(MjtGeom::mjGEOM_ARROW, None, None, None, Some(COLOR)) };
-            if let Ok(arrow) = arrow {
-                // Shadows of the scene do not darken it.
-                arrow.emission = 1.0;
-                arrow.connect(CLOSENESS * RADIUS, closer(*point), closer(end));
-            }
-        }
-    }
+        let way = scale(*force, (LENGTH * size).clamp(LENGTHS[0], LENGTHS[1]) / size);
+        [add(*point, way), sub(*point, way)].map(|end| Arrow { from: closer(*point), to: closer(end) })
+    };
+    forces.iter().take(MOST).take_while(is_large).flat_map(of_force).collect()
 }
 
 #[cfg(test)]
@@ -92,15 +94,18 @@ mod tests {
         let mut world = model.world();
         (0..2000).for_each(|_| world.step());
         world.data.forward();
-        let found = contact_forces(&world);
+        let found = forces(&world);
         assert_eq!(found.len(), 1);
         assert!((norm(found[0].force) - 5.0).abs() < 1e-3, "{:?}", found[0].force);
         let [x, y, z] = found[0].point;
         assert!((x - 0.2).abs() < 1e-3 && (y - 0.1).abs() < 1e-3 && z.abs() < 1e-3, "{:?}", found[0].point);
-        let mut scene = MjvScene::new(&model.inner, ARROWS as usize);
-        draw(&found, [2.0, 0.0, 1.0], &mut scene);
-        assert_eq!(scene.ffi().ngeom, 2, "an arrow to each side");
-        draw(&[], [2.0, 0.0, 1.0], &mut scene);
-        assert_eq!(scene.ffi().ngeom, 0);
+        // The larger force has the longer arrow: 0.05 m to each side for 200 N.
+        let large = ContactForce { force: [0.0, 0.0, 200.0], ..found[0] };
+        let eye = [x + 2.0, y, z];
+        let [up, down] = arrows(&[large], eye)[..] else { panic!("an arrow to each side") };
+        let expected = Arrow { from: [x + 1.7, y, z], to: [x + 1.7, y, z + 0.0075] };
+        assert!(norm(sub(up.from, expected.from)) < 1e-12 && norm(sub(up.to, expected.to)) < 1e-12);
+        assert!(norm(sub(down.to, [x + 1.7, y, z - 0.0075])) < 1e-12);
+        assert_eq!(arrows(&[ContactForce { force: [0.0, 0.1, 0.0], ..large }], eye), []);
     }
 }
