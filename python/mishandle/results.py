@@ -3579,7 +3579,7 @@ class BisectedCandidate:
     place: int
     """Place among the candidates, from 1."""
     name: str
-    """Name: that of the file, or the revision."""
+    """Name of the file."""
     controller: str
     """Path of the controller."""
     result: str
