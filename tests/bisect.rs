@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::bisect::{BisectionPlan, BisectionProgress, BisectionTest, Source, bisect, finished};
+use mishandle::bisect::{BisectionPlan, BisectionProgress, BisectionTest, bisect, finished};
 use mishandle::plan::EvaluatePlan;
 use mishandle::results::Bisection;
 
@@ -18,7 +18,7 @@ fn plan(folder: &Path) -> BisectionPlan {
     let evaluate = EvaluatePlan { episodes: 200, batch: 8, ..EvaluatePlan::default() };
     let asked = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "") };
     BisectionPlan {
-        source: Source::Folder(steps),
+        controllers: steps,
         test: BisectionTest::rate(asked, 0.9, None).unwrap(),
         all: false,
         folder: folder.join("bisect"),

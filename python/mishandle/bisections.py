@@ -40,11 +40,8 @@ class Bisection(results.Bisection):
 
 
 def bisect(
-    folder: PathLike | None = None,
+    folder: PathLike,
     *,
-    git: PathLike | None = None,
-    good: str | None = None,
-    bad: str | None = None,
     counterexamples: PathLike | None = None,
     rate: float | None = None,
     target: PathLike | None = None,
@@ -63,12 +60,8 @@ def bisect(
 
     Parameters
     ----------
-    folder : path, optional
+    folder : path
         Folder of controllers (``*.safetensors``, ``*.onnx``), ordered by name, with numbers by value.
-    git : path, optional
-        Controller file in a Git repository, instead of a folder: its revisions are the candidates.
-    good, bad : str, optional
-        First and last revision; by default the first one that has the file, and ``HEAD``.
     counterexamples : path, optional
         Counterexample or folder of them: a candidate fails if it violates one.
     rate : float, optional
@@ -97,9 +90,6 @@ def bisect(
             "target file"
         )
     given = {
-        "git": git,
-        "good": good,
-        "bad": bad,
         "counterexamples": counterexamples,
         "rate": rate,
         "target": target,
@@ -112,8 +102,7 @@ def bisect(
     }
     words = [f"--{name}={_word(value)}" for name, value in given.items() if value is not None]
     words += ["--all"] * all
-    if folder is not None:
-        words += ["--", os.fspath(folder)]
+    words += ["--", os.fspath(folder)]
     document, text = _native.bisect(words, progress)
     return read(Bisection, document, shown=text)
 

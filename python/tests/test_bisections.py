@@ -107,13 +107,10 @@ class Bisections(unittest.TestCase):
             ("cannot be used with", {**RATE, "counterexamples": "failures"}),
             ("--rate needs a target", {"rate": 0.5}),
             ("a function is neither the name of a task", {**RATE, "target": system}),
-            ("--good", {**RATE, "good": "v1"}),
         ]
         for message, arguments in cases:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 mishandle.bisect(empty, **arguments, out=self.folder / "out")
-        with self.assertRaisesRegex(mishandle.MishandleError, "a folder of controllers"):
-            mishandle.bisect(**RATE)
         self.assertFalse((self.folder / "out").exists())
 
 

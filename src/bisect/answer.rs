@@ -15,9 +15,6 @@ use crate::error::MishandleError;
 /// File of the result in the folder of a bisection.
 const RESULT: &str = "bisect.json";
 
-/// Folder of the revisions of a controller.
-pub(super) const REVISIONS: &str = "revisions";
-
 /// Tests of some or all candidates.
 pub(super) struct Tested {
     /// The tests, in the order of the candidates.
@@ -115,8 +112,8 @@ pub(super) fn open(folder: &Path) -> Result<(), MishandleError> {
     let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
     for entry in std::fs::read_dir(folder).map_err(with_path)? {
         let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
-        // Revisions are written before the first result.
-        if name != REVISIONS && !name.starts_with('.') {
+        // A temporary file of a killed process.
+        if !name.starts_with('.') {
             return Err(MishandleError::ForeignFolder {
                 what: "bisection",
                 path: folder.to_path_buf(),

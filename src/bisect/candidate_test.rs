@@ -105,7 +105,7 @@ impl<'a> CandidateTest<'a> {
     ) -> Result<Found, MishandleError> {
         let resolved = match ResolvedPlan::new(&of_candidate(asked, candidate)) {
             Ok(resolved) => resolved,
-            // A revision that cannot be loaded says nothing about its neighbors.
+            // A candidate that cannot be loaded says nothing about its neighbors.
             Err(error) => {
                 let reason = Some(error.with_causes());
                 return Ok(Some(found(candidate, Outcome::Undecided, reason)));

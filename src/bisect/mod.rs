@@ -13,7 +13,7 @@ use mishandle_results::{BisectedCandidate, Bisection};
 use mishandle_store::RunKind;
 
 pub use answer::finished;
-pub use candidates::{Candidate, Source};
+pub use candidates::Candidate;
 
 use answer::Tested;
 use candidate_test::CandidateTest;
@@ -66,13 +66,13 @@ impl BisectionTest {
 /// A question about ordered candidates.
 #[derive(Clone, Debug)]
 pub struct BisectionPlan {
-    /// Where the candidates come from.
-    pub source: Source,
+    /// Folder of the controllers, ordered by name. Numbers in names are ordered by value.
+    pub controllers: PathBuf,
     /// The test.
     pub test: BisectionTest,
     /// Whether every candidate is tested.
     pub all: bool,
-    /// Folder of finished tests, which are not made again, of revisions, and of the result.
+    /// Folder of finished tests, which are not made again, and of the result.
     pub folder: PathBuf,
     /// Command that asks this question.
     pub command: String,
@@ -101,7 +101,7 @@ pub type Watch<'w> = &'w mut dyn FnMut(BisectionProgress<'_>) -> ControlFlow<()>
 /// or the folder cannot be written.
 pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, MishandleError> {
     answer::open(&plan.folder)?;
-    let candidates = plan.source.candidates(&plan.folder.join(answer::REVISIONS))?;
+    let candidates = candidates::candidates(&plan.controllers)?;
     let test = CandidateTest::new(plan, &candidates)?;
     let n = candidates.len();
     // A folder with this file is that of a bisection, also after a kill.

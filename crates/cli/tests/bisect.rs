@@ -1,6 +1,8 @@
-//! `mishandle bisect`: the first checkpoint or revision that fails.
+//! `mishandle bisect`: the first checkpoint that fails.
 
 use crate::bench;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::Command;
 
 use crate::bench::{Bench, SMALL};
@@ -187,10 +189,9 @@ fn ends_that_do_not_bracket_and_wrong_arguments_are_reported() {
     bench.refuses("bisect missing --target point-reaching --rate 0.9", &["missing cannot be read"]);
     bench.refuses("bisect . --rate 0.9", &["--target"]);
     bench.refuses("bisect steps", &["--counterexamples PATH or --rate RATE"]);
-    bench.refuses("bisect --rate 0.9 --target point-reaching", &["a folder of controllers", "--git"]);
-    bench.refuses("bisect good.safetensors --target point-reaching --rate 0.9", &["--git good.safetensors"]);
+    bench.refuses("bisect --rate 0.9 --target point-reaching", &["DIR"]);
+    bench.refuses("bisect good.safetensors --target point-reaching --rate 0.9", &["is a file"]);
     bench.refuses("bisect steps --counterexamples a --episodes 5", &["--episodes"]);
-    bench.refuses(&format!("bisect steps --good v1 {RATE}"), &["--good"]);
     bench.refuses("bisect steps --target nothing --rate 0.9", &["nothing"]);
     bench.refuses("bisect steps --target point-reaching --rate 1.5", &["1.5"]);
     std::fs::create_dir(bench.path("empty")).unwrap();
@@ -198,57 +199,54 @@ fn ends_that_do_not_bracket_and_wrong_arguments_are_reported() {
 }
 
 #[test]
-fn the_first_bad_revision_is_found_without_touching_the_working_tree() {
+fn the_script_of_the_guide_finds_the_first_bad_commit() {
     let bench = bench();
+    bench.check(
+        "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out run.sqlite",
+        1,
+    );
+    bench.check("counterexamples export run.sqlite --out failures/failure.json", 0);
+    let guide = include_str!("../../../docs/guide/compare.md");
+    let (_, script) = guide.split_once("```sh\n#!/bin/sh\n").unwrap();
+    bench.write("test.sh", script.split_once("```").unwrap().0);
+    std::fs::create_dir_all(bench.path("bin")).unwrap();
     std::fs::create_dir(bench.path("repository")).unwrap();
-    let git = |arguments: &[&str]| {
+    let git = |program: &Path, arguments: &[&str]| {
+        let _ = std::fs::remove_file(bench.path("bin/mishandle"));
+        std::os::unix::fs::symlink(program, bench.path("bin/mishandle")).unwrap();
+        let path = format!("{}:{}", bench.path("bin").display(), std::env::var("PATH").unwrap());
         let mut command = Command::new("git");
-        command.arg("-C").arg(bench.path("repository"));
+        command.arg("-C").arg(bench.path("repository")).env("PATH", path);
         command.args(["-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "commit.gpgsign=false"]);
         let output = command.args(arguments).output().unwrap();
-        assert!(output.status.success(), "{output:?}");
-        bench::text(&output.stdout).trim().to_string()
+        (output.status.success(), bench::text(&output.stdout) + &bench::text(&output.stderr))
     };
-    git(&["init", "-q"]);
-    let mut revisions = Vec::new();
-    for (index, name) in ["good", "good", "bad", "bad"].into_iter().enumerate() {
-        std::fs::copy(
-            bench.path(&format!("{name}.safetensors")),
-            bench.path("repository/policy.safetensors"),
-        )
-        .unwrap();
-        // A commit that does not change the controller is not a candidate.
+    let program = Path::new(env!("CARGO_BIN_EXE_mishandle"));
+    let run = |arguments: &[&str]| {
+        let (is_success, said) = git(program, arguments);
+        assert!(is_success, "{said}");
+        said
+    };
+    run(&["init", "-q"]);
+    bench.write("broken.safetensors", "not a controller");
+    for (index, name) in ["good", "broken", "good", "bad", "bad"].into_iter().enumerate() {
+        let controller = bench.path("repository/policy.safetensors");
+        std::fs::copy(bench.path(&format!("{name}.safetensors")), controller).unwrap();
         bench.write("repository/note.txt", &index.to_string());
-        git(&["add", "-A"]);
-        git(&["commit", "-q", "-m", name]);
-        revisions.push(git(&["rev-parse", "HEAD"]));
+        run(&["add", "-A"]);
+        run(&["commit", "-q", "-m", &format!("{index} is {name}")]);
     }
-    bench.write("repository/policy.safetensors", "changed, not committed");
-    let before = git(&["status", "--porcelain"]);
-    let found = bench.json(&format!("bisect --git repository/policy.safetensors {RATE} --json"), 0);
-    assert_eq!(found["candidates"].as_array().unwrap().len(), 2, "{found}");
-    assert_eq!(found["first_bad"], revisions[2][..12]);
-    assert_eq!(git(&["status", "--porcelain"]), before);
-    assert_eq!(
-        std::fs::read_to_string(bench.path("repository/policy.safetensors")).unwrap(),
-        "changed, not committed"
-    );
-    bench.refuses(
-        &format!("bisect --git repository/policy.safetensors --bad nothing {RATE}"),
-        &["no revision nothing"],
-    );
-    let range = format!("{}..HEAD", revisions[0]);
-    bench.refuses(
-        &format!("bisect --git repository/policy.safetensors --good {range} {RATE}"),
-        &["a range is --good REV --bad REV"],
-    );
-    bench.refuses(
-        &format!("bisect --git repository/policy.safetensors --good HEAD --bad {} {RATE}", revisions[0]),
-        &["the revision HEAD is not an ancestor of"],
-    );
-    bench.refuses(&format!("bisect --git repository {RATE}"), &["is a folder"]);
-    bench.refuses(
-        &format!("bisect --git repository/policy.safetensors --bad=--output=x {RATE}"),
-        &["no revision --output=x"],
-    );
+    run(&["bisect", "start", "HEAD", "HEAD~4"]);
+    let said = run(&["bisect", "run", "sh", "../test.sh"]);
+    assert!(said.contains("is the first bad commit") && said.contains("3 is bad"), "{said}");
+    // A commit that cannot be tested is skipped, and Ctrl-C ends the search.
+    for (code, part) in [(2, "only 'skip'ped commits"), (130, "exit code 130")] {
+        bench.write("stub", &format!("#!/bin/sh\nexit {code}\n"));
+        let stub = bench.path("stub");
+        std::fs::set_permissions(&stub, std::fs::Permissions::from_mode(0o755)).unwrap();
+        run(&["bisect", "reset"]);
+        run(&["bisect", "start", "HEAD", "HEAD~4"]);
+        let (is_success, said) = git(&stub, &["bisect", "run", "sh", "../test.sh"]);
+        assert!(!is_success && said.contains(part), "{said}");
+    }
 }

@@ -39,6 +39,7 @@ mod runs;
 mod security;
 mod seeing;
 mod settings;
+mod signatures;
 mod simulate;
 mod simulators;
 mod simulators_guide;

@@ -3,8 +3,8 @@
 //!
 //! A [`Peer`] is one running program. It answers within a time limit or fails, and after a failure
 //! it is not asked again, so that a late answer is never taken for the next one. Dropping it ends
-//! the program and the programs of its process group. A [`Job`] is such a program without
-//! questions.
+//! the program and the programs of its process group. A program that gets its whole input at once
+//! [finishes](Peer::finish) instead. A [`Job`] is such a program without questions.
 //!
 //! ```
 //! use std::time::Duration;
@@ -24,4 +24,4 @@ mod peer;
 pub use failure::Failure;
 pub use job::{Job, Program};
 pub use lines::LONGEST;
-pub use peer::Peer;
+pub use peer::{Output, Peer};

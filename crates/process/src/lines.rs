@@ -38,7 +38,6 @@ impl<R: Read + AsFd> Lines<R> {
 
     /// Waits for the next line until `end`, and returns it without its end.
     pub(crate) fn next(&mut self, end: Instant) -> Result<Vec<u8>, NoLine> {
-        let mut buffer = [0; 1 << 16];
         loop {
             // As fast as `memchr`, which the library keeps to itself: an answer can be long.
             let found = (&self.bytes[self.searched..]).skip_until(b'\n').unwrap_or_default();
@@ -50,19 +49,38 @@ impl<R: Read + AsFd> Lines<R> {
                 return Ok(line);
             }
             self.searched = self.bytes.len();
-            if self.bytes.len() > LONGEST {
-                return Err(NoLine::TooLong);
-            }
-            if !ready(&self.pipe, PollFlags::IN, end).map_err(|_| NoLine::Ended)? {
-                return Err(NoLine::TimedOut);
-            }
-            match self.pipe.read(&mut buffer) {
-                Ok(0) => return Err(NoLine::Ended),
-                Ok(count) => self.bytes.extend_from_slice(&buffer[..count]),
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(_) => return Err(NoLine::Ended),
+            self.read(LONGEST, end)?;
+        }
+    }
+
+    /// Waits for the end of the pipe until `end`, and returns all bytes, of which there may be
+    /// `most`.
+    pub(crate) fn rest(&mut self, most: usize, end: Instant) -> Result<Vec<u8>, NoLine> {
+        loop {
+            match self.read(most, end) {
+                Ok(()) => {}
+                Err(NoLine::Ended) => return Ok(std::mem::take(&mut self.bytes)),
+                Err(error) => return Err(error),
             }
         }
+    }
+
+    /// Waits for more bytes until `end`, unless there are more than `most`.
+    fn read(&mut self, most: usize, end: Instant) -> Result<(), NoLine> {
+        let mut buffer = [0; 1 << 16];
+        if self.bytes.len() > most {
+            return Err(NoLine::TooLong);
+        }
+        if !ready(&self.pipe, PollFlags::IN, end).map_err(|_| NoLine::Ended)? {
+            return Err(NoLine::TimedOut);
+        }
+        match self.pipe.read(&mut buffer) {
+            Ok(0) => return Err(NoLine::Ended),
+            Ok(count) => self.bytes.extend_from_slice(&buffer[..count]),
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(_) => return Err(NoLine::Ended),
+        }
+        Ok(())
     }
 }
 

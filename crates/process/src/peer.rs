@@ -16,8 +16,22 @@ use crate::lines::{Lines, NoLine, ready};
 /// Length of the end of the standard error that is kept, bytes.
 const KEPT: usize = 2000;
 
+/// Size of the largest output of a program that gets its whole input at once, bytes.
+const LONGEST_OUTPUT: usize = 1 << 20;
+
 /// Time that a program has to end by itself after its input is closed.
 const GRACE: Duration = Duration::from_millis(200);
+
+/// Result of a program that got its whole input at once.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// Whether its status is 0.
+    pub is_success: bool,
+    /// All of its standard output.
+    pub stdout: String,
+    /// Last lines of its standard error.
+    pub stderr: String,
+}
 
 /// A running program that answers line by line.
 pub struct Peer {
@@ -90,13 +104,43 @@ impl Peer {
             _ => return Err(self.ended()),
         }
         match self.stdout.next(end) {
-            Ok(bytes) => {
-                String::from_utf8(bytes).map_err(|_| self.malformed("bytes that are not UTF-8 text"))
-            }
+            Ok(bytes) => self.text(bytes),
             Err(NoLine::Ended) => Err(self.ended()),
             Err(NoLine::TimedOut) => Err(self.timed_out(limit)),
             Err(NoLine::TooLong) => Err(self.malformed("a line of more than 256 MiB")),
         }
+    }
+
+    fn text(&self, bytes: Vec<u8>) -> Result<String, Failure> {
+        String::from_utf8(bytes).map_err(|_| self.malformed("bytes that are not UTF-8 text"))
+    }
+
+    /// Sends bytes, closes the input of the program, and returns what it wrote until its end. A
+    /// program that waits for a reader of its output before it has read its input takes too long.
+    ///
+    /// # Errors
+    /// If the program took too long, or wrote more than 1 MiB or something else than text.
+    pub fn finish(mut self, input: &[u8], limit: Duration) -> Result<Output, Failure> {
+        let end = Instant::now() + limit;
+        // A program that ends before it has read all says why in its output and its status.
+        if let Some(stdin) = self.stdin.as_mut()
+            && matches!(write(stdin, input, end), Ok(false))
+        {
+            return Err(self.timed_out(limit));
+        }
+        self.stdin = None;
+        let stdout = match self.stdout.rest(LONGEST_OUTPUT, end) {
+            Ok(bytes) => self.text(bytes)?,
+            Err(NoLine::TooLong) => return Err(self.malformed("more than 1 MiB")),
+            Err(_) => return Err(self.timed_out(limit)),
+        };
+        if !self.job.wait(end.saturating_duration_since(Instant::now())) {
+            return Err(self.timed_out(limit));
+        }
+        self.kill();
+        let is_success = self.job.child.wait().is_ok_and(|status| status.success());
+        let _ = self.stderr_end.recv_timeout(GRACE);
+        Ok(Output { is_success, stdout, stderr: self.stderr() })
     }
 
     /// Returns whether the program has written something since its last answer.
@@ -153,19 +197,23 @@ impl Drop for Peer {
 /// Writes a line into a pipe that does not block, until `end`; returns whether all of it was
 /// written.
 fn write_line(pipe: &mut ChildStdin, line: &str, end: Instant) -> std::io::Result<bool> {
-    for mut bytes in [line.as_bytes(), b"\n"] {
-        while !bytes.is_empty() {
-            match pipe.write(bytes) {
-                Ok(0) => return Err(ErrorKind::WriteZero.into()),
-                Ok(count) => bytes = &bytes[count..],
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    if !ready(&*pipe, PollFlags::OUT, end)? {
-                        return Ok(false);
-                    }
+    Ok(write(pipe, line.as_bytes(), end)? && write(pipe, b"\n", end)?)
+}
+
+/// Writes bytes into a pipe that does not block, until `end`; returns whether all of them were
+/// written.
+fn write(pipe: &mut ChildStdin, mut bytes: &[u8], end: Instant) -> std::io::Result<bool> {
+    while !bytes.is_empty() {
+        match pipe.write(bytes) {
+            Ok(0) => return Err(ErrorKind::WriteZero.into()),
+            Ok(count) => bytes = &bytes[count..],
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                if !ready(&*pipe, PollFlags::OUT, end)? {
+                    return Ok(false);
                 }
-                Err(error) => return Err(error),
             }
+            Err(error) => return Err(error),
         }
     }
     Ok(true)

@@ -131,6 +131,28 @@ fn a_program_that_reads_its_input_to_the_end_can_finish() {
 }
 
 #[test]
+fn a_program_gets_its_whole_input_at_once() {
+    let input = vec![b'x'; 1 << 24];
+    let output = shell("wc -c; echo because >&2; exit 3").finish(&input, LIMIT).expect("an output");
+    assert_eq!((output.is_success, output.stdout.trim()), (false, "16777216"));
+    assert_eq!(output.stderr, "because\n");
+    // Its status counts, even if it reads nothing.
+    assert!(shell("exit 0").finish(&input, LIMIT).expect("an output").is_success);
+}
+
+#[test]
+fn a_program_that_does_not_finish_is_ended() {
+    let short = Duration::from_millis(100);
+    for script in ["sleep 60", "cat > /dev/null; sleep 60", "exec <&- >&-; sleep 60"] {
+        let found = shell(script).finish(&[b'x'; 1 << 20], short);
+        assert!(matches!(found, Err(Failure::TimedOut { .. })), "{script}");
+    }
+    let found = shell("head -c 2000000 /dev/zero").finish(b"", LIMIT);
+    assert!(matches!(found, Err(Failure::Malformed { .. })));
+    assert!(matches!(shell(r"printf '\377'").finish(b"", LIMIT), Err(Failure::Malformed { .. })));
+}
+
+#[test]
 fn a_working_folder_that_vanished_is_named() {
     let folder = std::env::temp_dir().join(format!("mishandle-gone-{}", std::process::id()));
     let words = ["sh", "-c", "cat"].map(String::from).to_vec();

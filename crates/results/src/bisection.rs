@@ -42,7 +42,7 @@ pub struct Bisection {
 pub struct BisectedCandidate {
     /// Place among the candidates, from 1.
     pub place: u64,
-    /// Name: that of the file, or the revision.
+    /// Name of the file.
     pub name: String,
     /// Path of the controller.
     pub controller: String,

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use anyhow::{Result, anyhow, bail, ensure};
 use clap::{Args, FromArgMatches};
 use mishandle::Plan;
-use mishandle::bisect::{BisectionPlan, BisectionTest, Source, Watch, bisect};
+use mishandle::bisect::{BisectionPlan, BisectionTest, Watch, bisect};
 use mishandle::results::Bisection;
 use mishandle_text::{path_text, shell_quote};
 
@@ -26,13 +26,11 @@ fn is_rate(rate: f64) -> bool {
     0.0 < rate && rate < 1.0
 }
 
-/// Find the first checkpoint, or Git revision of a controller, that fails a counterexample or falls
-/// below a success rate
+/// Find the first checkpoint that fails a counterexample or falls below a success rate
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle bisect checkpoints --counterexamples failures
   mishandle bisect checkpoints --target point-reaching --rate 0.95 --episodes 2000
-  mishandle bisect --git policy.onnx --good v1.0 --bad HEAD --target arm.toml --rate 0.9
 
 The controllers of a folder are ordered by name, with numbers by value. A test by a rate gives all
 candidates the same scenarios and seeds, and ends as soon as an interval that holds at any time is
@@ -44,17 +42,7 @@ does not pass, the last one does not fail, or candidates between are undecided; 
 pub struct Arguments {
     /// Folder of controllers (*.safetensors, *.onnx), the oldest first
     #[arg(value_name = "DIR")]
-    pub folder: Option<PathBuf>,
-    /// Controller file in a Git repository: its revisions are the candidates. The working tree is
-    /// not touched
-    #[arg(long, value_name = "FILE", conflicts_with = "folder")]
-    pub git: Option<PathBuf>,
-    /// Revision that passes [default: the first one that has the file]
-    #[arg(long, value_name = "REV", requires = "git", conflicts_with = "folder")]
-    pub good: Option<String>,
-    /// Revision that fails [default: HEAD]
-    #[arg(long, value_name = "REV", requires = "git", conflicts_with = "folder")]
-    pub bad: Option<String>,
+    pub folder: PathBuf,
     /// Counterexample or folder of them, as for `mishandle regress`: a candidate fails if it
     /// violates one
     #[arg(long, value_name = "PATH", conflicts_with_all = OF_RATE)]
@@ -82,7 +70,7 @@ pub struct Arguments {
     /// Test every candidate, and say whether one passes after one that fails
     #[arg(long)]
     pub all: bool,
-    /// Folder of the result, of finished tests and of revisions
+    /// Folder of the result and of finished tests
     #[arg(long, value_name = "DIR", default_value = OUT)]
     pub out: PathBuf,
     #[command(flatten)]
@@ -92,15 +80,13 @@ pub struct Arguments {
 impl Arguments {
     /// Returns the question.
     fn plan(&self) -> Result<BisectionPlan> {
-        let source = match (&self.folder, &self.git) {
-            (Some(folder), _) => Source::Folder(folder.clone()),
-            (None, Some(file)) => {
-                Source::Revisions { file: file.clone(), good: self.good.clone(), bad: self.bad.clone() }
-            }
-            (None, None) => bail!("name a folder of controllers, or a file with --git"),
-        };
-        let (test, all, folder) = (self.test()?, self.all, self.out.clone());
-        Ok(BisectionPlan { source, test, all, folder, command: self.command() })
+        Ok(BisectionPlan {
+            controllers: self.folder.clone(),
+            test: self.test()?,
+            all: self.all,
+            folder: self.out.clone(),
+            command: self.command(),
+        })
     }
 
     fn test(&self) -> Result<BisectionTest> {
@@ -139,9 +125,6 @@ impl Arguments {
         let path = |path: &Option<PathBuf>| path.as_deref().map(path_text);
         let number = |number: Option<u64>| number.map(|number| number.to_string());
         let given = [
-            ("--git", path(&self.git)),
-            ("--good", self.good.clone()),
-            ("--bad", self.bad.clone()),
             ("--counterexamples", path(&self.counterexamples)),
             ("--rate", self.rate.map(|rate| rate.to_string())),
             ("--target", self.target.clone()),
@@ -152,8 +135,7 @@ impl Arguments {
             ("--seed", number(self.run.seed)),
             ("--out", path(&Some(self.out.clone())).filter(|out| out != OUT)),
         ];
-        let mut words: Vec<String> = vec!["mishandle bisect".to_string()];
-        words.extend(path(&self.folder).map(|folder| shell_quote(&folder)));
+        let mut words = vec![format!("mishandle bisect {}", shell_quote(&path_text(&self.folder)))];
         words.extend(
             given.into_iter().filter_map(|(flag, value)| Some(format!("{flag} {}", shell_quote(&value?)))),
         );
