@@ -102,7 +102,7 @@ fn build(root: &Path) -> Result<()> {
 }
 
 /// Runs the tests with nextest if it is installed, otherwise with cargo's own runner. Tests that
-/// are ignored take long.
+/// are ignored take long. In the full run, a program that tests lack is a failure.
 fn tests(root: &Path, extent: Extent) -> Result<()> {
     let has_nextest =
         cargo(root, &["nextest", "--version"]).output().is_ok_and(|output| output.status.success());
@@ -115,7 +115,9 @@ fn tests(root: &Path, extent: Extent) -> Result<()> {
         (Extent::All, true) => arguments.extend(["--run-ignored", "all"]),
         (Extent::All, false) => arguments.extend(["--", "--include-ignored"]),
     }
-    run_cargo(root, &arguments)
+    let mut command = cargo(root, &arguments);
+    eprintln!("$ {}", as_typed(&command));
+    run(linted(&mut command).env("MISHANDLE_TEST_ALL", if extent == Extent::All { "1" } else { "0" }), &[0])
 }
 
 /// Builds, installs and tests the Python package, in a virtual environment of its own.

@@ -4,7 +4,6 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 use crate::bench::{Bench, has_ssh_keygen, keygen, text};
 
@@ -150,7 +149,7 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     if !has_ssh_keygen() {
         return;
     }
-    let begin = Instant::now();
+    // A program that waits for a pipe or an answer would end this test only by its own limit.
     let bench = evidence();
     let public = key(&bench, "ed25519", "");
     bench.write("signers", &format!("me {public}"));
@@ -203,5 +202,4 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
         bench.write("signers", &format!("{name} {public}"));
         bench.check("evidence verify ev --allowed-signers signers", code);
     }
-    assert!(begin.elapsed() < Duration::from_secs(50), "ssh-keygen waits");
 }
