@@ -30,7 +30,8 @@ def evidence(
     out : path
         The folder, which must not exist.
     key : path, optional
-        Private Ed25519 key of ``ssh-keygen`` without a passphrase, which signs. Without it, hashes show accidents, not forgery.
+        Key with which ``ssh-keygen`` signs; one with a passphrase must be in an ``ssh-agent``. Without it, hashes show accidents, not
+        forgery.
     force : bool
         Replace ``out`` if it is a folder of evidence with no other file.
     controller, target : path, optional
@@ -72,7 +73,7 @@ def verify_evidence(
     """Checks signature, hashes and run files of a folder of others, and replays a random share of its simulations.
 
     What is wrong is part of the result: ``is_verified`` and ``problems``; ``unverified`` has what cannot be checked. Nothing is
-    written, and no program of the folder is started. Systems in Python are not replayed, because their code is not in the folder, so
+    written, and no program but ``ssh-keygen`` is started, which checks the signature. Systems in Python are not replayed, because their code is not in the folder, so
     ``is_verified`` is false unless ``share`` is 0: pass the system to :func:`replay`.
 
     Parameters

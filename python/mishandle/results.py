@@ -3429,11 +3429,11 @@ class EvidenceSigner:
     """The key of a signature."""
 
     algorithm: str
-    """Algorithm of the key, such as ``ssh-ed25519``."""
+    """Algorithm of the key as ``ssh-keygen -l`` prints it, such as ``ED25519``."""
     fingerprint: str
     """Fingerprint as ``ssh-keygen -l`` prints it, such as ``SHA256:...``."""
     principals: tuple[str, ...]
-    """Names of this key in the file of ``--allowed-signers``."""
+    """Names of this key in the file of ``--allowed-signers``: in its first line with the key."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -3539,10 +3539,10 @@ class EvidenceVerification:
     signature: str
     """``trusted``: the key of the signature is that of ``--public-key`` or one of
     ``--allowed-signers``; ``valid``: the signature fits, but nothing vouches for the key;
-    ``missing``; ``wrong``: it does not fit the hashes, or its key is not allowed;
-    ``unsupported``: only ``ssh-keygen`` can check a key of this kind."""
+    ``missing``; ``wrong``: it does not fit the hashes, or its key is not allowed; ``unchecked``:
+    ``ssh-keygen``, which checks signatures, is missing or does not answer."""
     signer: EvidenceSigner | None
-    """The key of the signature; ``None`` without a readable one."""
+    """The key of the signature; ``None`` without one that fits."""
     files: int
     """Number of files whose hashes were compared."""
     problems: tuple[str, ...]
@@ -3550,7 +3550,8 @@ class EvidenceVerification:
     is."""
     unverified: tuple[str, ...]
     """Everything that cannot be verified although nothing differs: simulations that cannot be
-    replayed, runs that are not finished or empty; empty if there is nothing."""
+    replayed, runs that are not finished or empty, a signature without ``ssh-keygen``; empty if
+    there is nothing."""
     pages_compared: bool
     """Whether README and pages were made again and compared; ``false`` if another build made
     them."""

@@ -2,7 +2,7 @@
 
 use std::error::Error;
 use std::iter::successors;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use mishandle::resolve::Moved;
 use mishandle_evidence::{Collection, EvidenceError, Key, Signers, Verification, random_seed};
@@ -25,7 +25,7 @@ pub fn evidence(
 ) -> PyResult<String> {
     let mut exception = None;
     let written = py.detach(|| {
-        let key = key.as_deref().map(Key::read).transpose()?;
+        let key = key.as_deref().map(Key::new).transpose()?;
         let moved = Moved { controller: controller.as_deref(), target: target.as_deref() };
         let collection = Collection { runs: &runs, out: &out, force, moved, key: key.as_ref() };
         mishandle_evidence::write(&collection, || signals(&mut exception))
@@ -49,7 +49,11 @@ pub fn verify_evidence(
 ) -> PyResult<String> {
     let mut exception = None;
     let verified = py.detach(|| {
-        let signers = signers(allowed_signers.as_deref(), public_key.as_deref())?;
+        let signers = match (allowed_signers, public_key) {
+            (Some(path), _) => Signers::Allowed(path),
+            (None, Some(path)) => Signers::Key(path),
+            (None, None) => Signers::Unknown,
+        };
         let seed = seed.unwrap_or_else(random_seed);
         mishandle_evidence::verify(&Verification { folder: &folder, signers, share, seed }, |_, _| {
             signals(&mut exception)
@@ -58,14 +62,6 @@ pub fn verify_evidence(
     match exception {
         Some(exception) => Err(exception),
         None => json(&verified.map_err(|error| raised(&error))?),
-    }
-}
-
-fn signers(allowed: Option<&Path>, key: Option<&Path>) -> Result<Signers, EvidenceError> {
-    match (allowed, key) {
-        (Some(path), _) => Signers::allowed(path),
-        (None, Some(path)) => Signers::public_key(path),
-        (None, None) => Ok(Signers::Unknown),
     }
 }
 

@@ -259,26 +259,3 @@ fn an_interruption_is_no_agreement() {
     let found = mishandle_evidence::verify(&request, |_, _| ControlFlow::Break(())).unwrap();
     assert_eq!((found.files, found.is_complete, found.is_verified), (0, false, false));
 }
-
-#[test]
-fn a_signature_of_ecdsa_is_not_checked_and_its_line_voids_no_other() {
-    let bench = evaluation();
-    let keygen = |arguments: &[&str]| {
-        let output = Command::new("ssh-keygen").args(arguments).current_dir(bench.path("")).output().unwrap();
-        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
-    };
-    for kind in ["ecdsa", "ed25519"] {
-        keygen(&["-q", "-t", kind, "-N", "", "-f", kind]);
-    }
-    let public = |kind: &str| fs::read_to_string(bench.path(&format!("{kind}.pub"))).unwrap();
-    bench.write(
-        "signers",
-        &format!("you {}me\t{}", public("ecdsa"), public("ed25519").replacen(' ', "\t", 1)),
-    );
-    bench.check("evidence run.sqlite --out signed --key ed25519", 0);
-    bench.check("evidence verify signed --allowed-signers signers", 0);
-    keygen(&["-q", "-Y", "sign", "-f", "ecdsa", "-n", "mishandle-evidence", "ev/SHA256SUMS"]);
-    let found = bench.json("evidence verify ev --allowed-signers signers --json", 1);
-    assert_eq!(found["signature"], "unsupported");
-    assert!(found["problems"][0].as_str().unwrap().contains("ecdsa-sha2-nistp256"), "{found}");
-}

@@ -70,6 +70,12 @@ pub enum EvidenceError {
         /// The name.
         name: String,
     },
+    /// `ssh-keygen` cannot be started, or does not answer.
+    #[error("{problem}")]
+    Keygen {
+        /// Why.
+        problem: String,
+    },
     /// A key cannot be used.
     #[error("{}: {problem}", path.display())]
     Key {

@@ -1,9 +1,9 @@
 //! Folders of evidence: runs with the pages, hashes and files that others need to check them.
 //!
-//! - [`write()`](write()) makes such a folder from run files. [`Key`] signs its list of hashes in the
-//!   format of `ssh-keygen -Y`.
+//! - [`write()`](write()) makes such a folder from run files. `ssh-keygen -Y sign` signs its list of
+//!   hashes with a [`Key`].
 //! - [`verify`](verify()) checks a folder of others: signature, hashes, run files. Then it replays a
-//!   random share of the simulations. It writes nothing, and no file of the folder is run as code.
+//!   random share of the simulations. It writes nothing, and starts no program but `ssh-keygen`.
 //!
 //! ```text
 //! README.md           what the folder is, and how to verify it with and without this program
@@ -28,7 +28,6 @@ mod page;
 mod readme;
 mod replays;
 mod signature;
-mod signers;
 mod sums;
 mod verify;
 mod write;
@@ -36,7 +35,6 @@ mod write;
 pub use error::EvidenceError;
 pub use layout::{SIGNATURE, SUMS};
 pub use manifest::{Manifest, ManifestCheck, ManifestFile, ManifestRun};
-pub use signature::{Key, NAMESPACE};
-pub use signers::Signers;
+pub use signature::{Key, NAMESPACE, Signers};
 pub use verify::{Verification, random_seed, verify};
 pub use write::{Collection, write};

@@ -1,17 +1,18 @@
-//! Signatures in the format of `ssh-keygen -Y`: OpenSSH's PROTOCOL.sshsig.
+//! Signatures in the format of OpenSSH's PROTOCOL.sshsig. `ssh-keygen -Y` makes and checks them.
+//!
+//! `ssh-keygen` is started without a shell and in the root folder, with fixed options, absolute
+//! paths and a time limit. The list of hashes is its standard input, so what it checks is what this
+//! program has read.
 
-use std::path::Path;
+use std::path::{Path, PathBuf, absolute};
+use std::time::Duration;
 
-use mishandle::files::read_text_bounded;
+use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::EvidenceSigner;
-use ssh_key::encoding::pem::PemLabel;
-use ssh_key::encoding::{Decode, DecodePem, Reader};
-use ssh_key::public::KeyData;
-use ssh_key::{Algorithm, HashAlg, LineEnding, PrivateKey, PublicKey, SshSig};
+use mishandle_process::{Failure, Output, Peer, Program};
 
 use crate::error::EvidenceError;
-use crate::layout::SUMS;
-use crate::signers::Signers;
+use crate::layout::{SIGNATURE, SUMS};
 
 /// Purpose of the signatures. A signature for another purpose, such as a Git commit, does not
 /// count.
@@ -20,144 +21,208 @@ pub const NAMESPACE: &str = "mishandle-evidence";
 /// Status of a signature that does not count.
 pub(crate) const WRONG: &str = "wrong";
 
-/// Status of a signature that only `ssh-keygen` can check.
-const UNSUPPORTED: &str = "unsupported";
+/// Status of a signature that `ssh-keygen` could not check.
+pub(crate) const UNCHECKED: &str = "unchecked";
 
-/// Largest size of a key or a signature, in bytes.
+/// Largest size of a public key or a signature, in bytes.
 pub(crate) const MAX_SIZE: u64 = 1 << 16;
 
-/// A private key.
+/// Last line of a signature. `ssh-keygen` reads nothing after it.
+const END: &str = "-----END SSH SIGNATURE-----\n";
+
+/// Time limit of `ssh-keygen`: a person may have to confirm in an agent.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// A key that signs.
 #[derive(Debug)]
-pub struct Key(PrivateKey);
+pub struct Key(PathBuf);
 
 impl Key {
-    /// Reads an Ed25519 key of `ssh-keygen` without a passphrase.
+    /// Checks that `ssh-keygen` signs with a key, by a signature that is not kept.
     ///
     /// # Errors
-    /// If the file is something else. The message says how `ssh-keygen` signs with another key.
-    pub fn read(path: &Path) -> Result<Key, EvidenceError> {
-        let text = read_text_bounded(path, MAX_SIZE).map_err(EvidenceError::file(path))?;
-        let problem = |problem: String| EvidenceError::Key { path: path.to_path_buf(), problem };
-        if text.parse::<PublicKey>().is_ok() {
-            return Err(problem("it is a public key; name the private key, without .pub".to_string()));
-        }
-        let key = PrivateKey::from_openssh(&text).map_err(|error| {
-            problem(format!("it is not a private key of OpenSSH ({error}); ssh-keygen -t ed25519 makes one"))
-        })?;
-        let advice = format!(
-            "write the folder without a key, then sign it with: ssh-keygen -Y sign -f KEY -n {NAMESPACE} DIR/{SUMS}"
-        );
-        if key.is_encrypted() {
-            return Err(problem(format!(
-                "it is protected by a passphrase, which this program does not ask for; {advice}"
-            )));
-        }
-        match key.algorithm() {
-            Algorithm::Ed25519 => Ok(Key(key)),
-            other => Err(problem(format!(
-                "it is a key of {other}, and this program signs with ssh-ed25519; {advice}"
+    /// If it does not sign. The message says what to do about a passphrase.
+    pub fn new(path: &Path) -> Result<Key, EvidenceError> {
+        let key = Key(path.to_path_buf());
+        key.sign(b"")?;
+        Ok(key)
+    }
+
+    /// Signs bytes.
+    pub(crate) fn sign(&self, bytes: &[u8]) -> Result<String, EvidenceError> {
+        // With this passphrase, `ssh-keygen` does not ask for another one. An agent needs none.
+        let output = keygen(&["-P", "", "-Y", "sign", "-n", NAMESPACE, "-f", &text(&self.0)?], bytes)?;
+        match output.is_success {
+            true => Ok(output.stdout),
+            false => Err(self.problem(format!(
+                "ssh-keygen does not sign with it: {}; a key with a passphrase signs after `ssh-add`, and any key afterwards: \
+                 write the folder without a key, then use ssh-keygen -Y sign -f KEY -n {NAMESPACE} DIR/{SUMS}",
+                said(&output)
             ))),
         }
     }
 
-    /// Signs bytes. The same key and bytes give the same signature.
-    ///
-    /// # Errors
-    /// If the library refuses the key.
-    pub(crate) fn sign(&self, bytes: &[u8]) -> Result<String, ssh_key::Error> {
-        self.0.sign(NAMESPACE, HashAlg::Sha512, bytes)?.to_pem(LineEnding::LF)
+    /// Returns what a reader sees of the key that signed bytes.
+    pub(crate) fn signer(&self, bytes: &[u8], signature: &Path) -> Result<EvidenceSigner, EvidenceError> {
+        signer(bytes, &text(signature)?)?.map_err(|problem| self.problem(problem))
     }
 
-    /// Returns what a reader sees of the key.
-    pub(crate) fn signer(&self) -> EvidenceSigner {
-        signer(self.0.public_key().key_data(), Vec::new())
+    fn problem(&self, problem: String) -> EvidenceError {
+        EvidenceError::Key { path: self.0.clone(), problem }
     }
+}
+
+/// The keys whose signatures count.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Signers {
+    /// Nobody said which. A signature then says that one key signed all, but not whose it is.
+    #[default]
+    Unknown,
+    /// The key in a file of `ssh-keygen` that ends in .pub.
+    Key(PathBuf),
+    /// The keys with names in a file of allowed signers, section ALLOWED SIGNERS of ssh-keygen(1).
+    Allowed(PathBuf),
 }
 
 /// Finding about a signature.
 #[derive(Debug)]
 pub(crate) struct Checked {
-    /// `trusted`, `valid`, `missing`, `wrong` or `unsupported`.
+    /// `trusted`, `valid`, `missing`, `wrong` or `unchecked`.
     pub status: &'static str,
     pub signer: Option<EvidenceSigner>,
+    /// Why it does not count, or was not checked.
     pub problem: Option<String>,
 }
 
-/// Checks the text of a signature of `bytes`; `None` if the folder has none.
-pub(crate) fn check(bytes: &[u8], pem: Option<&str>, signers: &Signers) -> Checked {
-    let checked = |status, signer, problem: Option<String>| Checked { status, signer, problem };
-    let Some(pem) = pem else {
-        let problem = signers.is_some().then(|| "the folder is not signed".to_string());
-        return checked("missing", None, problem);
+/// Checks the signature of `bytes`, a file and its text; `None` if the folder has none.
+///
+/// # Errors
+/// If a file of `signers` cannot be read, or is not a public key.
+pub(crate) fn check(
+    bytes: &[u8],
+    signature: Option<(&Path, &str)>,
+    signers: &Signers,
+) -> Result<Checked, EvidenceError> {
+    match find(bytes, signature, signers) {
+        Err(EvidenceError::Keygen { problem }) => {
+            let problem = Some(format!("the signature is not checked: {problem}"));
+            Ok(Checked { status: UNCHECKED, signer: None, problem })
+        }
+        found => found,
+    }
+}
+
+fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Result<Checked, EvidenceError> {
+    let read = |path: &Path, limit| read_text_bounded(path, limit).map_err(EvidenceError::file(path));
+    // A file that cannot be read is a mistake of the caller, whatever the folder has.
+    let trusted = match signers {
+        Signers::Unknown => None,
+        Signers::Key(path) => Some(read(path, MAX_SIZE)?),
+        Signers::Allowed(path) => Some(read(path, limits::RESULT)?),
     };
-    let found = match SshSig::from_pem(pem) {
-        Ok(found) => found,
-        // The library reads no key of ECDSA.
-        Err(error) => {
-            return match SignedBy::decode_pem(pem) {
-                Ok(SignedBy(algorithm)) => checked(UNSUPPORTED, None, Some(unsupported(&algorithm))),
-                Err(_) => checked(WRONG, None, Some(format!("the signature cannot be read: {error}"))),
+    let Some((signature, pem)) = signature else {
+        let problem = trusted.map(|_| "the folder is not signed".to_string());
+        return Ok(Checked { status: "missing", signer: None, problem });
+    };
+    let wrong = |signer, problem| Ok(Checked { status: WRONG, signer, problem: Some(problem) });
+    if pem.split_once(END).is_none_or(|(_, rest)| !rest.is_empty()) {
+        return wrong(None, format!("{SIGNATURE} does not end as a signature does"));
+    }
+    let signature = text(signature)?;
+    let mut signer = match signer(bytes, &signature)? {
+        Ok(signer) => signer,
+        Err(problem) => return wrong(None, problem),
+    };
+    let mut status = "trusted";
+    match signers {
+        Signers::Unknown => status = "valid",
+        Signers::Key(path) => {
+            if fingerprint(path, &trusted.unwrap_or_default())? != signer.fingerprint {
+                return wrong(Some(signer), "the signature is by another key".to_string());
+            }
+        }
+        Signers::Allowed(path) => {
+            let allowed = text(path)?;
+            let found = keygen(&["-Y", "find-principals", "-f", &allowed, "-s", &signature], b"")?;
+            let principals: Vec<String> = found.stdout.lines().map(str::to_string).collect();
+            // A name that begins with `!` excludes.
+            let Some(name) = principals.iter().find(|name| !name.starts_with('!')) else {
+                let problem = "the key of the signature is none of the allowed signers";
+                return wrong(Some(signer), format!("{problem}: {}", said(&found)));
             };
+            let verify = ["-Y", "verify", "-f", &allowed, "-I", name, "-n", NAMESPACE, "-s", &signature];
+            let verified = keygen(&verify, bytes)?;
+            if !verified.is_success {
+                let problem = format!("the key of the signature may not sign evidence: {}", said(&verified));
+                return wrong(Some(signer), problem);
+            }
+            signer.principals = principals;
         }
-    };
-    let (key, allowed) = (found.public_key(), signers.of(found.public_key()));
-    let principals = allowed.as_ref().cloned().unwrap_or_default();
-    let named = Some(signer(key, principals));
-    if found.namespace() != NAMESPACE {
-        let problem = format!("the signature is for {:?}, not for {NAMESPACE:?}", found.namespace());
-        return checked(WRONG, named, Some(problem));
     }
-    if !matches!(key, KeyData::Ed25519(_) | KeyData::SkEd25519(_)) {
-        return checked(UNSUPPORTED, named, Some(unsupported(key.algorithm().as_str())));
-    }
-    if PublicKey::from(key.clone()).verify(NAMESPACE, bytes, &found).is_err() {
-        return checked(WRONG, named, Some(format!("the signature does not fit {SUMS}")));
-    }
-    match (signers, allowed) {
-        (Signers::Unknown, _) => checked("valid", named, None),
-        (_, Ok(_)) => checked("trusted", named, None),
-        (_, Err(problem)) => checked(WRONG, named, Some(problem)),
+    Ok(Checked { status, signer: Some(signer), problem: None })
+}
+
+/// Returns the key of a signature that fits, or why it does not fit.
+fn signer(bytes: &[u8], signature: &str) -> Result<Result<EvidenceSigner, String>, EvidenceError> {
+    let output = keygen(&["-Y", "check-novalidate", "-n", NAMESPACE, "-s", signature], bytes)?;
+    // Good "mishandle-evidence" signature with ED25519 key SHA256:...
+    let key =
+        output.stdout.trim().rsplit_once(" signature with ").and_then(|(_, key)| key.split_once(" key "));
+    Ok(match key {
+        Some((algorithm, fingerprint)) if output.is_success => Ok(EvidenceSigner {
+            algorithm: algorithm.to_string(),
+            fingerprint: fingerprint.to_string(),
+            principals: Vec::new(),
+        }),
+        _ => Err(format!("the signature of {SUMS} is wrong: {}", said(&output))),
+    })
+}
+
+/// Returns the fingerprint of a public key, the text of a file.
+fn fingerprint(path: &Path, text: &str) -> Result<String, EvidenceError> {
+    let output = keygen(&["-l", "-E", "sha256", "-f", "-"], text.as_bytes())?;
+    // A line of allowed signers has a name or options before the key, which `-l` skips.
+    let is_key = text.trim().lines().count() == 1
+        && text.split_whitespace().nth(1).is_some_and(|key| key.starts_with("AAAA"));
+    match output.stdout.split_whitespace().nth(1) {
+        Some(fingerprint) if output.is_success && is_key => Ok(fingerprint.to_string()),
+        _ => Err(EvidenceError::Key {
+            path: path.to_path_buf(),
+            problem: "it is not a public key of OpenSSH, such as id_ed25519.pub".to_string(),
+        }),
     }
 }
 
-fn unsupported(algorithm: &str) -> String {
-    format!(
-        "this program cannot check a signature of {algorithm}; check it with ssh-keygen -Y verify, as README.md says"
-    )
+/// Runs `ssh-keygen` with standard input.
+///
+/// # Errors
+/// [`Keygen`](EvidenceError::Keygen) if it gives no result.
+fn keygen(arguments: &[&str], input: &[u8]) -> Result<Output, EvidenceError> {
+    let words = std::iter::once("ssh-keygen").chain(arguments.iter().copied()).map(str::to_string).collect();
+    let program = Program { words, folder: "/".into() };
+    let output = Peer::start(&program).and_then(|peer| peer.finish(input, LIMIT));
+    output.map_err(|failure| EvidenceError::Keygen {
+        problem: match failure {
+            Failure::Start { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                "the program `ssh-keygen` is not on PATH (on Debian and Ubuntu: apt install openssh-client)"
+                    .to_string()
+            }
+            failure => format!("ssh-keygen: {failure}"),
+        },
+    })
 }
 
-/// Name of the key's algorithm in a signature whose key the library does not know. It must be one
-/// that the library knows by name: other bytes are not a signature.
-struct SignedBy(String);
-
-impl PemLabel for SignedBy {
-    const PEM_LABEL: &'static str = "SSH SIGNATURE";
+/// Returns a path as an argument: it begins with `/`, so it is neither an option nor `-`.
+fn text(path: &Path) -> Result<String, EvidenceError> {
+    let path = absolute(path).map_err(EvidenceError::file(path))?;
+    path.into_os_string().into_string().map_err(|path| EvidenceError::Keygen {
+        problem: format!("ssh-keygen gets no path that is not UTF-8: {}", path.display()),
+    })
 }
 
-impl Decode for SignedBy {
-    type Error = ssh_key::Error;
-
-    /// Reads the blob of PROTOCOL.sshsig up to the name in its public key.
-    fn decode(reader: &mut impl Reader) -> Result<SignedBy, ssh_key::Error> {
-        let mut magic = [0; 6];
-        reader.read(&mut magic)?;
-        let (version, _) = (u32::decode(reader)?, u32::decode(reader)?);
-        let name = String::decode(reader)?;
-        let is_known = name.contains("ecdsa") && Algorithm::new(&name).is_ok();
-        if &magic != b"SSHSIG" || version != 1 || !is_known {
-            return Err(ssh_key::Error::FormatEncoding);
-        }
-        while reader.remaining_len() > 0 {
-            u8::decode(reader)?;
-        }
-        Ok(SignedBy(name))
-    }
-}
-
-fn signer(key: &KeyData, principals: Vec<String>) -> EvidenceSigner {
-    EvidenceSigner {
-        algorithm: key.algorithm().to_string(),
-        fingerprint: key.fingerprint(HashAlg::Sha256).to_string(),
-        principals,
-    }
+/// Returns the standard error of `ssh-keygen` on one line, without the frames of its warnings.
+fn said(output: &Output) -> String {
+    let lines =
+        output.stderr.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('@'));
+    lines.collect::<Vec<_>>().join("; ")
 }

@@ -16,8 +16,7 @@ use crate::layout::{self, CHECKS, FILES, MANIFEST, PAGES, README, RUNS, SIGNATUR
 use crate::manifest::{self, FORMAT, Manifest};
 use crate::readme;
 use crate::replays;
-use crate::signature::{self, Checked, WRONG};
-use crate::signers::Signers;
+use crate::signature::{self, Checked, Signers, UNCHECKED, WRONG};
 use crate::sums::{self, Watch};
 
 /// A folder to verify, and how.
@@ -73,15 +72,20 @@ pub fn verify(
         return Err(EvidenceError::NotEvidence { path: folder.to_path_buf() });
     }
     let Some(list) = read(folder, SUMS, sums::MAX_SIZE, &mut found.problems) else { return Ok(found) };
-    let signature = match folder.join(SIGNATURE).symlink_metadata() {
+    let path = folder.join(SIGNATURE);
+    // A link, a device or a large file is a problem, and `ssh-keygen` does not open it.
+    let pem = match path.symlink_metadata() {
         Ok(_) => read(folder, SIGNATURE, signature::MAX_SIZE, &mut found.problems),
         Err(_) => None,
     };
-    let Checked { status, signer, problem } =
-        signature::check(list.as_bytes(), signature.as_deref(), &request.signers);
+    let signature = pem.as_deref().map(|pem| (&*path, pem));
+    let Checked { status, signer, problem } = signature::check(list.as_bytes(), signature, &request.signers)?;
     found.signature = status.to_string();
     found.signer = signer;
-    found.problems.extend(problem);
+    match status {
+        UNCHECKED => found.unverified.extend(problem),
+        _ => found.problems.extend(problem),
+    }
     let checked = check_files(folder, &list, &mut found, &mut || watch(0, 0));
     let done = match checked {
         Ok(Some(manifest)) => replays::check(request, &manifest, &mut found, &mut watch),

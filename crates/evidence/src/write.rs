@@ -90,12 +90,12 @@ pub fn write(
     listed.sort_unstable();
     let list = sums::text(listed.iter().copied());
     write_file(&home.join(SUMS), list.as_bytes())?;
-    if let Some(key) = collection.key {
-        let signature = key
-            .sign(list.as_bytes())
-            .map_err(|error| EvidenceError::Key { path: out.join(SIGNATURE), problem: error.to_string() })?;
-        write_file(&home.join(SIGNATURE), signature.as_bytes())?;
-    }
+    let sign = |key: &Key| {
+        let (list, path) = (list.as_bytes(), home.join(SIGNATURE));
+        write_file(&path, key.sign(list)?.as_bytes())?;
+        key.signer(list, &path)
+    };
+    let signer = collection.key.map(sign).transpose()?;
     match collection.force {
         true => folder.persist_over(),
         false => folder.persist(),
@@ -113,7 +113,7 @@ pub fn write(
     };
     Ok(Evidence {
         folder: path_text(out),
-        signer: collection.key.map(Key::signer),
+        signer,
         files: manifest.files.len() as u64 + 1,
         bytes: bytes.saturating_add(size),
         runs: manifest.runs.into_iter().map(run).collect(),

@@ -53,11 +53,11 @@ pub struct EvidenceRun {
 /// The key of a signature.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct EvidenceSigner {
-    /// Algorithm of the key, such as `ssh-ed25519`.
+    /// Algorithm of the key as `ssh-keygen -l` prints it, such as `ED25519`.
     pub algorithm: String,
     /// Fingerprint as `ssh-keygen -l` prints it, such as `SHA256:...`.
     pub fingerprint: String,
-    /// Names of this key in the file of `--allowed-signers`.
+    /// Names of this key in the file of `--allowed-signers`: in its first line with the key.
     pub principals: Vec<String>,
 }
 
@@ -69,17 +69,18 @@ pub struct EvidenceVerification {
     pub folder: String,
     /// `trusted`: the key of the signature is that of `--public-key` or one of `--allowed-signers`;
     /// `valid`: the signature fits, but nothing vouches for the key; `missing`; `wrong`: it does
-    /// not fit the hashes, or its key is not allowed; `unsupported`: only `ssh-keygen` can check a
-    /// key of this kind.
+    /// not fit the hashes, or its key is not allowed; `unchecked`: `ssh-keygen`, which checks
+    /// signatures, is missing or does not answer.
     pub signature: String,
-    /// The key of the signature; `null` without a readable one.
+    /// The key of the signature; `null` without one that fits.
     pub signer: Option<EvidenceSigner>,
     /// Number of files whose hashes were compared.
     pub files: u64,
     /// Everything wrong with signature, files, manifest, pages and run files; empty if nothing is.
     pub problems: Vec<String>,
     /// Everything that cannot be verified although nothing differs: simulations that cannot be
-    /// replayed, runs that are not finished or empty; empty if there is nothing.
+    /// replayed, runs that are not finished or empty, a signature without `ssh-keygen`; empty if
+    /// there is nothing.
     pub unverified: Vec<String>,
     /// Whether README and pages were made again and compared; `false` if another build made them.
     pub pages_compared: bool,

@@ -23,8 +23,8 @@ use crate::{interrupt, run};
 
 The folder has the run files, a page about each, the files of their targets and controllers, a
 manifest (program, machine, plans), and SHA256SUMS with the hashes of all. The signature of
-SHA256SUMS is one of `ssh-keygen -Y`, so OpenSSH alone can verify it. docs/guide/evidence.md says
-how to verify a folder with and without this program.")]
+SHA256SUMS is one of `ssh-keygen -Y`, so OpenSSH alone can verify it. Signing and checking need
+ssh-keygen. docs/guide/evidence.md says how to verify a folder with and without this program.")]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Option<EvidenceCommand>,
@@ -37,8 +37,8 @@ pub struct Arguments {
     /// Replace DIR if it is a folder of evidence
     #[arg(long)]
     pub force: bool,
-    /// Private key that signs: an Ed25519 key of ssh-keygen without a passphrase; others sign
-    /// DIR/SHA256SUMS with ssh-keygen afterwards [default: no signature]
+    /// Key of ssh-keygen that signs; one with a passphrase must be in an ssh-agent [default: no
+    /// signature]
     #[arg(long, value_name = "FILE")]
     pub key: Option<PathBuf>,
     /// New path of the runs' controller, if the file was moved
@@ -63,7 +63,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return verify::run(command);
     }
     let Some(out) = command.out.as_deref() else { return Ok(ExitStatus::Done) };
-    let key = command.key.as_deref().map(Key::read).transpose()?;
+    let key = command.key.as_deref().map(Key::new).transpose()?;
     let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
     let collection = Collection { runs: &command.runs, out, force: command.force, moved, key: key.as_ref() };
     interrupt::listen(|| {}, || {})?;

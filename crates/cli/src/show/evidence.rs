@@ -40,7 +40,7 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         "trusted" => format!("signature: by {}, a key that you trust", key()),
         "valid" => format!("signature: by {}, for which nobody vouches", key()),
         "missing" => "signature: none".to_string(),
-        "unsupported" => format!("signature: not checked, by {}", key()),
+        "unchecked" => "signature: not checked".to_string(),
         _ => format!("signature: WRONG, by {}", key()),
     };
     let unverified = |text: &String| format!("not verified: {}", escape::name(text));

@@ -92,6 +92,33 @@ fn words(arguments: &str) -> Vec<String> {
         .collect()
 }
 
+/// Returns whether `ssh-keygen` is there. Without it, the test says that it is skipped, or fails
+/// with `MISHANDLE_TEST_ALL=1`.
+#[allow(dead_code, reason = "not every test signs")]
+pub fn has_ssh_keygen() -> bool {
+    let is_there = Command::new("ssh-keygen").arg("-?").output().is_ok();
+    if !is_there {
+        let needs = "signatures need ssh-keygen: apt install openssh-client";
+        assert!(std::env::var("MISHANDLE_TEST_ALL").as_deref() != Ok("1"), "{needs}");
+        eprintln!("skipped: {}: {needs}", std::thread::current().name().unwrap_or_default());
+    }
+    is_there
+}
+
+/// Runs `ssh-keygen`, which must succeed, with the file `input` as standard input.
+#[allow(dead_code, reason = "not every test signs")]
+#[track_caller]
+pub fn keygen(bench: &Bench, arguments: &[&str], input: &str) -> String {
+    let mut command = Command::new("ssh-keygen");
+    command.args(arguments).current_dir(bench.path(""));
+    if !input.is_empty() {
+        command.stdin(std::fs::File::open(bench.path(input)).unwrap());
+    }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
 /// Sends the signal with this name.
 #[allow(dead_code, reason = "not every test sends signals")]
 pub fn signal(child: &std::process::Child, name: &str) {

@@ -19,12 +19,13 @@ use crate::show::{evidence, output};
   mishandle evidence verify evidence --allowed-signers signers.txt --json
 
 A file of allowed signers has a line `NAME KEY` for each key, as for ssh-keygen -Y verify. The check
-needs no network, writes nothing, and starts no program that the folder names. A replay takes the
-time of the simulation.
+needs no network, writes nothing, and starts no program but ssh-keygen, for the signature. A replay
+takes the time of the simulation.
 
 Exit code 0 means that all agrees, 1 that something differs, that the signature does not count, or
-that not all can be verified (systems in Python, programs, time limits, runs that are not finished),
-2 that the folder cannot be read. --replay 0 asks for no replay, so none can be missing.")]
+that not all can be verified (systems in Python, programs, time limits, runs that are not finished,
+a signature without ssh-keygen), 2 that the folder cannot be read. --replay 0 asks for no replay, so
+none can be missing.")]
 pub struct Arguments {
     /// Folder of `mishandle evidence`
     #[arg(value_name = "DIR")]
@@ -48,8 +49,8 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let signers = match (&command.public_key, &command.allowed_signers) {
-        (Some(path), _) => Signers::public_key(path)?,
-        (None, Some(path)) => Signers::allowed(path)?,
+        (Some(path), _) => Signers::Key(path.clone()),
+        (None, Some(path)) => Signers::Allowed(path.clone()),
         (None, None) => Signers::Unknown,
     };
     let bar = Bar::new(0, "replays");
