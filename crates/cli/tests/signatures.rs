@@ -149,7 +149,6 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     if !has_ssh_keygen() {
         return;
     }
-    // A program that waits for a pipe or an answer would end this test only by its own limit.
     let bench = evidence();
     let public = key(&bench, "ed25519", "");
     bench.write("signers", &format!("me {public}"));
@@ -158,7 +157,7 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     let good = fs::read_to_string(&signature).unwrap();
     bench.write("good", &good);
     let verify = || bench.json("evidence verify ev --allowed-signers signers --json", 1);
-    // A name of the folder is no option, whatever it is.
+    // No name of the folder is an option.
     for name in ["-P", "--", "-f\nx", " a;touch b", "%d"] {
         fs::rename(bench.path("ev"), bench.path(name)).unwrap();
         bench.check(&format!("evidence verify './{name}' --allowed-signers signers"), 0);

@@ -30,7 +30,7 @@ pub(crate) const MAX_SIZE: u64 = 1 << 16;
 /// Last line of a signature. `ssh-keygen` reads nothing after it.
 const END: &str = "-----END SSH SIGNATURE-----\n";
 
-/// Time limit of `ssh-keygen`: a person may have to touch a security key, or to confirm in an agent.
+/// Time limit of `ssh-keygen`: a person may have to confirm in an agent.
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// A key that signs.
