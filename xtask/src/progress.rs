@@ -1,6 +1,6 @@
 //! A build by cargo as one line of progress instead of a line for each crate.
 
-use std::io::{self, BufReader, IsTerminal, Read, Write};
+use std::io::{self, BufRead, BufReader, IsTerminal, Write};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
@@ -36,7 +36,7 @@ pub fn run(cargo: &mut Command) -> Result<()> {
 
 /// Copies the output of cargo without the lines that name crates. Progress is a line that the next
 /// one replaces.
-fn show(from: impl Read, to: &mut impl Write, is_terminal: bool) -> io::Result<()> {
+fn show(mut from: impl BufRead, to: &mut impl Write, is_terminal: bool) -> io::Result<()> {
     let (mut piece, mut has_bar) = (Vec::new(), false);
     let mut end_piece = |piece: &mut Vec<u8>| -> io::Result<()> {
         let text = String::from_utf8_lossy(piece).into_owned();
@@ -58,11 +58,19 @@ fn show(from: impl Read, to: &mut impl Write, is_terminal: bool) -> io::Result<(
         }
         writeln!(to, "{text}")
     };
-    for byte in from.bytes() {
-        match byte? {
-            b'\n' | b'\r' => end_piece(&mut piece)?,
-            byte => piece.push(byte),
+    loop {
+        let bytes = from.fill_buf()?;
+        let length = bytes.len();
+        if length == 0 {
+            break;
         }
+        for byte in bytes {
+            match byte {
+                b'\n' | b'\r' => end_piece(&mut piece)?,
+                byte => piece.push(*byte),
+            }
+        }
+        from.consume(length);
     }
     end_piece(&mut piece)?;
     if has_bar { writeln!(to) } else { Ok(()) }

@@ -21,7 +21,7 @@ pub enum GridRun {
     /// An evaluation: its plan and its rates.
     Evaluation(Box<Plan>, Metrics),
     /// A falsification.
-    Falsification(GridFalsification),
+    Falsification(Box<GridFalsification>),
 }
 
 impl GridRun {
@@ -30,7 +30,7 @@ impl GridRun {
         let plan = report.plan.clone()?;
         match &report.rates {
             Some(rates) => Some(GridRun::Evaluation(Box::new(plan), rates.clone())),
-            None => GridFalsification::new(report, plan).map(GridRun::Falsification),
+            None => GridFalsification::new(report, plan).map(Box::new).map(GridRun::Falsification),
         }
     }
 }
@@ -43,7 +43,7 @@ pub fn statistics_page(name: &str, runs: &[GridRun]) -> Option<Page> {
         GridRun::Falsification(_) => None,
     });
     let falsifications = runs.iter().filter_map(|run| match run {
-        GridRun::Falsification(found) => Some(found),
+        GridRun::Falsification(found) => Some(&**found),
         GridRun::Evaluation(..) => None,
     });
     let (evaluations, falsifications): (Vec<_>, Vec<_>) = (evaluations.collect(), falsifications.collect());
