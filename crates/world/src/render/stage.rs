@@ -170,8 +170,8 @@ impl Stage {
         self.surroundings.place(&self.world)
     }
 
-    /// Returns where the camera is in the current state. An orthographic camera of the scene has
-    /// the field of view of a camera that is not of the scene.
+    /// Returns where the camera is in the current state. An orthographic camera of the scene
+    /// becomes one with `FOVY_DEG`.
     pub fn viewpoint(&self) -> Viewpoint {
         let Placement::Scene(camera) = self.placement else {
             let axes = self.view.axes();
