@@ -222,8 +222,9 @@ pub enum Drawing {
 /// A view of a frame.
 #[derive(Debug)]
 enum View {
-    /// The scene, from a camera for people.
+    /// The scene, by ray casting.
     Rays(Box<RayRenderer>),
+    /// The scene, by MuJoCo.
     OpenGl(Box<Renderer>),
     /// The image that a camera of the target sees: its index among those of [`SeenStates`].
     Seen(usize),

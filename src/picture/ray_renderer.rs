@@ -44,8 +44,8 @@ pub(crate) struct RayRenderer {
 }
 
 impl RayRenderer {
-    /// Makes a renderer of a scene with a light of its own and, if missing, a ground plane. Textures
-    /// and height fields are not drawn.
+    /// Makes a renderer of a scene with other lights and, if missing, a ground plane. Textures and
+    /// height fields are not drawn.
     ///
     /// # Errors
     /// If MuJoCo rejects the document, there is no such camera, or the scene or the picture is too
@@ -131,14 +131,15 @@ mod tests {
     const SCENE: &str = r#"<mujoco><worldbody>GROUND
         <body pos="0 0 0.1"><joint name="lift" type="slide" axis="0 0 1"/>
         <geom type="box" size="0.1 0.1 0.1" mass="1" rgba="0.1 0.2 0.9 1"/></body>
-        <site pos="0 0 0.3" size="0.05" rgba="0 1 0 1"/></worldbody>
+        <site pos="0 0 0.22" size="0.03" rgba="0 1 0 1"/></worldbody>
         <actuator><motor joint="lift"/></actuator></mujoco>"#;
 
-    fn renderer(ground: &str) -> (RayRenderer, Vec<f64>) {
+    /// Returns a renderer of the scene, and its state after some physics steps.
+    fn renderer(ground: &str, steps: usize) -> (RayRenderer, Vec<f64>) {
         let picture = PictureModel::new(SCENE.replace("GROUND", ground));
         let mut state = vec![0.0; picture.compile().unwrap().state_size()];
         let mut world = picture.compile().unwrap().world();
-        (0..200).for_each(|_| world.step());
+        (0..steps).for_each(|_| world.step());
         world.read_state(&mut state);
         let size = mishandle_world::Size::new(64, 48).unwrap();
         let mut renderer = RayRenderer::new(&picture, size, "auto").unwrap();
@@ -154,7 +155,7 @@ mod tests {
     #[test]
     fn a_picture_shows_shapes_sites_and_a_ground_and_has_the_same_bytes_on_another_thread() {
         let draw = || {
-            let (mut renderer, state) = renderer("");
+            let (mut renderer, state) = renderer("", 0);
             renderer.draw(&state).to_vec()
         };
         let found = draw();
@@ -170,7 +171,7 @@ mod tests {
     #[test]
     fn arrows_mark_contacts_before_everything_else() {
         let is_red = |[red, green, _]: &[u8; 3]| *red > 200 && *green < 90;
-        let (mut renderer, state) = renderer(r#"<geom type="plane" size="1 1 0.1"/>"#);
+        let (mut renderer, state) = renderer(r#"<geom type="plane" size="1 1 0.1"/>"#, 200);
         assert_eq!(count(renderer.draw(&state), is_red), 0);
         renderer.stage.mark_contacts();
         assert!(count(renderer.draw(&state), is_red) > 4);

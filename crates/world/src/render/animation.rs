@@ -1,4 +1,5 @@
-//! PNG, and animated PNG: films that every browser shows, without scripts and without a video codec.
+//! PNG, and animated PNG: films that every browser shows, without scripts and without a video
+//! codec.
 
 use png::{BitDepth, BlendOp, ColorType, Compression, DisposeOp, Encoder, EncodingError};
 

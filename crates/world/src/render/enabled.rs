@@ -68,7 +68,7 @@ impl Renderer {
         Ok(Renderer { stage, inner, width: width as usize, factor: factor as usize, pixels: Vec::new() })
     }
 
-    /// Returns the stage, to place the camera and to mark contacts. Its state is the one of the last
+    /// Returns the stage, to place the camera and to mark contacts. It shows the state of the last
     /// picture.
     pub fn stage(&mut self) -> &mut Stage {
         &mut self.stage

@@ -170,8 +170,8 @@ impl Stage {
         self.surroundings.place(&self.world)
     }
 
-    /// Returns where the camera is in the current state. One of the scene that is orthographic gets
-    /// the field of view of the others.
+    /// Returns where the camera is in the current state. An orthographic camera of the scene
+    /// becomes one with `FOVY_DEG`.
     pub fn viewpoint(&self) -> Viewpoint {
         let Placement::Scene(camera) = self.placement else {
             let axes = self.view.axes();
