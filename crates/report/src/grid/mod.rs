@@ -19,7 +19,7 @@ pub const NOTHING: &str = "-";
 #[derive(Clone, Debug)]
 pub enum GridRun {
     /// An evaluation: its plan and its rates.
-    Evaluation(Box<Plan>, Metrics),
+    Evaluation(Box<Plan>, Box<Metrics>),
     /// A falsification.
     Falsification(Box<GridFalsification>),
 }
@@ -29,7 +29,7 @@ impl GridRun {
     pub fn new(report: &RunReport) -> Option<GridRun> {
         let plan = report.plan.clone()?;
         match &report.rates {
-            Some(rates) => Some(GridRun::Evaluation(Box::new(plan), rates.clone())),
+            Some(rates) => Some(GridRun::Evaluation(Box::new(plan), Box::new(rates.clone()))),
             None => GridFalsification::new(report, plan).map(Box::new).map(GridRun::Falsification),
         }
     }
@@ -39,7 +39,7 @@ impl GridRun {
 /// falsification.
 pub fn statistics_page(name: &str, runs: &[GridRun]) -> Option<Page> {
     let evaluations = runs.iter().filter_map(|run| match run {
-        GridRun::Evaluation(plan, rates) => Some((&**plan, rates)),
+        GridRun::Evaluation(plan, rates) => Some((&**plan, &**rates)),
         GridRun::Falsification(_) => None,
     });
     let falsifications = runs.iter().filter_map(|run| match run {
