@@ -471,7 +471,9 @@ pub enum MishandleError {
         found: String,
     },
     /// The plan lacks the table of the command.
-    #[error("cannot {table}: the plan has no table [{table}]; resume a run with the command that made it")]
+    #[error(
+        "cannot {table}: the plan has no table [{table}]; add it, or resume a run with the command that made it"
+    )]
     MissingPlanTable {
         /// Name of the missing table.
         table: &'static str,

@@ -33,6 +33,7 @@ fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool)
 /// The formula of ball balancing ends at step 200 of 300, that of ball pushing holds once the ball
 /// is near the hole.
 #[test]
+#[ignore = "long"]
 fn every_search_proposes_the_same_points_and_robustness_is_bounded() {
     let folder = tempfile::tempdir().unwrap();
     // A search knows no task. Those of the second task do not look at robustness.

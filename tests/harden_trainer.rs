@@ -113,6 +113,7 @@ fn error(result: Result<Option<Hardening>, MishandleError>) -> String {
 }
 
 #[test]
+#[ignore = "long"]
 fn a_better_controller_is_accepted_also_after_interruptions() {
     let bench = Bench::new("better");
     let plan = bench.plan();

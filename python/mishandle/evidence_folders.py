@@ -70,7 +70,7 @@ def verify_evidence(
     share: float = 0.05,
     seed: int | None = None,
 ) -> EvidenceVerification:
-    """Checks signature, hashes and run files of a folder of others, and replays a random share of its simulations.
+    """Checks signature, hashes and run files of a folder that somebody else made, and replays a random share of its simulations.
 
     What is wrong is part of the result: ``is_verified`` and ``problems``; ``unverified`` has what cannot be checked. Nothing is
     written, and no program but ``ssh-keygen`` is started, which checks the signature. Systems in Python are not replayed, because their code is not in the folder, so

@@ -1,5 +1,5 @@
 //! `cargo xtask test`: runs the steps in order and stops at the first failure. With `--all` it runs
-//! more of each step, and steps that few changes need; CI does that.
+//! more of each step, and steps that few changes need.
 
 use std::fs;
 use std::path::Path;

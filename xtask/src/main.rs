@@ -55,7 +55,7 @@ const CHORES: &[Chore] = &[
     Chore {
         name: "test",
         arguments: "[--all]",
-        about: "run fmt, tidy, lints, tests, doc tests, python, monitor, clients, pages; --all: everything, as CI does",
+        about: "run fmt, tidy, lints, tests, doc tests, python, monitor, clients, pages; --all: everything",
         run: check::check,
     },
     Chore {

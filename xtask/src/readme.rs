@@ -21,7 +21,7 @@ use anyhow::{Context, Result, bail, ensure};
 use crate::check::Extent;
 use crate::process::{cargo, linted, run};
 
-/// The longest first. Those of [`USUAL`] alone run without `--all`.
+/// The longest first. Without `--all`, only the pages in [`USUAL`] run.
 const PAGES: [&str; 15] = [
     "docs/guide/margin.md",
     "docs/guide/tour.md",

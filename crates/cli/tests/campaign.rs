@@ -98,7 +98,9 @@ fn stopped(bench: &Bench, arguments: &str, path: &str, name: &str) -> (Option<i3
     let mut command = bench.command(arguments);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     while !bench.path(path).exists() {
-        assert!(child.try_wait().unwrap().is_none(), "{arguments} ended without {path}");
+        if child.try_wait().unwrap().is_some() {
+            panic!("{arguments} ended without {path}: {}", text(&child.wait_with_output().unwrap().stderr));
+        }
         std::thread::sleep(Duration::from_millis(5));
     }
     signal(&child, name);

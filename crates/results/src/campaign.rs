@@ -38,7 +38,7 @@ pub enum Answer {
     Falsification(Box<Falsification>),
     /// That of `margin`.
     Margin(Box<Margin>),
-    /// That of metamorphic relations.
+    /// The result of metamorphic relations.
     Metamorphic(Box<Metamorphic>),
     /// That of `risk`.
     Risk(Box<Risk>),

@@ -314,6 +314,7 @@ fn expert_episodes_from(
 }
 
 #[test]
+#[ignore = "long"]
 fn the_expert_satisfies_both_formulas() {
     for task in TASKS {
         let name = task.definition().name;
@@ -359,6 +360,7 @@ fn is_strict(episode: &Episode) -> bool {
 }
 
 #[test]
+#[ignore = "long"]
 fn halving_the_physics_step_changes_at_most_one_outcome() {
     for task in TASKS {
         let halved = TaskEnvironment::with_substeps(
@@ -404,6 +406,7 @@ fn an_episode_depends_on_neither_batch_nor_threads() {
 }
 
 #[test]
+#[ignore = "long"]
 fn every_reward_is_higher_for_the_expert_than_for_zero_actions() {
     for task in TASKS {
         for reward in REWARDS {

@@ -35,7 +35,7 @@ pub fn open(
     let found = run.file().header().kind;
     ensure!(
         found == kind || found != RunKind::Metamorphic,
-        "{} is a run of metamorphic relations; resume its campaign, or resume it from Python",
+        "{} is a run of metamorphic relations; resume it with: mishandle campaign --resume FOLDER, or from Python",
         path.display()
     );
     ensure!(

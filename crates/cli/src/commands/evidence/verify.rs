@@ -1,4 +1,4 @@
-//! `mishandle evidence verify`: checks a folder of evidence of others.
+//! `mishandle evidence verify`: checks somebody else's folder of evidence.
 
 use std::path::PathBuf;
 
