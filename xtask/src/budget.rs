@@ -60,11 +60,21 @@ pub fn table(budget: &str, is_all: bool, times: &[Time]) -> Result<String> {
     Ok(text)
 }
 
+/// Checks that the budget has every step.
+///
+/// # Errors
+/// As [`table`].
+pub fn check<'a>(budget: &str, steps: impl IntoIterator<Item = &'a str>) -> Result<()> {
+    steps.into_iter().try_for_each(|step| share(budget, step, true).map(|_| ()))
+}
+
 /// Returns the share of a step, percent.
 fn share(budget: &str, step: &str, is_all: bool) -> Result<f64> {
     let lines = budget.lines().filter(|line| !line.starts_with('#'));
     let numbers = |line: &str| {
-        line.strip_prefix(step).map(|rest| rest.split_whitespace().collect::<Vec<_>>().join(" "))
+        line.strip_prefix(step)
+            .filter(|rest| rest.starts_with(' '))
+            .map(|rest| rest.split_whitespace().collect::<Vec<_>>().join(" "))
     };
     let found = lines.filter_map(numbers).find_map(|rest| {
         let (usual, all) = rest.split_once(' ')?;

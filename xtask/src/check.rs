@@ -69,6 +69,8 @@ pub fn check(root: &Path, arguments: &[String]) -> Result<()> {
     };
     let chosen: Vec<&Step> =
         STEPS.iter().filter(|step| extent == Extent::All || step.from == Extent::Usual).collect();
+    let budget = fs::read_to_string(root.join(budget::FILE)).with_context(|| budget::FILE.to_string())?;
+    budget::check(&budget, STEPS.iter().map(|step| step.name))?;
     let mut spent = Vec::new();
     for (number, step) in (1..).zip(&chosen) {
         let label = format!("[{number}/{}] {}", chosen.len(), step.name);
@@ -83,7 +85,6 @@ pub fn check(root: &Path, arguments: &[String]) -> Result<()> {
         eprintln!("{label}: passed in {:.1} s\n", time.wall_secs);
         spent.push(time);
     }
-    let budget = fs::read_to_string(root.join(budget::FILE)).with_context(|| budget::FILE.to_string())?;
     eprint!("{}", budget::table(&budget, extent == Extent::All, &spent)?);
     Ok(())
 }

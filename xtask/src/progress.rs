@@ -22,6 +22,7 @@ const NAMES: [&str; 6] =
 /// If it cannot be started, or fails.
 pub fn run(cargo: &mut Command) -> Result<()> {
     let typed = as_typed(cargo);
+    cargo.env("CARGO_TERM_COLOR", "never");
     cargo.env("CARGO_TERM_PROGRESS_WHEN", "always").env("CARGO_TERM_PROGRESS_WIDTH", WIDTH);
     let mut child = cargo.stderr(Stdio::piped()).spawn().with_context(|| format!("cannot run `{typed}`"))?;
     let stderr = child.stderr.take().context("cargo has no stderr")?;

@@ -166,14 +166,14 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     // A link is not followed, also to a signature that fits.
     fs::remove_file(&signature).unwrap();
     symlink(bench.path("good"), &signature).unwrap();
-    assert_eq!(verify()["signature"], "missing");
+    assert_eq!(verify()["signature"], "wrong");
     // A pipe would wait for a writer, a device has no end.
     fs::remove_file(&signature).unwrap();
     assert!(Command::new("mkfifo").arg(&signature).status().unwrap().success());
-    assert_eq!(verify()["signature"], "missing");
+    assert_eq!(verify()["signature"], "wrong");
     fs::remove_file(&signature).unwrap();
     fs::create_dir(&signature).unwrap();
-    assert_eq!(verify()["signature"], "missing");
+    assert_eq!(verify()["signature"], "wrong");
     fs::remove_dir(&signature).unwrap();
     let end = "-----END SSH SIGNATURE-----\n";
     for text in [
@@ -201,4 +201,27 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
         bench.write("signers", &format!("{name} {public}"));
         bench.check("evidence verify ev --allowed-signers signers", code);
     }
+}
+
+/// A name of the key counts only with the options of its own line.
+#[test]
+fn only_names_that_may_sign_are_named() {
+    if !has_ssh_keygen() {
+        return;
+    }
+    let bench = evidence();
+    let public = key(&bench, "ed25519", "").trim().to_string();
+    sign_by_hand(&bench, "ed25519");
+    let verify = |signers: &str, code| {
+        bench.write("signers", signers);
+        bench.json("evidence verify ev --allowed-signers signers --json", code)
+    };
+    for names in ["release,ci", "ci,release"] {
+        let found =
+            verify(&format!("{names} namespaces=\"git\" {public}\nrelease {public}\nsome {public}\n"), 0);
+        assert_eq!(found["signer"]["principals"], serde_json::json!(["release"]), "{names}");
+    }
+    let found = verify(&format!("release,ci namespaces=\"git\" {public}\n"), 1);
+    assert_eq!(found["signature"], "wrong");
+    assert!(found["problems"].to_string().contains("may not sign evidence"), "{found}");
 }

@@ -21,6 +21,16 @@ pub const NAMESPACE: &str = "mishandle-evidence";
 /// Status of a signature that does not count.
 pub(crate) const WRONG: &str = "wrong";
 
+/// Status of a folder without a signature.
+pub(crate) const MISSING: &str = "missing";
+
+/// Exit code of `ssh-keygen -Y` for a signature or a signer that it refuses. A mistake in its
+/// arguments is 1.
+const REFUSED: i32 = 255;
+
+/// Most names of a key that are checked.
+const MAX_NAMES: usize = 16;
+
 /// Status of a signature that `ssh-keygen` could not check.
 pub(crate) const UNCHECKED: &str = "unchecked";
 
@@ -52,9 +62,9 @@ impl Key {
     pub(crate) fn sign(&self, bytes: &[u8]) -> Result<String, EvidenceError> {
         // With this passphrase, `ssh-keygen` does not ask for another one. An agent needs none.
         let output = keygen(&["-P", "", "-Y", "sign", "-n", NAMESPACE, "-f", &text(&self.0)?], bytes)?;
-        match output.is_success {
-            true => Ok(output.stdout),
-            false => Err(self.problem(format!(
+        match output.code {
+            Some(0) => Ok(output.stdout),
+            _ => Err(self.problem(format!(
                 "ssh-keygen does not sign with it: {}; a key with a passphrase signs after `ssh-add`, and any key afterwards: \
                  write the folder without a key, then use ssh-keygen -Y sign -f KEY -n {NAMESPACE} DIR/{SUMS}",
                 said(&output)
@@ -122,7 +132,7 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
     };
     let Some((signature, pem)) = signature else {
         let problem = trusted.map(|_| "the folder is not signed".to_string());
-        return Ok(Checked { status: "missing", signer: None, problem });
+        return Ok(Checked { status: MISSING, signer: None, problem });
     };
     let wrong = |signer, problem| Ok(Checked { status: WRONG, signer, problem: Some(problem) });
     if pem.split_once(END).is_none_or(|(_, rest)| !rest.is_empty()) {
@@ -144,19 +154,31 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
         Signers::Allowed(path) => {
             let allowed = text(path)?;
             let found = keygen(&["-Y", "find-principals", "-f", &allowed, "-s", &signature], b"")?;
-            let principals: Vec<String> = found.stdout.lines().map(str::to_string).collect();
-            // A name that begins with `!` excludes.
-            let Some(name) = principals.iter().find(|name| !name.starts_with('!')) else {
-                let problem = "the key of the signature is none of the allowed signers";
-                return wrong(Some(signer), format!("{problem}: {}", said(&found)));
-            };
-            let verify = ["-Y", "verify", "-f", &allowed, "-I", name, "-n", NAMESPACE, "-s", &signature];
-            let verified = keygen(&verify, bytes)?;
-            if !verified.is_success {
-                let problem = format!("the key of the signature may not sign evidence: {}", said(&verified));
+            if !matches!(found.code, Some(0 | REFUSED)) {
+                return Err(no_result(&found));
+            }
+            // A name that begins with `!` excludes. Each name has options and limits of its own.
+            let names = found.stdout.lines().filter(|name| !name.starts_with('!')).take(MAX_NAMES);
+            let (mut verified, mut refusal) = (Vec::new(), None);
+            for name in names {
+                let verify = ["-Y", "verify", "-f", &allowed, "-I", name, "-n", NAMESPACE, "-s", &signature];
+                let output = keygen(&verify, bytes)?;
+                match output.code {
+                    Some(0) => verified.push(name.to_string()),
+                    Some(REFUSED) => refusal = refusal.or(Some(said(&output))),
+                    _ => return Err(no_result(&output)),
+                }
+            }
+            signer.principals = verified;
+            if signer.principals.is_empty() {
+                let problem = match refusal {
+                    Some(refusal) => format!("the key of the signature may not sign evidence: {refusal}"),
+                    None => {
+                        format!("the key of the signature is none of the allowed signers: {}", said(&found))
+                    }
+                };
                 return wrong(Some(signer), problem);
             }
-            signer.principals = principals;
         }
     }
     Ok(Checked { status, signer: Some(signer), problem: None })
@@ -168,14 +190,15 @@ fn signer(bytes: &[u8], signature: &str) -> Result<Result<EvidenceSigner, String
     // Good "mishandle-evidence" signature with ED25519 key SHA256:...
     let key =
         output.stdout.trim().rsplit_once(" signature with ").and_then(|(_, key)| key.split_once(" key "));
-    Ok(match key {
-        Some((algorithm, fingerprint)) if output.is_success => Ok(EvidenceSigner {
+    match (output.code, key) {
+        (Some(0), Some((algorithm, fingerprint))) => Ok(Ok(EvidenceSigner {
             algorithm: algorithm.to_string(),
             fingerprint: fingerprint.to_string(),
             principals: Vec::new(),
-        }),
-        _ => Err(format!("the signature of {SUMS} is wrong: {}", said(&output))),
-    })
+        })),
+        (Some(REFUSED), _) => Ok(Err(format!("the signature of {SUMS} is wrong: {}", said(&output)))),
+        _ => Err(no_result(&output)),
+    }
 }
 
 /// Returns the fingerprint of a public key, the text of a file.
@@ -185,7 +208,7 @@ fn fingerprint(path: &Path, text: &str) -> Result<String, EvidenceError> {
     let is_key = text.trim().lines().count() == 1
         && text.split_whitespace().nth(1).is_some_and(|key| key.starts_with("AAAA"));
     match output.stdout.split_whitespace().nth(1) {
-        Some(fingerprint) if output.is_success && is_key => Ok(fingerprint.to_string()),
+        Some(fingerprint) if output.code == Some(0) && is_key => Ok(fingerprint.to_string()),
         _ => Err(EvidenceError::Key {
             path: path.to_path_buf(),
             problem: "it is not a public key of OpenSSH, such as id_ed25519.pub".to_string(),
@@ -210,6 +233,12 @@ fn keygen(arguments: &[&str], input: &[u8]) -> Result<Output, EvidenceError> {
             failure => format!("ssh-keygen: {failure}"),
         },
     })
+}
+
+/// The error of a program that neither accepts nor refuses: it crashed, or is too old for `-Y`.
+fn no_result(output: &Output) -> EvidenceError {
+    let code = output.code.map_or("a signal".to_string(), |code| format!("exit code {code}"));
+    EvidenceError::Keygen { problem: format!("ssh-keygen ended with {code}: {}", said(output)) }
 }
 
 /// Returns a path as an argument: it begins with `/`, so it is neither an option nor `-`.

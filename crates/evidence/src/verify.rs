@@ -16,7 +16,7 @@ use crate::layout::{self, CHECKS, FILES, MANIFEST, PAGES, README, RUNS, SIGNATUR
 use crate::manifest::{self, FORMAT, Manifest};
 use crate::readme;
 use crate::replays;
-use crate::signature::{self, Checked, Signers, UNCHECKED, WRONG};
+use crate::signature::{self, Checked, MISSING, Signers, UNCHECKED, WRONG};
 use crate::sums::{self, Watch};
 
 /// A folder to verify, and how.
@@ -54,7 +54,7 @@ pub fn verify(
     let folder = request.folder;
     let mut found = EvidenceVerification {
         folder: path_text(folder),
-        signature: "missing".to_string(),
+        signature: MISSING.to_string(),
         signer: None,
         files: 0,
         problems: Vec::new(),
@@ -73,20 +73,26 @@ pub fn verify(
     }
     let Some(list) = read(folder, SUMS, sums::MAX_SIZE, &mut found.problems) else { return Ok(found) };
     let path = folder.join(SIGNATURE);
-    // A link, a device or a large file is a problem, and `ssh-keygen` does not open it.
-    let pem = match path.symlink_metadata() {
-        Ok(_) => read(folder, SIGNATURE, signature::MAX_SIZE, &mut found.problems),
-        Err(_) => None,
+    // A link, a device or a large file is a wrong signature, and `ssh-keygen` does not open it.
+    let is_there = path.symlink_metadata().is_ok();
+    let pem = match is_there {
+        true => read(folder, SIGNATURE, signature::MAX_SIZE, &mut found.problems),
+        false => None,
     };
     let signature = pem.as_deref().map(|pem| (&*path, pem));
     let Checked { status, signer, problem } = signature::check(list.as_bytes(), signature, &request.signers)?;
-    found.signature = status.to_string();
+    let is_unreadable = is_there && pem.is_none();
+    found.signature = if is_unreadable { WRONG } else { status }.to_string();
     found.signer = signer;
     match status {
         UNCHECKED => found.unverified.extend(problem),
+        _ if is_unreadable => {}
         _ => found.problems.extend(problem),
     }
-    let checked = check_files(folder, &list, &mut found, &mut || watch(0, 0));
+    // Without the signature that the caller demands, no run file is opened.
+    let is_refused =
+        found.signature == WRONG || (status == MISSING && !matches!(request.signers, Signers::Unknown));
+    let checked = check_files(folder, (&list, is_refused), &mut found, &mut || watch(0, 0));
     let done = match checked {
         Ok(Some(manifest)) => replays::check(request, &manifest, &mut found, &mut watch),
         Ok(None) => return Ok(found),
@@ -120,7 +126,7 @@ fn read(folder: &Path, name: &str, limit: u64, problems: &mut Vec<String>) -> Op
 /// agree.
 fn check_files(
     folder: &Path,
-    list: &str,
+    (list, is_refused): (&str, bool),
     found: &mut EvidenceVerification,
     watch: Watch<'_>,
 ) -> Result<Option<Manifest>, EvidenceError> {
@@ -160,7 +166,7 @@ fn check_files(
     }
     let is_changed = !problems.is_empty();
     found.problems.extend(problems);
-    if is_changed || found.signature == WRONG {
+    if is_changed || is_refused {
         return Ok(None);
     }
     let Some(text) = read(folder, MANIFEST, manifest::MAX_SIZE, &mut found.problems) else { return Ok(None) };

@@ -25,8 +25,8 @@ const GRACE: Duration = Duration::from_millis(200);
 /// Result of a program that got its whole input at once.
 #[derive(Clone, Debug)]
 pub struct Output {
-    /// Whether its status is 0.
-    pub is_success: bool,
+    /// Its exit code; `None` if a signal ended it.
+    pub code: Option<i32>,
     /// All of its standard output.
     pub stdout: String,
     /// Last lines of its standard error.
@@ -138,9 +138,9 @@ impl Peer {
             return Err(self.timed_out(limit));
         }
         self.kill();
-        let is_success = self.job.child.wait().is_ok_and(|status| status.success());
+        let code = self.job.child.wait().ok().and_then(|status| status.code());
         let _ = self.stderr_end.recv_timeout(GRACE);
-        Ok(Output { is_success, stdout, stderr: self.stderr() })
+        Ok(Output { code, stdout, stderr: self.stderr() })
     }
 
     /// Returns whether the program has written something since its last answer.

@@ -6,5 +6,6 @@
 mod dense_golden;
 mod errors;
 mod golden;
+mod laws;
 mod processor_time;
 mod reference;

@@ -1,8 +1,8 @@
 //! Laws of robustness in dense time, and inputs at the limits.
 
-use crate::processor_time::processor_secs;
 use super::naive::{NAMES, Random};
 use super::random_signals::{compile, evaluate, for_random_cases};
+use crate::processor_time::processor_secs;
 use mishandle_stl::{
     DenseError, DenseMonitor, DenseRobustness, DenseSignal, Formula, Interpolation, Violation, is_satisfied,
     is_violated,
