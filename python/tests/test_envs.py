@@ -174,7 +174,7 @@ class Pictures(unittest.TestCase):
                 (pathlib.Path(folder) / name).touch()
             variables = {**os.environ, "LD_LIBRARY_PATH": folder}
             found = subprocess.run(
-                [sys.executable, "-c", program], env=variables, check=True, capture_output=True, text=True, timeout=60
+                [sys.executable, "-c", program], env=variables, check=True, capture_output=True, text=True, timeout=600
             )
         self.assertRegex(found.stdout, "cannot render .*apt install libegl1 libgl1-mesa-dri")
 
@@ -445,7 +445,7 @@ class Fork(unittest.TestCase):
             "    os._exit(0 if env.reset()[0].shape[0] == 2 else 1)\n"
             "assert os.wait()[1] == 0"
         )
-        subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=600)
 
 
 class Package(unittest.TestCase):

@@ -89,7 +89,7 @@ class Client(unittest.TestCase):
                     states[row] = answer["state"]
             self.assertEqual(ask(1, [None, 1.0], [0.0] * 5)["action"], [None, 1.0])
             program.stdin.close()
-            self.assertEqual(program.wait(timeout=10), 0)
+            self.assertEqual(program.wait(timeout=600), 0)
             program.stdout.close()
 
     def test_mistakes_name_what_to_write(self) -> None:

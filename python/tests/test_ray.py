@@ -225,7 +225,7 @@ class RayTest(unittest.TestCase):
 
     def campaign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=200)
+        return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=1800)
 
     def test_a_campaign_has_the_rows_of_the_command_line(self) -> None:
         (self.folder / "campaign.toml").write_text(CAMPAIGN)
@@ -264,7 +264,7 @@ class RayTest(unittest.TestCase):
             self.assertIsNone(first.poll())
             time.sleep(0.1)
         first.send_signal(signal.SIGINT)
-        _, stderr = first.communicate(timeout=60)
+        _, stderr = first.communicate(timeout=600)
         self.assertEqual(first.returncode, 130, stderr)
         self.assertIn("interrupted", stderr)
         stored = count()
@@ -274,7 +274,7 @@ class RayTest(unittest.TestCase):
             self.assertIsNone(again.poll())
             time.sleep(0.1)
         again.send_signal(signal.SIGTERM)
-        _, stderr = again.communicate(timeout=60)
+        _, stderr = again.communicate(timeout=600)
         self.assertEqual(again.returncode, 130, stderr)
 
     def test_hardenings_of_a_campaign_run_on_workers_and_continue_after_an_interruption(self) -> None:
@@ -289,7 +289,7 @@ class RayTest(unittest.TestCase):
             self.assertIsNone(first.poll())
             time.sleep(0.01)
         first.send_signal(signal.SIGINT)
-        _, stderr = first.communicate(timeout=60)
+        _, stderr = first.communicate(timeout=600)
         self.assertEqual(first.returncode, 130, stderr)
         self.assertLess(len(list((self.folder / "ray").glob("*/result.json"))), 2)
         ended = self.campaign("--resume", "ray")

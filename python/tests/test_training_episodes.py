@@ -260,7 +260,7 @@ class Fork(unittest.TestCase):
             "    env = mishandle.TrainingEpisodes('point-reaching', 2)\n" \
             "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
             "assert os.wait()[1] == 0"
-        subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+        subprocess.run([sys.executable, "-c", program], check=True, timeout=600)
 
 
 if __name__ == "__main__":
