@@ -1,7 +1,5 @@
 //! The files of a controller: itself, and those that belong to an ONNX model.
 
-use std::fs;
-use std::io::ErrorKind;
 use std::path::Path;
 
 use mishandle_files::{limits, read_bounded};
@@ -73,12 +71,7 @@ impl ControllerFiles {
             let path = onnx_side(path, end);
             match side {
                 Some(bytes) => folder.write(&path, bytes)?,
-                None => match fs::remove_file(&path) {
-                    Err(source) if source.kind() != ErrorKind::NotFound => {
-                        return Err(MishandleError::Write { what: "file", path, source });
-                    }
-                    _ => {}
-                },
+                None => folder.remove(&path)?,
             }
         }
         folder.write(path, &self.bytes)
@@ -87,6 +80,8 @@ impl ControllerFiles {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

