@@ -24,8 +24,8 @@ fn main() -> io::Result<()> {
         println!("cargo::rerun-if-changed={folder}/index");
     }
     let commit = output("git", &["rev-parse", "--short=12", "HEAD"]).unwrap_or_else(|| "unknown".to_string());
-    // Without this option, `git status` writes the index, after which the next build runs this again
-    // and compiles every crate above.
+    // Without this option, `git status` writes the index, after which the next build runs this
+    // again and compiles every crate above.
     let status = ["--no-optional-locks", "status", "--porcelain", "--untracked-files=no", "--"];
     let status = [&status[..], &SOURCES[..]].concat();
     let changed = output("git", &status).is_some_and(|s| !s.is_empty());
