@@ -55,7 +55,10 @@ fn a_broken_pair_is_two_rows_that_replay() {
         assert_eq!(again["relations"], found["relations"]);
     }
     assert_eq!(bench.json("campaign --resume c --json", 1)["runs"][0]["result"], found);
-    bench.refuses(&format!("evaluate --resume {run}"), &["a run of metamorphic relations", "its campaign"]);
+    bench.refuses(
+        &format!("evaluate --resume {run}"),
+        &["a run of metamorphic relations", "mishandle campaign --resume FOLDER"],
+    );
     let text = bench.check(&format!("report {run} --out run.html"), 0);
     let page = std::fs::read_to_string(bench.path("run.html")).unwrap();
     assert!(page.contains("Pairs that break r"), "{text}");
