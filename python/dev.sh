@@ -12,6 +12,7 @@ large=(test_gpu.py test_ray.py test_fronts.py notebooks test_gpu_cameras.py test
 all=()
 if [ "${1-}" = --all ]; then
     all=(--all)
+    export MISHANDLE_TEST_ALL=1
     shift
 fi
 

@@ -21,7 +21,15 @@ class Examples(unittest.TestCase):
     def test_docstrings(self):
         examples = 0
         for module in pkgutil.iter_modules(mishandle.__path__, "mishandle."):
-            found = doctest.testmod(importlib.import_module(module.name))
+            try:
+                imported = importlib.import_module(module.name)
+            except ImportError as error:
+                # The usual tests install no extras; with all tests, an extra that is missing is a failure.
+                is_extra = "needs an extra" in str(error) or error.name in ("mujoco_warp", "ray", "warp")
+                if not is_extra or os.environ.get("MISHANDLE_TEST_ALL") == "1":
+                    raise
+                continue
+            found = doctest.testmod(imported)
             self.assertEqual(found.failed, 0, module.name)
             examples += found.attempted
         self.assertGreater(examples, 20)
