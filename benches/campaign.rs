@@ -40,8 +40,11 @@ fn main() {
         let environment = target
             .environment(&resolved.space, &resolved.specification)
             .expect("the space belongs to the task");
-        let (one, two) = (pool(1), pool(2));
-        let (mut alone, mut whole, mut both) = (Duration::MAX, Duration::MAX, Duration::MAX);
+        let one = pool(1);
+        let two = pool(2);
+        let mut alone = Duration::MAX;
+        let mut whole = Duration::MAX;
+        let mut both = Duration::MAX;
         for _ in 0..REPETITIONS {
             alone = alone.min(one.install(|| stepping(&target, &environment)));
             whole = whole.min(one.install(|| falsification(&resolved)));
@@ -69,9 +72,11 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 /// Steps and infers as many simulations as the falsification, 16 together.
 fn stepping(target: &TaskTarget, environment: &TaskEnvironment) -> Duration {
     const ROWS: usize = 16;
-    let (mut worker, mut controller) = (environment.worker(), target.controller().worker());
-    let (state_size, observation_size, action_size) =
-        (environment.state_size(), environment.observation_size(), environment.action_size());
+    let mut worker = environment.worker();
+    let mut controller = target.controller().worker();
+    let state_size = environment.state_size();
+    let observation_size = environment.observation_size();
+    let action_size = environment.action_size();
     let mut state = vec![0.0; ROWS * state_size];
     let mut memory = vec![0.0; ROWS * target.controller().state_size()];
     let mut observation = vec![0.0; ROWS * observation_size];

@@ -60,8 +60,9 @@ fn main() {
         std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     let number =
         |index: usize, default: usize| arguments.get(index).map_or(default, |text| text.parse().unwrap());
-    let (task, rows, episodes) =
-        (arguments.first().map_or("point-reaching", String::as_str), number(1, 4096), number(2, 1));
+    let task = arguments.first().map_or("point-reaching", String::as_str);
+    let rows = number(1, 4096);
+    let episodes = number(2, 1);
     let evaluate = EvaluatePlan::default();
     let space = arguments.get(3).map_or("starts", String::as_str).to_string();
     let plan = Plan { action_noise: 0.1, seed: 1, space, evaluate: Some(evaluate), ..Plan::new(task, "ppo") };

@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // The state of a simulation is a row of numbers. `worker` steps it, and `controller` computes
     // its actions.
-    let (mut worker, mut controller) = (environment.worker(), target.controller().worker());
+    let mut worker = environment.worker();
+    let mut controller = target.controller().worker();
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; target.controller().state_size()];
     let mut observation = vec![0.0; environment.observation_size()];

@@ -10,9 +10,10 @@ pub const VERSION_AND_COMMIT: &str = concat!(env!("CARGO_PKG_VERSION"), " (", en
 
 /// CPU architecture. The text names a build without the instruction set of `.cargo/config.toml`.
 const ARCHITECTURE: &str =
-    match cfg!(all(target_arch = "x86_64", not(all(target_feature = "avx2", target_feature = "fma")))) {
-        true => "x86_64 without avx2 and fma",
-        false => std::env::consts::ARCH,
+    if cfg!(all(target_arch = "x86_64", not(all(target_feature = "avx2", target_feature = "fma")))) {
+        "x86_64 without avx2 and fma"
+    } else {
+        std::env::consts::ARCH
     };
 
 /// Returns version, commit, compiler and platform of this program. A bit-identical replay needs the

@@ -569,7 +569,7 @@ pub enum MishandleError {
     Interchange(#[from] mishandle_interchange::InterchangeError),
     /// A guard cannot be made.
     #[error(transparent)]
-    Guard(#[from] mishandle_guard::GuardError),
+    Guard(#[from] mishandle_controllers::guard::GuardError),
     /// The fallback of a guard cannot be loaded.
     #[error("the fallback of the guard, `{fallback}`: {source}")]
     Fallback {
@@ -852,9 +852,10 @@ fn keys_beside(key: &str, known: &[&'static str]) -> String {
 /// Says why a threshold cannot be chosen.
 fn too_few_to_tune(failures: usize, successes: usize, scenarios: u64, fewest: usize) -> String {
     let few = if failures < successes { failures } else { successes };
-    let (kind, cure) = match failures < successes {
-        true => ("fail", "a space in which the controller fails more often"),
-        false => ("succeed", "a space in which the controller fails less often"),
+    let (kind, cure) = if failures < successes {
+        ("fail", "a space in which the controller fails more often")
+    } else {
+        ("succeed", "a space in which the controller fails less often")
     };
     format!(
         "{few} of {scenarios} training scenarios {kind}, and a threshold rests on at least {fewest}: use more --episodes, or \

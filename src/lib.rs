@@ -46,12 +46,12 @@ pub use resolve::ResolvedPlan;
 pub use run::{evaluate, falsify};
 
 pub use {
-    mishandle_arch as arch, mishandle_camera as camera, mishandle_controllers as controllers,
-    mishandle_dataset as dataset, mishandle_evaluation as evaluation,
-    mishandle_falsification as falsification, mishandle_files as files, mishandle_guard as guard,
-    mishandle_interchange as interchange, mishandle_mjcf as mjcf, mishandle_network as network,
-    mishandle_random as random, mishandle_requirements as requirements, mishandle_results as results,
-    mishandle_risk as risk, mishandle_rollout as rollout, mishandle_search as search,
-    mishandle_sight as sight, mishandle_stl as stl, mishandle_store as store, mishandle_tasks as tasks,
-    mishandle_toys as toys, mishandle_training as training, mishandle_world as world,
+    mishandle_camera as camera, mishandle_camera::sight, mishandle_controllers as controllers,
+    mishandle_controllers::guard, mishandle_dataset as dataset, mishandle_evaluation as evaluation,
+    mishandle_falsification as falsification, mishandle_files as files, mishandle_interchange as interchange,
+    mishandle_network as network, mishandle_random as random, mishandle_requirements as requirements,
+    mishandle_results as results, mishandle_risk as risk, mishandle_robots::mjcf,
+    mishandle_rollout as rollout, mishandle_search as search, mishandle_stl as stl, mishandle_store as store,
+    mishandle_tasks as tasks, mishandle_toys as toys, mishandle_toys::arch, mishandle_training as training,
+    mishandle_world as world,
 };

@@ -28,7 +28,8 @@ fn plan(folder: &Path) -> BisectionPlan {
 
 #[test]
 fn an_interrupted_bisection_continues_in_the_middle_of_a_candidate() {
-    let (whole, part) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let whole = tempfile::tempdir().unwrap();
+    let part = tempfile::tempdir().unwrap();
     let whole = bisect(&plan(whole.path()), &mut |_| ControlFlow::Continue(())).unwrap();
     let plan = plan(part.path());
     // Number of simulations of the second candidate.

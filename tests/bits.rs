@@ -16,7 +16,8 @@ fn simulations_are_bit_identical_to_an_earlier_commit() {
     let golden: Value = serde_json::from_str(include_str!("golden/bits.json")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for (i, case) in golden["cases"].as_array().unwrap().iter().enumerate() {
-        let (task, search) = (case["task"].as_str().unwrap(), case["search"].as_str().unwrap());
+        let task = case["task"].as_str().unwrap();
+        let search = case["search"].as_str().unwrap();
         let expected = case["simulations"].as_array().unwrap();
         let falsify = FalsifyPlan {
             formula: Some("strict".to_string()),

@@ -133,9 +133,11 @@ fn a_counterexample_violates_its_requirement_again_and_the_runs_have_their_diges
 fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_error() {
     let x = signal();
     let requirements = format!("[[requirement]]\nname = \"fine\"\nformula = \"always({x} >= -10)\"");
-    let (whole, parts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let whole = tempfile::tempdir().unwrap();
+    let parts = tempfile::tempdir().unwrap();
     let expected = run(&requirements, whole.path(), 3);
-    let (file, text) = (file(&requirements), &requirements);
+    let file = file(&requirements);
+    let text = &requirements;
     let subjects = [subject(TARGET, "", 3)];
     let mut interruptions = 0;
     loop {

@@ -279,7 +279,7 @@ fn the_cells_about_falsifiers_are_true() {
     // A variant of a task, such as the cloth of 7 by 7 points, is not counted as a task.
     let tasks = TASKS.iter().filter(|task| task.definition().variant_of.is_none()).count();
     let toys = mishandle_toys::TOYS.len();
-    let problems = mishandle_arch::PROBLEMS.len();
+    let problems = mishandle_toys::arch::PROBLEMS.len();
     let folder = tempfile::tempdir().unwrap();
     let (_, robot) = robot(folder.path());
     // These lines compile as long as other crates can have tasks and searches of their own.

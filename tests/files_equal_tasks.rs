@@ -1,9 +1,9 @@
 //! Tasks of the benchmark as target files: the same traces, bit for bit.
 
 use crate::tasks_as_files;
+use mishandle_camera::sight::View;
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_rollout::{Episode, Seed};
-use mishandle_sight::View;
 use mishandle_world::Model;
 
 fn traces_are_equal(task: &str) {
@@ -14,7 +14,8 @@ fn traces_are_equal(task: &str) {
             let bits = |episode: &Episode| -> Vec<u64> {
                 episode.trace.column(column).iter().map(|x| x.to_bits()).collect()
             };
-            let (expected, found) = (bits(expected), bits(found));
+            let expected = bits(expected);
+            let found = bits(found);
             let differs = expected.iter().zip(&found).position(|(a, b)| a != b);
             assert_eq!((differs, expected.len()), (None, found.len()), "{name} in simulation {row}");
         }
@@ -53,7 +54,10 @@ fn cameras_of_a_file_see_what_those_of_the_task_see() {
     let table = |place: &mishandle_tasks::CameraPlace| {
         let body = place.body.map_or(String::new(), |name| format!("body = \"{name}\", "));
         let fovy = 2.0 * (0.5 / place.focal_length).atan().to_degrees();
-        let (name, from, to, up) = (place.name, place.from, place.to, place.up);
+        let name = place.name;
+        let from = place.from;
+        let to = place.to;
+        let up = place.up;
         format!("{name} = {{ {body}position = {from:?}, look_at = {to:?}, up = {up:?}, fovy = {fovy} }}\n")
     };
     let cameras: String = task.cameras().iter().map(table).collect();
@@ -63,23 +67,26 @@ fn cameras_of_a_file_see_what_those_of_the_task_see() {
     let (other, found) = file.view(size).unwrap().unwrap();
     let state = &mishandle::picture::initial_state("ball-pushing", None).unwrap().states[0];
     let image = |model: &Model, view: &View, camera: usize| {
-        let (mut poses, mut rgb) = (Poses::default(), vec![0; 3 * size.pixels()]);
+        let mut poses = Poses::default();
+        let mut rgb = vec![0; 3 * size.pixels()];
         PoseReader::new(model).read(state, &mut poses);
-        let (scene, camera) = (&view.scene, &view.cameras[camera]);
+        let scene = &view.scene;
+        let camera = &view.cameras[camera];
         let shot = Shot { scene, poses: &poses, before: None, camera, seed: Seed(0), step: 0 };
         Renderer::new().render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: None });
         rgb
     };
     for camera in [0, 1] {
         // The focal length is rounded to a field of view.
-        let (expected, image) = (image(&own, &seen, camera), image(&other, &found, camera));
+        let expected = image(&own, &seen, camera);
+        let image = image(&other, &found, camera);
         let differing = expected.iter().zip(&image).filter(|(a, b)| a.abs_diff(**b) > 1).count();
         assert!(differing <= 12, "{differing} of {} bytes", image.len());
         assert!(expected.iter().any(|byte| *byte != expected[0]));
     }
     let parts = |view: &View| (0..view.scene.shapes.len()).map(|shape| view.part(shape)).collect::<Vec<_>>();
     assert_eq!(parts(&seen), parts(&found));
-    let names = |sight: &mishandle_sight::Sight| -> Vec<String> {
+    let names = |sight: &mishandle_camera::sight::Sight| -> Vec<String> {
         sight.axes().map(|(_, axis)| axis.name.clone()).collect()
     };
     assert_eq!(names(&mishandle_tasks::sight::sight(task.definition())), names(file.sight().unwrap()));

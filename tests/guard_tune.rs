@@ -66,7 +66,8 @@ fn bits(episode: &Episode) -> Vec<u64> {
 #[test]
 fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();
-    let (whole, parts) = (folder.path().join("whole"), folder.path().join("parts"));
+    let whole = folder.path().join("whole");
+    let parts = folder.path().join("parts");
     let found = run(&plan(), &settings(), &whole);
     let threshold = found.subject.guard.as_ref().unwrap().threshold.0;
 
@@ -84,7 +85,8 @@ fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
     let watched = episodes(&Plan { guard: Some(watching), ..plan() }, &training);
     assert!(found.curve.len() > 10 && threshold.is_finite());
     for point in &found.curve {
-        let (mut missed, mut false_alarms) = (0, 0);
+        let mut missed = 0;
+        let mut false_alarms = 0;
         for episode in &watched {
             let certain = JUDGED
                 .clone()
@@ -139,9 +141,9 @@ fn a_tuning_is_that_of_its_traces_and_continues_where_it_stopped() {
     assert_eq!(at(&again), at(&found));
     // The runs of other settings stay as they are.
     assert!(
-        tune(&plan(), &TuneSettings { episodes: 41, ..settings() }, &parts, &mut |_| ControlFlow::Continue(
-            ()
-        ))
+        tune(&plan(), &TuneSettings { episodes: 41, ..settings() }, &parts, &mut |_| {
+            ControlFlow::Continue(())
+        })
         .is_err()
     );
 }

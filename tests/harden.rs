@@ -55,7 +55,8 @@ fn run_files(folder: &Path) -> Vec<PathBuf> {
 
 /// The seeds of all simulations, and the scenarios of those that are not corners, as bits.
 fn rows(files: &[PathBuf]) -> (BTreeSet<u64>, BTreeSet<Vec<u64>>) {
-    let (mut seeds, mut scenarios) = (BTreeSet::new(), BTreeSet::new());
+    let mut seeds = BTreeSet::new();
+    let mut scenarios = BTreeSet::new();
     for file in files {
         for simulation in RunFile::open(file).unwrap().simulations() {
             let simulation = simulation.unwrap();
@@ -93,9 +94,12 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
 
     // A second one stops at the first report of each phase.
     let other = home.path().join("parts.safetensors");
-    let found = in_parts(|is_first, watch| match is_first {
-        true => harden(&plan, &other, None, watch).unwrap(),
-        false => resume(&harden_folder(&other), Opening::default(), None, watch).unwrap(),
+    let found = in_parts(|is_first, watch| {
+        if is_first {
+            harden(&plan, &other, None, watch).unwrap()
+        } else {
+            resume(&harden_folder(&other), Opening::default(), None, watch).unwrap()
+        }
     });
     assert_eq!(without_paths(found), without_paths(whole.clone()));
 

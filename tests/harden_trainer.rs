@@ -174,9 +174,12 @@ fn a_better_controller_is_accepted_also_after_interruptions() {
 
     // A second one stops at the first report of each phase, and in the training.
     let other = bench.path("parts.onnx");
-    let found = in_parts(|is_first, watch| match is_first {
-        true => harden(&plan, &other, None, watch).unwrap(),
-        false => resume_plan(&harden_folder(&other), &plan, None, watch).unwrap(),
+    let found = in_parts(|is_first, watch| {
+        if is_first {
+            harden(&plan, &other, None, watch).unwrap()
+        } else {
+            resume_plan(&harden_folder(&other), &plan, None, watch).unwrap()
+        }
     });
     assert_eq!(without_paths(found), without_paths(whole.clone()));
     assert!(bench.text("stopped").starts_with("stopped"), "an interruption ends the trainer");
@@ -237,7 +240,8 @@ fn mistakes_are_errors_before_anything_is_written() {
     };
     let command = |command: &str| table(&|table| table.trainer = Some(command.to_string()));
     // The name of a shipped controller does not say its format.
-    let (target, controller) = ("point-reaching".to_string(), "vision".to_string());
+    let target = "point-reaching".to_string();
+    let controller = "vision".to_string();
     let seeing = Plan { target, controller, ..table(&|table| table.trainer = None) };
     for (plan, part) in [
         (table(&|table| table.trainer = None), "--trainer"),

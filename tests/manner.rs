@@ -42,7 +42,8 @@ fn a_trace_has_the_signals_of_the_manner_if_a_formula_reads_one() {
         (Plan::new("point-reaching", "expert"), false),
     ] {
         let resolved = resolved(&plan);
-        let (episode, expected) = (episode(&resolved), own + if has_manner { MANNER.len() } else { 0 });
+        let episode = episode(&resolved);
+        let expected = own + if has_manner { MANNER.len() } else { 0 };
         assert_eq!(episode.trace.names().len(), expected, "{:?}", plan.falsify);
         assert_eq!(resolved.signal_names(), *episode.trace.names());
         assert_eq!(episode.verdict.careful.is_some(), has_manner);

@@ -233,7 +233,8 @@ fn trials_that_no_question_asks_and_wrong_statuses_are_refused() {
 fn a_run_of_another_question_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let plans = plans();
-    let (margin, risk) = (&plans[2], &plans[5]);
+    let margin = &plans[2];
+    let risk = &plans[5];
     let path = folder.path().join("run.sqlite");
     let resolved = ResolvedPlan::new(margin).unwrap();
     mishandle::run::create_run(&resolved, Some(&path)).unwrap().close().unwrap();

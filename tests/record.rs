@@ -43,10 +43,12 @@ struct Arrays(HashMap<String, (Vec<usize>, Vec<u8>)>);
 impl Arrays {
     fn read(folder: &Path) -> Arrays {
         let file = std::fs::read(folder.join("data.npz")).unwrap();
-        let (mut arrays, mut at) = (HashMap::new(), 0);
+        let mut arrays = HashMap::new();
+        let mut at = 0;
         let u16_at = |at: usize| usize::from(u16::from_le_bytes(file[at..at + 2].try_into().unwrap()));
         while file[at..at + 4] == *b"PK\x03\x04" {
-            let (name, extra) = (u16_at(at + 26), u16_at(at + 28));
+            let name = u16_at(at + 26);
+            let extra = u16_at(at + 28);
             let start = at + 30 + name + extra;
             let size = u64::from_le_bytes(file[at + 34 + name..at + 42 + name].try_into().unwrap()) as usize;
             let key = String::from_utf8(file[at + 30..at + 30 + name].to_vec()).unwrap();
@@ -163,7 +165,8 @@ fn replayed_actions_give_the_same_observations_and_the_facts_are_those_of_an_eva
     let environment = target.environment(&resolved.space, &resolved.specification).unwrap();
     let sizes = [environment.observation_size(), environment.action_size()];
     assert_eq!(arrays.shape("observation.state"), [1800, sizes[0]]);
-    let (observations, actions) = (arrays.floats("observation.state"), arrays.floats("action"));
+    let observations = arrays.floats("observation.state");
+    let actions = arrays.floats("action");
     let starts = arrays.words("episode_starts");
     let episodes = rows.iter().zip(starts.windows(2)).map(|(row, span)| {
         let [from, to] = [span[0], span[1]].map(|index| index as usize);
@@ -196,8 +199,10 @@ fn labels_are_the_actions_of_an_expert_that_begins_in_each_state() {
     assert_eq!(labeled.bytes("action.executed"), plain.bytes("action"));
     assert_eq!(labeled.bytes("observation.state"), plain.bytes("observation.state"));
     let expert = mishandle::resolve::task("cube-stacking").unwrap().expert().unwrap();
-    let (mut worker, mut state) = (expert.worker(), vec![0.0; expert.state_size()]);
-    let (observations, labels) = (labeled.floats("observation.state"), labeled.floats("action"));
+    let mut worker = expert.worker();
+    let mut state = vec![0.0; expert.state_size()];
+    let observations = labeled.floats("observation.state");
+    let labels = labeled.floats("action");
     let mut action = vec![0.0_f32; expert.action_size()];
     let frames = observations.chunks(expert.observation_size()).zip(labels.chunks(action.len()));
     for (observation, label) in frames {
@@ -253,7 +258,8 @@ fn scenarios_of_an_archive_are_drawn_by_weight_and_the_others_are_those_of_the_e
         let [action, observation] = ["action_delay", "observation_delay"].map(|name| axis(arrays, name));
         action.into_iter().zip(observation).map(|(action, observation)| [action, observation]).collect()
     };
-    let (before, after) = (delays(&plain), delays(&mixed));
+    let before = delays(&plain);
+    let after = delays(&mixed);
     let starts = [&plain, &mixed].map(|arrays| axis(arrays, "ball_x"));
     let mut given = [0_u64; 2];
     for episode in 0..100 {

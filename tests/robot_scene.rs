@@ -116,13 +116,15 @@ fn a_full_trace_of_a_robot_has_its_joints_actuators_bodies_and_contacts() {
     let actions = values("action_1");
     assert_eq!((actions[0], actions[59], actions[60]), (Some(3.0), Some(3.0), None));
     // The first state is before the first control.
-    let (controls, forces) = (values("control_force"), values("force_force"));
+    let controls = values("control_force");
+    let forces = values("force_force");
     assert_eq!(
         (controls[0], controls[1], forces[0], forces[1]),
         (Some(0.0), Some(3.0), Some(0.0), Some(3.0))
     );
     // 6 N on 2 kg. In physics step k, the velocity grows by a h and the position by k a h h.
-    let (a, h) = (3.0, 0.01);
+    let a = 3.0;
+    let h = 0.01;
     for sample in 0..10 {
         let steps = 2.0 * sample as f64;
         let place = 0.1 + a * h * h * steps * (steps + 1.0) / 2.0;

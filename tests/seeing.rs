@@ -130,7 +130,8 @@ impl Controller for Asking {
     }
 
     fn worker(&self) -> Box<dyn ControllerWorker> {
-        let (worker, asked) = (self.policy.worker(), self.asked.clone());
+        let worker = self.policy.worker();
+        let asked = self.asked.clone();
         Box::new(AskingWorker { worker, asks_always: self.asks_always, asked })
     }
 }

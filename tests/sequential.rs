@@ -45,8 +45,8 @@ fn an_evaluation_stops_at_the_first_look_that_decides_and_a_resumed_one_at_the_s
         let table =
             EvaluatePlan { episodes: 5000, batch: 32, until: Some(until), rate, ..Default::default() };
         let plan = plan("toy/noisy", "", table);
-        let (whole, pieces) =
-            (folder.path().join(format!("{number}a")), folder.path().join(format!("{number}b")));
+        let whole = folder.path().join(format!("{number}a"));
+        let pieces = folder.path().join(format!("{number}b"));
         let found = evaluated(&plan, &whole, u64::MAX);
         let sequential = found.sequential.clone().unwrap();
         let n = sequential.simulations;
@@ -102,7 +102,8 @@ fn the_pairs_of_a_comparison_end_together_and_a_resumed_one_is_the_same() {
         },
     ];
     for compare in rules {
-        let (folder, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let folder = tempfile::tempdir().unwrap();
+        let other = tempfile::tempdir().unwrap();
         let found = compared(folder.path(), compare, u64::MAX);
         let sequential = found.sequential.clone().unwrap();
         assert!(sequential.decision.is_some() && sequential.simulations < 2000, "{sequential:?}");
@@ -150,7 +151,8 @@ fn runs_that_rules_ended_are_compared_by_their_common_pairs_at_any_time() {
         evaluated(&plan("toy/noisy", "", table), &path, u64::MAX);
         RunFile::open(&path).unwrap()
     };
-    let (short, long) = (run("short", 0.3), run("long", 0.15));
+    let short = run("short", 0.3);
+    let long = run("long", 0.15);
     let found = mishandle::inspect::compare(&short, &long).unwrap().result();
     let n = rows(short.path(), 1).len() as u64;
     assert!(n < rows(long.path(), 1).len() as u64 && found.at_any_time);
@@ -180,7 +182,8 @@ fn a_control_arm_has_the_same_starts_and_seeds_and_every_other_axis_at_nominal()
     let plan = Plan { axes, ..plan("toy/car-following", "starts+dynamics+events", table) };
     let found = evaluated(&plan, &path, 1);
     let control: Control = found.control.unwrap();
-    let (random, arm) = (rows(&path, 1), rows(&path, CONTROL_TRIAL));
+    let random = rows(&path, 1);
+    let arm = rows(&path, CONTROL_TRIAL);
     assert_eq!((random.len(), arm.len() as u64, control.simulations), (40, 40, 40));
     let names: Vec<&str> = found.subject.space_axes.iter().map(|axis| axis.name.as_str()).collect();
     let place = |name: &str| names.iter().position(|other| *other == name).unwrap();

@@ -26,7 +26,8 @@ fn the_reference_lists_all_functions() {
     for (mark, table) in
         [("quantities", table(quantities, "quantity")), ("functions", table(functions, "function"))]
     {
-        let (begin, end) = (format!("<!-- {mark} -->\n"), format!("<!-- end of {mark} -->"));
+        let begin = format!("<!-- {mark} -->\n");
+        let end = format!("<!-- end of {mark} -->");
         let (head, rest) = expected.split_once(&begin).unwrap();
         let (_, tail) = rest.split_once(&end).unwrap();
         expected = format!("{head}{begin}{table}{end}{tail}");

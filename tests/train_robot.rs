@@ -96,7 +96,8 @@ fn ppo_learns_to_balance() {
     let report = trained(&plan);
     let curve = Curve::load(plan.csv.as_ref().unwrap()).unwrap();
     let returns: Vec<f64> = curve.rows.iter().filter_map(|row| row.mean_return).collect();
-    let (first, last) = (returns[0], returns[returns.len() - 1]);
+    let first = returns[0];
+    let last = returns[returns.len() - 1];
     // An upright pole earns 1 in each of the 100 control steps; one that falls earns nothing more.
     assert!(first < 60.0 && last > 90.0, "{returns:?}");
     let [before, after] = [&short.last(), &plan.out].map(|file| success(&plan.task, file, "starts"));

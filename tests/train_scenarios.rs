@@ -173,7 +173,8 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
             let batches = ScenarioBatches::new(batches, scenarios.clone());
             let mut episodes =
                 Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
-            let (mut seen, mut steps) = (vec![Vec::new(); ROWS], vec![Vec::new(); ROWS]);
+            let mut seen = vec![Vec::new(); ROWS];
+            let mut steps = vec![Vec::new(); ROWS];
             let mut actions = vec![0.0; ROWS * sizes.1];
             let mut running = [true; ROWS];
             for _ in 0..environment.episode_steps() {
@@ -197,7 +198,8 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
             for row in 0..ROWS {
                 let seed = Seed(8).child(row as u64).child(0);
                 let recorder = Recorder { sizes, seen: Arc::default() };
-                let (expected, watched) = (recorder.seen.clone(), Steps::default());
+                let expected = recorder.seen.clone();
+                let watched = Steps::default();
                 let spied = Arc::new(Watched(environment.clone(), watched.clone()));
                 let noise = Noise { action_std: 0.2, observation_std: 0.0 };
                 let rollout = Rollout::new(spied, Arc::new(recorder), specification.clone(), noise).unwrap();
@@ -205,7 +207,8 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
                     rollout.with_disturbances(scenarios.space.clone(), &scenarios.disturbances).unwrap();
                 let request = Request::new(scenarios.random(seed, 0), seed);
                 let episode = rollout.rollout(&[request]).unwrap().remove(0);
-                let (count, task) = (steps[row].len(), environment.name());
+                let count = steps[row].len();
+                let task = environment.name();
                 assert!(count >= 10 && episode.steps >= count, "{task} {row}: {count}");
                 assert_eq!(seen[row], expected.lock().unwrap()[..count], "{task} {row}");
                 assert_eq!(steps[row], watched.lock().unwrap()[..count], "{task} {row}");
@@ -227,7 +230,8 @@ fn with_history_and_whole((observations, actions): (usize, usize)) -> (Policy, P
     // Some actions exceed 1.
     network.update(|parameters| parameters.iter_mut().for_each(|parameter| *parameter *= 4.0));
     let plain = Policy::new(vec![0.0; inputs], vec![1.0; inputs], network.clone(), vec![0.0; actions]);
-    let (mean, variance) = (vec![0.0; observations], vec![1.0; observations]);
+    let mean = vec![0.0; observations];
+    let variance = vec![1.0; observations];
     let policy = Policy::with_history(2, mean, variance, network, Some(vec![0.0; actions]));
     (policy.unwrap(), plain.unwrap())
 }
@@ -263,7 +267,8 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     let episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();
     let mut episodes = episodes.with_history(2);
     let mut steps = vec![Vec::new(); ROWS];
-    let (mut worker, mut actions) = (whole.worker(), vec![0.0; ROWS * sizes.1]);
+    let mut worker = whole.worker();
+    let mut actions = vec![0.0; ROWS * sizes.1];
     for _ in 0..environment.episode_steps() {
         worker.act(ROWS, episodes.inputs(), &mut [], &mut actions);
         episodes.step(&actions).unwrap();

@@ -51,7 +51,8 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
         (world.qpos().to_vec(), world.rows().position(target).to_vec())
     };
     let states = &trajectory.states;
-    let (first, last) = (positions(&states[0]), positions(&states[states.len() - 1]));
+    let first = positions(&states[0]);
+    let last = positions(&states[states.len() - 1]);
     assert_ne!(first.0, last.0);
     let scenario: Vec<f64> = replayed.recorded.scenario.iter().flatten().copied().collect();
     assert_eq!(first.1, scenario);

@@ -116,7 +116,8 @@ impl Scene for BoundScene {
     }
 
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (cube, turn) = (rows.free_position(self.cube), rows.quaternion(self.body));
+        let cube = rows.free_position(self.cube);
+        let turn = rows.quaternion(self.body);
         out[..3].copy_from_slice(&cube);
         out[3..6].copy_from_slice(&rotate(turn, [1.0, 0.0, 0.0]));
         out[6..9].copy_from_slice(&rotate(turn, [0.0, 0.0, 1.0]));
@@ -151,8 +152,11 @@ impl ExpertPolicy for Flip {
     const REST: [f64; 7] = [0.0, 0.0, 0.0, -2.3, 0.0, 2.3, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let (cube, forward, up) = (input.point(0), input.point(3), input.point(6));
-        let (tips, across) = (arm.position(), cross(up, forward));
+        let cube = input.point(0);
+        let forward = input.point(3);
+        let up = input.point(6);
+        let tips = arm.position();
+        let across = cross(up, forward);
         let edge = sub(add(cube, scale(forward, HALF)), scale(up, HALF));
         let behind = add(sub(cube, scale(forward, HALF + 0.035)), scale(up, 0.6 * HALF));
         let above = [behind[0], behind[1], TABLE + 0.15];

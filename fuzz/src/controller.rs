@@ -53,7 +53,8 @@ pub fn seeds() -> Vec<Vec<u8>> {
         network.update(|parameters| parameters.fill(0.5));
         network
     };
-    let (mean, variance) = (vec![0.25; 2], vec![1.0; 2]);
+    let mean = vec![0.25; 2];
+    let variance = vec![1.0; 2];
     // The network of a squashed policy returns a mean and a standard deviation per action.
     let gaussian = Policy::new(mean.clone(), variance.clone(), network(2, 1), vec![-0.5]);
     let squashed = Policy::squashed(mean.clone(), variance.clone(), network(2, 2));

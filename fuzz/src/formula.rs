@@ -25,7 +25,9 @@ pub fn check(bytes: &[u8]) {
             assert_eq!(again, formula, "printed as {printed}");
             assert_eq!(again.to_string(), printed);
         }
-        Err(error) => assert!(printed.len() > text.len() && is_limit(&error), "{error} in {printed}"),
+        Err(error) => {
+            assert!(printed.len() > text.len() && is_limit(&error), "{error} in {printed}");
+        }
     }
     check_values(&formula, bytes);
 }

@@ -29,7 +29,8 @@ const FORMATS: [&[&str]; 5] = [
 /// Checks the law: every log ends with one of the documented exit codes, with every set of flags.
 pub fn check(bytes: &[u8]) {
     let mut bytes = Bytes(bytes);
-    let (flags, format) = (bytes.pick(&FLAGS), bytes.pick(&FORMATS));
+    let flags = bytes.pick(&FLAGS);
+let format = bytes.pick(&FORMATS);
     let scratch = Scratch::new();
     let path = scratch.file("log", bytes.0);
     let path = path.to_str().expect("a path in UTF-8");

@@ -118,7 +118,9 @@ fn formula(bytes: &mut Bytes<'_>, depth: usize, samples: usize) -> Tree {
         0 => Tree::Signal(bytes.below(NAMES.len())),
         1 => Tree::Number(bytes.pick(&[f64::INFINITY, f64::NEG_INFINITY, 1.5])),
         2 => {
-            let (name, x, y) = (bytes.pick(&["<=", ">=", "<", ">", "==", "!=="]), term(bytes), term(bytes));
+            let name = bytes.pick(&["<=", ">=", "<", ">", "==", "!=="]);
+            let x = term(bytes);
+            let y = term(bytes);
             Tree::Two(name, None, Box::new(x), Box::new(y))
         }
         3 => Tree::One(bytes.pick(&ONE), None, sub(bytes)),

@@ -128,7 +128,8 @@ fn check_records(run: &RunFile, original: &Original, can_lose_last: bool) {
     if run.check().is_err() {
         return;
     }
-    let (trials, rows) = (trials.expect("checked"), rows.expect("checked"));
+    let trials = trials.expect("checked");
+    let rows = rows.expect("checked");
     let traces = run.stored_traces().expect("checked");
     let expected = original.simulations.iter().filter(|row| row.trace.is_some());
     let expected: Vec<(u32, u32)> = expected.map(|row| (row.trial, row.number)).collect();
@@ -153,7 +154,8 @@ fn text(value: &impl std::fmt::Debug) -> String {
 /// Changes the files.
 fn change(files: &mut Vec<u8>, bytes: &mut Bytes<'_>) {
     let kind = bytes.below(7);
-    let (length, pages) = (files.len(), files.len() / PAGE);
+    let length = files.len();
+    let pages = files.len() / PAGE;
     if pages == 0 {
         return;
     }
@@ -171,12 +173,15 @@ fn change(files: &mut Vec<u8>, bytes: &mut Bytes<'_>) {
         }
         // Copies up to a page, for instance a whole row.
         3 => {
-            let (from, to, count) = (bytes.wide() % length, bytes.wide() % length, 1 + bytes.wide() % PAGE);
+            let from = bytes.wide() % length;
+            let to = bytes.wide() % length;
+            let count = 1 + bytes.wide() % PAGE;
             let count = count.min(length - from).min(length - to);
             files.copy_within(from..from + count, to);
         }
         4 => {
-            let (one, other) = (bytes.below(pages.min(256)) * PAGE, bytes.below(pages.min(256)) * PAGE);
+            let one = bytes.below(pages.min(256)) * PAGE;
+            let other = bytes.below(pages.min(256)) * PAGE;
             for offset in 0..PAGE {
                 files.swap(one + offset, other + offset);
             }

@@ -13,7 +13,8 @@ pub fn check(bytes: &[u8]) {
 }
 
 fn check_archive(bytes: &[u8]) {
-    let (activation, output_activation) = (Some(Activation::Elu), Some(Activation::Tanh));
+    let activation = Some(Activation::Elu);
+    let output_activation = Some(Activation::Tanh);
     let options = ImportOptions { activation, output_activation, normalizer: Normalization::OfFile };
     let Ok(imported) = import(bytes, &options) else { return };
     let policy = imported.policy;
@@ -26,9 +27,11 @@ fn check_archive(bytes: &[u8]) {
 
 /// Returns a zip archive of stored entries.
 fn archive(entries: &[(&str, &[u8])]) -> Vec<u8> {
-    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
+    let mut bytes = Vec::new();
+    let mut directory = Vec::new();
     for (name, content) in entries {
-        let (length, start) = ((content.len() as u32).to_le_bytes(), (bytes.len() as u32).to_le_bytes());
+        let length = (content.len() as u32).to_le_bytes();
+        let start = (bytes.len() as u32).to_le_bytes();
         let numbers =
             [&crc32(content).to_le_bytes()[..], &length, &length, &(name.len() as u32).to_le_bytes()]
                 .concat();
@@ -37,7 +40,8 @@ fn archive(entries: &[(&str, &[u8])]) -> Vec<u8> {
             .extend([&b"PK\x01\x02"[..], &[0; 12], &numbers, &[0; 10], &start, name.as_bytes()].concat());
     }
     let count = (entries.len() as u16).to_le_bytes();
-    let (length, start) = ((directory.len() as u32).to_le_bytes(), (bytes.len() as u32).to_le_bytes());
+    let length = (directory.len() as u32).to_le_bytes();
+    let start = (bytes.len() as u32).to_le_bytes();
     bytes.extend([&directory[..], b"PK\x05\x06", &[0; 4], &count, &count, &length, &start, &[0; 2]].concat());
     bytes
 }
@@ -63,8 +67,8 @@ pub fn seeds() -> Vec<Vec<u8>> {
         [&text(name)[..], b"ctorch._utils\n_rebuild_tensor_v2\n(", &storage.concat(), b"K\x01", sizes, end]
             .concat()
     };
-    let (weight, bias) =
-        (tensor("weight", b"K\x01K\x02\x86K\x02K\x01\x86"), tensor("bias", b"K\x01\x85K\x01\x85"));
+    let weight = tensor("weight", b"K\x01K\x02\x86K\x02K\x01\x86");
+    let bias = tensor("bias", b"K\x01\x85K\x01\x85");
     seeds.push([b"\x80\x02}(", &weight[..], &bias, b"u."].concat());
     seeds
 }

@@ -75,7 +75,8 @@ fn bits(columns: &[Vec<f64>]) -> Vec<Vec<u64>> {
 /// `store`.
 fn decode(blob: &[u8]) -> Option<Vec<Vec<f64>>> {
     let number = |at: usize| Some(u32::from_le_bytes(blob.get(at..at + 4)?.try_into().ok()?) as usize);
-    let (samples, columns) = (number(1)?, number(5)?);
+    let samples = number(1)?;
+    let columns = number(5)?;
     let orders = blob.get(9..9_usize.checked_add(columns)?)?;
     let residuals = samples.checked_mul(columns).filter(|count| *count <= LARGEST)?;
     if blob[0] != 1 || orders.iter().any(|order| *order > 3) {
@@ -83,7 +84,9 @@ fn decode(blob: &[u8]) -> Option<Vec<Vec<f64>>> {
     }
     let planes = decompress(&blob[9 + columns..], residuals * 8)?;
     let column = |column: usize| {
-        let (mut x1, mut x2, mut x3) = (0_u64, 0_u64, 0_u64);
+        let mut x1 = 0_u64;
+        let mut x2 = 0_u64;
+        let mut x3 = 0_u64;
         let next = |sample: usize| {
             let byte = |plane: usize| u64::from(planes[plane * residuals + column * samples + sample]);
             let folded = (0..8).map(|plane| byte(plane) << (8 * plane)).sum::<u64>();
@@ -104,7 +107,8 @@ fn decode(blob: &[u8]) -> Option<Vec<Vec<f64>>> {
 
 /// Decompresses an LZ4 block of exactly `length` bytes.
 fn decompress(block: &[u8], length: usize) -> Option<Vec<u8>> {
-    let (mut bytes, mut out) = (block.iter().copied(), Vec::new());
+    let mut bytes = block.iter().copied();
+    let mut out = Vec::new();
     // A length of 15 is continued by bytes up to the first that is not 255.
     let extend = |bytes: &mut dyn Iterator<Item = u8>, nibble: u8| {
         let mut length = usize::from(nibble);

@@ -14,7 +14,9 @@ const DURATION: Duration = Duration::from_secs(2);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [task, rows, threads] = &arguments[..] else { return Err("expected TASK ROWS THREADS".into()) };
+    let [task, rows, threads] = &arguments[..] else {
+        return Err("expected TASK ROWS THREADS".into());
+    };
     let rows: usize = rows.parse()?;
     rayon::ThreadPoolBuilder::new().num_threads(threads.parse()?).build_global()?;
     let environment =
@@ -26,7 +28,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some((environment.space().sample(seed, 0), seed))
     });
     batch.step(&actions);
-    let (started, mut steps) = (Instant::now(), 0);
+    let started = Instant::now();
+    let mut steps = 0;
     while started.elapsed() < DURATION {
         batch.step(&actions);
         steps += rows;

@@ -34,7 +34,7 @@ pub fn report(
         let painter = painter.as_mut().map(|painter| -> &mut dyn Painter { painter });
         let samples = Samples { probes, sensitivity };
         let measured = report
-            .measure_with(&run, (&resolved, painter), samples, |_, _| work::report(target, None, 0, 0))?;
+            .measure_with(&run, &resolved, painter, samples, |_, _| work::report(target, None, 0, 0))?;
         if let Measurement::Skipped { reason } = &measured {
             report.note_no_simulations(reason);
         }
@@ -139,7 +139,8 @@ pub fn regress(
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
     let found = detached(py, target, || {
         let read = |source| Error::File { path: folder.clone(), source };
-        let (mut tests, mut times) = (Vec::new(), Vec::new());
+        let mut tests = Vec::new();
+        let mut times = Vec::new();
         for file in suite.files().map_err(read)? {
             let start = Instant::now();
             tests.push(suite.test(&file, |_| work::report(target, None, 0, 0)));

@@ -85,9 +85,12 @@ impl PyFormula {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let trace = trace(names.into(), samples.as_array());
         let mut monitor = Monitor::new(&self.formula, trace.names(), clock(period)?).map_err(plain)?;
-        let found = py.detach(|| match decided_only {
-            true => monitor.decided_robustness_signal(&trace).map(<[f64]>::to_vec),
-            false => monitor.robustness_signal(&trace).map(<[f64]>::to_vec),
+        let found = py.detach(|| {
+            if decided_only {
+                monitor.decided_robustness_signal(&trace).map(<[f64]>::to_vec)
+            } else {
+                monitor.robustness_signal(&trace).map(<[f64]>::to_vec)
+            }
         });
         Ok(found.map_err(plain)?.into_pyarray(py))
     }

@@ -80,7 +80,8 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     let pushed: Vec<usize> = spec.pushed.iter().map(|body| body.index()).collect();
     let fields: Vec<&str> = spec.fields.iter().map(|field| field.name()).collect();
     let forces = if pushed.is_empty() { 0 } else { 3 * spec.rows * spec.substeps };
-    let (document, timestep) = (spec.model.document(), spec.model.timestep());
+    let document = spec.model.document();
+    let timestep = spec.model.timestep();
     let arguments = (document, timestep, spec.rows, spec.substeps, servos, pushed, fields);
     let keywords = PyDict::new(py);
     let assets = PyDict::new(py);

@@ -41,7 +41,8 @@ impl GuardMonitor {
     /// the robustness that decided it.
     fn step(&mut self, quantities: Vec<f64>, is_usable: bool) -> PyResult<(bool, bool, f64)> {
         if quantities.len() != self.quantities {
-            let (found, expected) = (quantities.len(), self.quantities);
+            let found = quantities.len();
+            let expected = self.quantities;
             let message = format!("the guard has {expected} quantities, and the observation {found} numbers");
             return Err(InvalidValueError::new_err(message));
         }

@@ -234,7 +234,9 @@ pub fn monitor(
     let mut names: Vec<String> = logs.iter().map(|((name, ..), _)| name.clone()).collect();
     mishandle_logs::tell_apart(&mut names);
     let count = logs.len();
-    let (mut verdicts, mut signal, mut without) = (Vec::new(), None, Vec::new());
+    let mut verdicts = Vec::new();
+    let mut signal = None;
+    let mut without = Vec::new();
     for (name, ((_, files, topics), stated)) in names.into_iter().zip(logs) {
         let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
         let contents = Contents::new(files, topics, &options)?;
@@ -320,17 +322,19 @@ fn first_value(samples: &Samples, formula: &Formula, decided_only: bool) -> Resu
         Signals::Even { trace, period, .. } => {
             let clock = period.map_or(Clock::unknown(), Clock::steps);
             let mut monitor = Monitor::new(formula, trace.names(), clock)?;
-            match decided_only {
-                true => Ok(monitor.decided_robustness_signal(trace)?.first().copied()),
-                false => Ok(Some(monitor.robustness(trace)?)),
+            if decided_only {
+                Ok(monitor.decided_robustness_signal(trace)?.first().copied())
+            } else {
+                Ok(Some(monitor.robustness(trace)?))
             }
         }
         Signals::Dense(signals) => {
             let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
             let monitor = DenseMonitor::new(formula, &names, None)?;
-            match decided_only {
-                true => Ok(monitor.decided_robustness_signal(signals)?.first()),
-                false => Ok(Some(monitor.robustness(signals)?)),
+            if decided_only {
+                Ok(monitor.decided_robustness_signal(signals)?.first())
+            } else {
+                Ok(Some(monitor.robustness(signals)?))
             }
         }
     }

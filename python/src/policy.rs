@@ -90,9 +90,10 @@ pub fn policy_target(
         });
         let controller: Arc<dyn Controller> = Arc::new(PythonPolicy(shared.clone()));
         let controller = (controller, vec![component("policy", policy_name, hash)]);
-        let mut target = match is_target_file(target) {
-            true => robot_file(&Plan::new(target, ""))?.target(controller, noise)?,
-            false => TaskTarget::new(task(target)?, task_preset(preset)?, controller, noise)?.target()?,
+        let mut target = if is_target_file(target) {
+            robot_file(&Plan::new(target, ""))?.target(controller, noise)?
+        } else {
+            TaskTarget::new(task(target)?, task_preset(preset)?, controller, noise)?.target()?
         };
         let uncovered = not_covered.into_iter();
         target
@@ -219,7 +220,9 @@ impl Shared {
         };
         let images = self.images.iter().map(array).collect::<PyResult<Vec<_>>>()?;
         let given = self.policy.call_method1(py, "act", (observations, images, rows, is_start))?;
-        let Some(given) = given.extract::<Option<PyReadonlyArray2<'_, f32>>>(py)? else { return Ok(false) };
+        let Some(given) = given.extract::<Option<PyReadonlyArray2<'_, f32>>>(py)? else {
+            return Ok(false);
+        };
         if given.shape() != [rows, self.sizes.1] {
             let message = format!("the actions have the shape {:?}", given.shape());
             return Err(InvalidValueError::new_err(message));
@@ -279,7 +282,9 @@ impl PolicySystem {
     fn together(&self, requests: &[Request]) -> Result<(Vec<Episode>, bool), RolloutError> {
         Python::attach(|py| py.check_signals().map_err(|exception| keep(&self.shared.pending, exception)))?;
         self.shared.has_failed.store(false, Ordering::Relaxed);
-        let (space, specification, factory) = (&self.space, &self.specification, &self.factory);
+        let space = &self.space;
+        let specification = &self.specification;
+        let factory = &self.factory;
         let found = self.pool.install(|| factory(space, specification)?.rollout(requests))?;
         let pending = self.shared.pending.lock().unwrap_or_else(PoisonError::into_inner);
         match &*pending {

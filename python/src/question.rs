@@ -73,7 +73,8 @@ pub fn check_evaluate(
     rate: Option<f64>,
 ) -> PyResult<()> {
     space(axes)?;
-    let (batch, until) = (u32::try_from(batch).unwrap_or(u32::MAX), rule(until)?);
+    let batch = u32::try_from(batch).unwrap_or(u32::MAX);
+    let until = rule(until)?;
     let evaluate = EvaluatePlan { episodes, batch, until, rate, ..Default::default() };
     mishandle::resolve::check_evaluate(&evaluate).map_err(raised)
 }

@@ -265,9 +265,8 @@ pub fn complete_hardening(
 ) -> PyResult<u64> {
     let pool = pool_of(threads)?;
     let is_stopped = AtomicBool::new(false);
-    let mut watch = |_: &HardenProgress| match is_stopped.load(Ordering::Relaxed) {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
+    let mut watch = |_: &HardenProgress| {
+        if is_stopped.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let harden = || run_of(&folder, &name)?.harden(Opening { durable, any_build }, None, &mut watch);
     let mut exception = None;

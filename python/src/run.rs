@@ -102,7 +102,9 @@ impl PyRun {
         number: u32,
     ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(trace) = run.simulation(trial, number).map_err(raised)?.trace else { return Ok(None) };
+        let Some(trace) = run.simulation(trial, number).map_err(raised)?.trace else {
+            return Ok(None);
+        };
         let shape = (trace.columns.first().map_or(0, Vec::len), trace.columns.len());
         let samples = Array2::from_shape_fn(shape, |(sample, signal)| trace.columns[signal][sample]);
         Ok(Some(PyArray2::from_owned_array(py, samples)))

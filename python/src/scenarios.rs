@@ -35,9 +35,10 @@ impl Scenarios {
         archive: Vec<PathBuf>,
     ) -> PyResult<Self> {
         let whole = space(axes)?;
-        let given = match archive.is_empty() {
-            true => Vec::new(),
-            false => py.detach(|| recorded_failures(&archive, &whole, None)).map_err(raised)?,
+        let given = if archive.is_empty() {
+            Vec::new()
+        } else {
+            py.detach(|| recorded_failures(&archive, &whole, None)).map_err(raised)?
         };
         let settings =
             ScenarioSettings { nominal, corners, file_share: archived, ..ScenarioSettings::default() };

@@ -162,7 +162,8 @@ impl Sights {
         values: PyReadonlyArray2<'_, f64>,
         starts: PyReadonlyArray2<'_, f64>,
     ) -> PyResult<SightArrays<'py>> {
-        let (scenarios, starts) = (self.scenarios(&values)?, self.states(&starts)?);
+        let scenarios = self.scenarios(&values)?;
+        let starts = self.states(&starts)?;
         let shapes = self.view.scene.shapes.len() + MOST_CLUTTER;
         let made = self.pool.with(py, |workers| {
             each_with(&mut workers.readers, &pairs(&scenarios, &starts), |reader, (scenario, start)| {
@@ -215,19 +216,24 @@ impl Sights {
         seeds: PyReadonlyArray1<'_, u64>,
         steps: PyReadonlyArray1<'_, u64>,
     ) -> PyResult<Bound<'py, PyArray1<u8>>> {
-        let (states, before) =
-            (self.states(&states)?, before.as_ref().map(|given| self.states(given)).transpose()?);
-        let (scenarios, starts) = (self.scenarios(&values)?, self.states(&starts)?);
-        let (sights, seeds, steps) = (sights.to_vec()?, seeds.to_vec()?, steps.to_vec()?);
+        let states = self.states(&states)?;
+        let before = before.as_ref().map(|given| self.states(given)).transpose()?;
+        let scenarios = self.scenarios(&values)?;
+        let starts = self.states(&starts)?;
+        let sights = sights.to_vec()?;
+        let seeds = seeds.to_vec()?;
+        let steps = steps.to_vec()?;
         let images = self.pool.with(py, |workers| {
             let views =
                 each_with(&mut workers.readers, &pairs(&scenarios, &starts), |reader, (scenario, start)| {
                     self.under(reader, scenario, start)
                 });
             let shot = |row: usize| {
-                let (view, before) = (&views[sights[row] as usize], before.as_ref());
+                let view = &views[sights[row] as usize];
+                let before = before.as_ref();
                 let states = &states;
-                let (seed, step) = (Seed(seeds[row]), steps[row]);
+                let seed = Seed(seeds[row]);
+                let step = steps[row];
                 self.cameras.iter().map(move |camera| StateShot {
                     state: states[row],
                     before: before.map(|before| before[row]),

@@ -160,13 +160,21 @@ fn end_name(end: EpisodeEnd) -> String {
         EpisodeEnd::Terminated { step } => format!("terminated after control step {step}"),
         EpisodeEnd::Stopped { step } => format!("stopped after control step {step}"),
         EpisodeEnd::Diverged { step } => format!("diverged in control step {step}"),
-        EpisodeEnd::Undefined { step } => format!("the formula has no finite value at sample {step}"),
-        EpisodeEnd::InvalidAction { step, index } => format!("invalid action {index} in control step {step}"),
+        EpisodeEnd::Undefined { step } => {
+            format!("the formula has no finite value at sample {step}")
+        }
+        EpisodeEnd::InvalidAction { step, index } => {
+            format!("invalid action {index} in control step {step}")
+        }
         EpisodeEnd::InvalidObservation { step, index } => {
             format!("invalid observation {index} at sample {step}")
         }
-        EpisodeEnd::InvalidReward { step, index } => format!("invalid reward {index} in control step {step}"),
-        EpisodeEnd::InvalidSignal { step, index } => format!("invalid signal {index} at sample {step}"),
+        EpisodeEnd::InvalidReward { step, index } => {
+            format!("invalid reward {index} in control step {step}")
+        }
+        EpisodeEnd::InvalidSignal { step, index } => {
+            format!("invalid signal {index} at sample {step}")
+        }
         EpisodeEnd::InvalidScenario => "invalid scenario".to_string(),
         EpisodeEnd::Crashed { step } => format!("crashed in control step {step}"),
         EpisodeEnd::TimedOut { step } => format!("timed out in control step {step}"),

@@ -70,7 +70,8 @@ impl Simulator {
     /// Returns new arrays for the results of `reset` and `step`, all zero: observations, reward
     /// terms, signals, terminated and diverged.
     fn arrays<'py>(&self, py: Python<'py>) -> Arrays<'py> {
-        let (rows, environment) = (self.rows, &self.environment);
+        let rows = self.rows;
+        let environment = &self.environment;
         (
             PyArray2::zeros(py, [rows, environment.observation_size()], false),
             PyArray2::zeros(py, [rows, environment.reward_terms().len()], false),
@@ -99,14 +100,17 @@ impl Simulator {
         self.check_shape("mask", mask.shape(), &[self.rows])?;
         self.check_shape("seeds", seeds.shape(), &[self.rows])?;
         self.check_shape("scenarios", scenarios.shape(), &[self.rows, axes])?;
-        let (mask, seeds, scenarios) = (mask.as_array(), seeds.as_array(), scenarios.as_array());
+        let mask = mask.as_array();
+        let seeds = seeds.as_array();
+        let scenarios = scenarios.as_array();
         let space = self.environment.space();
         let mut starts: Vec<Option<(Scenario, Seed)>> = vec![None; self.rows];
         for row in (0..self.rows).filter(|row| mask[*row]) {
             let seed = Seed(seeds[row]);
             let drawn = space.sample(seed, 0);
-            let value =
-                |(value, drawn): (&f64, &Option<f64>)| if value.is_nan() { *drawn } else { Some(*value) };
+            let value = |(value, drawn): (&f64, &Option<f64>)| {
+                if value.is_nan() { *drawn } else { Some(*value) }
+            };
             let values = scenarios.row(row).iter().zip(drawn.values()).map(value).collect::<Vec<_>>();
             let scenario = Scenario::new(values);
             space.check(&scenario).map_err(raised)?;
@@ -145,7 +149,8 @@ impl Simulator {
         height: u32,
     ) -> PyResult<Bound<'py, PyArray4<u8>>> {
         let Some(size) = Size::new(width, height) else {
-            let (low, high) = (Size::RANGE.start(), Size::RANGE.end());
+            let low = Size::RANGE.start();
+            let high = Size::RANGE.end();
             return Err(InvalidValueError::new_err(format!(
                 "a picture has {width} x {height} pixels; width and height must be even and from {low} to {high}"
             )));
@@ -270,11 +275,14 @@ impl Simulator {
         work: impl FnOnce(&mut CpuBatch<TaskEnvironment>, Samples<'_>) + Send,
     ) -> PyResult<Arrays<'py>> {
         let arrays = out.unwrap_or_else(|| self.arrays(py));
-        let (rows, environment) = (self.rows, &self.environment);
+        let rows = self.rows;
+        let environment = &self.environment;
         let terms = environment.reward_terms().len();
-        let (mut observations, mut rewards) = (arrays.0.try_readwrite()?, arrays.1.try_readwrite()?);
+        let mut observations = arrays.0.try_readwrite()?;
+        let mut rewards = arrays.1.try_readwrite()?;
         let mut signals = arrays.2.try_readwrite()?;
-        let (mut terminated, mut diverged) = (arrays.3.try_readwrite()?, arrays.4.try_readwrite()?);
+        let mut terminated = arrays.3.try_readwrite()?;
+        let mut diverged = arrays.4.try_readwrite()?;
         let observations = self.memory(&mut observations, &[rows, environment.observation_size()])?;
         let rewards = self.memory(&mut rewards, &[rows, terms])?;
         let signals = self.memory(&mut signals, &[rows, environment.signals().len()])?;

@@ -528,7 +528,9 @@ pub(crate) fn end_of(name: &str, step: usize, index: usize) -> PyResult<EpisodeE
         "invalid reward" => EpisodeEnd::InvalidReward { step, index },
         "crashed" => EpisodeEnd::Crashed { step },
         "timed out" => EpisodeEnd::TimedOut { step },
-        _ => return Err(InvalidValueError::new_err(format!("unknown end `{name}` of a simulation"))),
+        _ => {
+            return Err(InvalidValueError::new_err(format!("unknown end `{name}` of a simulation")));
+        }
     })
 }
 

@@ -12,7 +12,9 @@ use mishandle::tasks::{Preset, Reward, TaskEnvironment};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |i: usize| arguments[i].parse::<usize>();
-    let (rows, seed, steps) = (number(1)?, number(2)?, number(3)?);
+    let rows = number(1)?;
+    let seed = number(2)?;
+    let steps = number(3)?;
     let task = mishandle::resolve::task(&arguments[0])?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped)?);
     let size = environment.action_size();

@@ -24,7 +24,7 @@ class Examples(unittest.TestCase):
             try:
                 imported = importlib.import_module(module.name)
             except ImportError as error:
-                # The usual tests install no extras; with all tests, an extra that is missing is a failure.
+                # The usual tests install no extras. With all tests, a missing one is a failure.
                 is_extra = "needs an extra" in str(error) or error.name in ("mujoco_warp", "ray", "warp")
                 if not is_extra or os.environ.get("MISHANDLE_TEST_ALL") == "1":
                     raise

@@ -14,7 +14,10 @@ use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings}
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |i: usize| arguments[i].parse::<usize>();
-    let (environments, seed, time_limit, steps) = (number(1)?, number(2)?, number(3)?, number(4)?);
+    let environments = number(1)?;
+    let seed = number(2)?;
+    let time_limit = number(3)?;
+    let steps = number(4)?;
     let task = mishandle::resolve::task(&arguments[0])?;
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped)?);
     let size = environment.action_size();

@@ -20,7 +20,8 @@ pub(crate) type Modes = Vec<(ModeKey, u64)>;
 /// # Errors
 /// If a run cannot be read.
 pub(crate) fn simulated(runs: &[RunFile]) -> Result<(Vec<Simulated>, Modes), MishandleError> {
-    let (mut simulated, mut modes) = (Vec::new(), Modes::new());
+    let mut simulated = Vec::new();
+    let mut modes = Modes::new();
     for run in runs {
         let mut mode_of = HashMap::new();
         for mode in &failure_modes(run)?.modes {

@@ -62,9 +62,10 @@ fn parse(text: &str, space: &Space) -> Result<Vec<(Scenario, f64)>, String> {
         let row = row(&record, &places, space).map_err(|problem| format!("line {line}: {problem}"))?;
         scenarios.push(row);
     }
-    match scenarios.iter().any(|(_, weight)| *weight > 0.0) {
-        true => Ok(scenarios),
-        false => Err("it has no scenario with a weight above 0".to_string()),
+    if scenarios.iter().any(|(_, weight)| *weight > 0.0) {
+        Ok(scenarios)
+    } else {
+        Err("it has no scenario with a weight above 0".to_string())
     }
 }
 
@@ -72,7 +73,8 @@ fn parse(text: &str, space: &Space) -> Result<Vec<(Scenario, f64)>, String> {
 fn row(record: &StringRecord, places: &[Option<usize>], space: &Space) -> Result<(Scenario, f64), String> {
     let axes = space.axes();
     let open = |axis: &Axis| if axis.kind == AxisKind::Start { None } else { axis.nominal };
-    let (mut values, mut weight): (Vec<Option<f64>>, f64) = (axes.iter().map(open).collect(), 1.0);
+    let mut values: Vec<Option<f64>> = axes.iter().map(open).collect();
+    let mut weight: f64 = 1.0;
     for (cell, place) in record.iter().zip(places).filter(|(cell, _)| !cell.trim().is_empty()) {
         match place {
             Some(place) => values[*place] = Some(value(cell.trim(), &axes[*place])?),

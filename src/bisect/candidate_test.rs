@@ -145,7 +145,8 @@ impl<'a> CandidateTest<'a> {
         {
             return Ok(Some(self.judged(candidate, violated, &[])));
         }
-        let (mut violated, mut errors) = (Vec::new(), Vec::new());
+        let mut violated = Vec::new();
+        let mut errors = Vec::new();
         for (done, path) in (0..).zip(&self.counterexamples) {
             if count(done, self.counterexamples.len() as u64).is_break() {
                 return Ok(None);
@@ -214,13 +215,15 @@ fn of_candidate(plan: &Plan, candidate: &Candidate) -> Plan {
 
 fn counterexamples(path: &Path) -> Result<Vec<PathBuf>, MishandleError> {
     let unreadable = |error| problem(format!("{} cannot be read: {error}", path_text(path)));
-    let files = match path.is_dir() {
-        true => suite_files(path).map_err(unreadable)?,
-        false => vec![std::fs::metadata(path).map(|_| path.to_path_buf()).map_err(unreadable)?],
+    let files = if path.is_dir() {
+        suite_files(path).map_err(unreadable)?
+    } else {
+        vec![std::fs::metadata(path).map(|_| path.to_path_buf()).map_err(unreadable)?]
     };
-    match files.is_empty() {
-        true => Err(problem(format!("there is no counterexample (*.json) in {}", path_text(path)))),
-        false => Ok(files),
+    if files.is_empty() {
+        Err(problem(format!("there is no counterexample (*.json) in {}", path_text(path))))
+    } else {
+        Ok(files)
     }
 }
 

@@ -109,19 +109,19 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
     answer::write(&plan.folder, &started.answer(plan, &candidates, test.text()))?;
     let mut tested: Vec<Option<BisectedCandidate>> = vec![None; n];
     let mut ask = |index: usize| -> Result<Option<Outcome>, MishandleError> {
-        let Some((outcome, found)) = test.run(&candidates[index], &mut *watch)? else { return Ok(None) };
+        let Some((outcome, found)) = test.run(&candidates[index], &mut *watch)? else {
+            return Ok(None);
+        };
         tested[index] = Some(BisectedCandidate { place: index as u64 + 1, ..found });
         Ok(Some(outcome))
     };
-    let (place, all) = match plan.all {
-        false => (first_failing(n, ask)?, None),
-        true => {
-            // An interruption ends the tests.
-            let outcomes: Result<Vec<Outcome>, _> =
-                (0..n).map_while(|index| ask(index).transpose()).collect();
-            let all = Some(outcomes?).filter(|outcomes| outcomes.len() == n);
-            (all.as_deref().and_then(earliest_failing), all)
-        }
+    let (place, all) = if plan.all {
+        // An interruption ends the tests.
+        let outcomes: Result<Vec<Outcome>, _> = (0..n).map_while(|index| ask(index).transpose()).collect();
+        let all = Some(outcomes?).filter(|outcomes| outcomes.len() == n);
+        (all.as_deref().and_then(earliest_failing), all)
+    } else {
+        (first_failing(n, ask)?, None)
     };
     let tested = Tested { tests: tested.into_iter().flatten().collect(), place, all };
     let found = tested.answer(plan, &candidates, test.text());

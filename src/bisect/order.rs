@@ -52,7 +52,8 @@ pub(super) fn first_failing<E>(
     if (first, last) != (Outcome::Passes, Outcome::Fails) {
         return Ok(Some(Place::NotBracketed(first, last)));
     }
-    let (mut good, mut bad) = (0, n - 1);
+    let mut good = 0;
+    let mut bad = n - 1;
     'halve: loop {
         let middle = good + (bad - good) / 2;
         // The nearest first, the earlier one of two.
@@ -79,7 +80,8 @@ pub(super) fn first_failing<E>(
 /// Returns the place of the first failing one, if all candidates are tested, whatever those after
 /// it do.
 pub(super) fn earliest_failing(outcomes: &[Outcome]) -> Option<Place> {
-    let (first, last) = (*outcomes.first()?, *outcomes.last()?);
+    let first = *outcomes.first()?;
+    let last = *outcomes.last()?;
     if (first, last) != (Outcome::Passes, Outcome::Fails) {
         return Some(Place::NotBracketed(first, last));
     }

@@ -111,9 +111,10 @@ fn is_same_plan(recorded: &Plan, planned: &Plan) -> bool {
     let target = same_file(is_target_file(&planned.target), &recorded.target, &planned.target);
     // Without a name, it is the first space of the target.
     let space = if planned.space.is_empty() { &recorded.space } else { &planned.space }.clone();
-    let folder = match planned.folder.is_empty() {
-        true => recorded.folder.clone(),
-        false => same_file(true, &recorded.folder, &planned.folder),
+    let folder = if planned.folder.is_empty() {
+        recorded.folder.clone()
+    } else {
+        same_file(true, &recorded.folder, &planned.folder)
     };
     *recorded == Plan { controller, target, folder, space, ..planned.clone() }
 }
@@ -184,7 +185,8 @@ pub fn free_campaign_folder() -> PathBuf {
 /// Checks the plan of a run.
 fn check(run: &GridRun) -> Result<(), MishandleError> {
     if run.plan.compare.is_some() {
-        let (what, value) = ("the table [compare] of a campaign", "given".to_string());
+        let what = "the table [compare] of a campaign";
+        let value = "given".to_string();
         let expected = "left out, because each run of a campaign ends by its own rule; ask mishandle compare";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }

@@ -46,7 +46,8 @@ impl Checker<'_> {
         recorded: &Simulation,
         robustness: Option<Number>,
     ) -> Result<(CheckCounterexample, bool), MishandleError> {
-        let (trial, number) = (recorded.trial, recorded.number);
+        let trial = recorded.trial;
+        let number = recorded.number;
         let value = |(axis, value): (&AxisRecord, &Option<f64>)| CheckedValue {
             axis: axis.name.clone(),
             unit: axis.unit.clone(),

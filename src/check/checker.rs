@@ -75,9 +75,10 @@ impl<'a> Checker<'a> {
         // The plans of one requirement are the first ones, so that an error names it.
         let mut plans = Vec::new();
         for asked in &self.asked {
-            plans.push(match asked.missing.is_empty() {
-                true => Some(self.alone(asked).map_err(|error| of(asked.written, error))?),
-                false => None,
+            plans.push(if asked.missing.is_empty() {
+                Some(self.alone(asked).map_err(|error| of(asked.written, error))?)
+            } else {
+                None
             });
         }
         for (asked, alone) in self.asked.iter_mut().zip(plans) {
@@ -136,7 +137,8 @@ impl<'a> Checker<'a> {
 
     /// Returns the plan of the search for a counterexample of a requirement.
     fn search_plan(&self, asked: &Asked<'_>) -> Plan {
-        let (check, settings) = (&asked.written.check, self.settings);
+        let check = &asked.written.check;
+        let settings = self.settings;
         let falsify = FalsifyPlan {
             formula: Some(asked.formula.clone()),
             search: settings.search.to_string(),

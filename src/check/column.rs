@@ -28,7 +28,9 @@ impl Checker<'_> {
         let mut runs = Vec::new();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
-            let Some(run) = self.ask(resolved, &path, "random scenarios", watch)? else { return Ok(None) };
+            let Some(run) = self.ask(resolved, &path, "random scenarios", watch)? else {
+                return Ok(None);
+            };
             row::add(&mut rows, &run, true)?;
             runs.push(check_run(&run, "random", None)?);
         }
@@ -66,10 +68,7 @@ impl Checker<'_> {
             watch(&CheckProgress { phase: phase.clone(), done, all })
         };
         let answer = ask(resolved, run, Engine::Direct, &mut watch)?;
-        match answer.is_complete() {
-            true => Ok(Some(RunFile::open_unchecked(path)?)),
-            false => Ok(None),
-        }
+        if answer.is_complete() { Ok(Some(RunFile::open_unchecked(path)?)) } else { Ok(None) }
     }
 }
 

@@ -132,7 +132,8 @@ fn result(
         space: asked.space.clone(),
         max_failure_rate: asked.written.check.max_failure_rate,
     };
-    let (mut controllers, mut by_controller) = (Vec::new(), Vec::new());
+    let mut controllers = Vec::new();
+    let mut by_controller = Vec::new();
     for (checker, column) in checkers.iter().zip(columns) {
         let hash = checker.target.components.iter().find(|component| component.role == "controller");
         controllers.push(CheckedController {

@@ -91,9 +91,10 @@ impl Row {
     /// Returns the cell of a requirement with its largest failure rate, without a counterexample.
     pub fn cell(&self, controller: &str, missing_signals: &[String], limit: Option<f64>) -> CheckCell {
         let is_applicable = missing_signals.is_empty();
-        let (verdict, evidence) = match is_applicable {
-            true => self.verdict(limit),
-            false => (NOT_APPLICABLE, format!("the target has no signal {}", missing_signals.join(", "))),
+        let (verdict, evidence) = if is_applicable {
+            self.verdict(limit)
+        } else {
+            (NOT_APPLICABLE, format!("the target has no signal {}", missing_signals.join(", ")))
         };
         CheckCell {
             requirement: self.name.clone(),
@@ -141,7 +142,8 @@ impl Row {
 
     fn verdict_of_rate(&self, limit: f64) -> (&'static str, String) {
         let rate = self.failure_rate();
-        let (low, high) = (rate.low.unwrap_or(0.0), rate.high.unwrap_or(1.0));
+        let low = rate.low.unwrap_or(0.0);
+        let high = rate.high.unwrap_or(1.0);
         let of = self.of_random();
         let between =
             format!("a failure rate from {} to {} (each bound with 95 %)", percent(low), percent(high));
@@ -278,7 +280,8 @@ mod tests {
 
     #[test]
     fn a_simulation_without_a_verdict_never_helps() {
-        let (clean, unclear) = (row([1000, 0, 0], [0; 3]), row([900, 0, 100], [0; 3]));
+        let clean = row([1000, 0, 0], [0; 3]);
+        let unclear = row([900, 0, 100], [0; 3]);
         assert_eq!(clean.verdict(Some(0.05)).0, NOT_VIOLATED);
         assert_eq!(unclear.verdict(Some(0.05)).0, NO_VERDICT);
         // Without a limit, one is enough, also of a search.

@@ -33,9 +33,10 @@ pub fn verified(folder: &Path) -> Result<Option<Check>, MishandleError> {
         }
     }
     let problems = differences(&found, &text, |name| runs.get(name))?;
-    match problems.is_empty() {
-        true => Ok(Some(found)),
-        false => Err(MishandleError::ChangedCheck { path: folder.join(RESULT), problems }),
+    if problems.is_empty() {
+        Ok(Some(found))
+    } else {
+        Err(MishandleError::ChangedCheck { path: folder.join(RESULT), problems })
     }
 }
 

@@ -191,12 +191,11 @@ fn shrink(
     let robustness = recorded.expected.robustness;
     let (found, minimized) = smaller(resolved, &mut *system, (&request, robustness), budget, &mut watch)?;
     let scenario = &minimized.episode.request.scenario;
-    let repeats = match depends_on_seed(resolved, scenario) {
-        true if watch(minimized.simulations).is_continue() => {
-            let seeds = repeat_seeds(Seed(recorded.seed), Repeated::Counterexample.simulations());
-            Some(repeat(&mut *system, scenario, seeds, |_| watch(minimized.simulations))?)
-        }
-        _ => None,
+    let repeats = if depends_on_seed(resolved, scenario) && watch(minimized.simulations).is_continue() {
+        let seeds = repeat_seeds(Seed(recorded.seed), Repeated::Counterexample.simulations());
+        Some(repeat(&mut *system, scenario, seeds, |_| watch(minimized.simulations))?)
+    } else {
+        None
     };
     let has_same_predicate = predicate(&found) == predicate(recorded);
     Ok((found, Shrunk { minimized, has_same_predicate, repeats, is_interrupted }))

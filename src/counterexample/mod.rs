@@ -231,7 +231,8 @@ impl Counterexample {
         folder: &Path,
         moved: impl Into<Moved<'a>>,
     ) -> Result<ResolvedPlan, MishandleError> {
-        let (plan, moved) = (portable::plan_in(&self.plan, folder), moved.into());
+        let plan = portable::plan_in(&self.plan, folder);
+        let moved = moved.into();
         if moved.target.is_none() {
             portable::check_target(&plan)?;
         }
@@ -326,7 +327,8 @@ impl Counterexample {
         let mut found = Vec::new();
         let mut compare = |what: &str, recorded: &dyn Debug, again: &dyn Debug| {
             // The text has all digits and the sign of a zero.
-            let (recorded, again) = (format!("{recorded:?}"), format!("{again:?}"));
+            let recorded = format!("{recorded:?}");
+            let again = format!("{again:?}");
             if recorded != again {
                 found.push(format!("{what}: recorded {recorded}, replayed {again}"));
             }

@@ -116,7 +116,8 @@ impl ModeExamples {
         let Worst { run, failure } = self.worst[failing].get(&key).ok_or(MishandleError::NoEpisode)?;
         let request = Request::new(Scenario::new(failure.scenario.clone()), Seed(failure.seed));
         let fails = ExampleSimulation::new(&self.controllers[failing], &request)?;
-        let (trial, number) = (failure.trial, failure.number);
+        let trial = failure.trial;
+        let number = failure.number;
         fails.check(failure.robustness, || format!("simulation {number} of trial {trial}"))?;
         let source = ExampleSource::Worst { run: run.clone(), trial, number };
         Ok(ModeExample { source, simulated: self.both(failing, fails, &request)? })
@@ -168,7 +169,8 @@ fn final_search(
     name: &str,
     controller: &Path,
 ) -> Result<(ResolvedPlan, HashMap<ModeKey, Worst>), MishandleError> {
-    let (mut resolved, mut worst) = (None, HashMap::<ModeKey, Worst>::new());
+    let mut resolved = None;
+    let mut worst = HashMap::<ModeKey, Worst>::new();
     for path in search_files(&folder.of_final(&format!("{name}-search")), table) {
         let run = RunFile::open(&path)?;
         if resolved.is_none() {

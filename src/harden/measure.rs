@@ -55,7 +55,9 @@ pub(super) fn measure(
         let path = path_of(prefix, name);
         folder.ask(&plan, &path, &format!("{phase}: {name}"), &mut *watch)
     };
-    let Some(starts_asked) = ask(plan(STARTS, base.action_noise), "starts")? else { return Ok(None) };
+    let Some(starts_asked) = ask(plan(STARTS, base.action_noise), "starts")? else {
+        return Ok(None);
+    };
     let Some(noise) = ask(plan(STARTS, ACTION_NOISE), "noise")? else { return Ok(None) };
     let Some(space) = ask(plan(&base.space, base.action_noise), "space")? else { return Ok(None) };
     Ok(Some(Measured { starts: starts_asked, noise, space }))

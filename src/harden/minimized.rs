@@ -104,15 +104,19 @@ pub(super) fn minimized(
     order.sort_by_key(|mode| std::cmp::Reverse(modes[*mode].1));
     order.truncate(MODES);
     let mut system = resolved.system()?;
-    let (mut found, mut written) = (Vec::new(), Vec::new());
+    let mut found = Vec::new();
+    let mut written = Vec::new();
     for (done, mode) in order.iter().enumerate() {
-        let (path, duplicate) = (file_of(suite, *mode), duplicate_of(suite, *mode));
+        let path = file_of(suite, *mode);
+        let duplicate = duplicate_of(suite, *mode);
         if duplicate.exists() {
             continue;
         }
         if !path.exists() {
             let of_mode = simulated.iter().filter(|failure| failure.mode == Some(*mode));
-            let Some(worst) = of_mode.min_by(|a, b| a.robustness.total_cmp(&b.robustness)) else { continue };
+            let Some(worst) = of_mode.min_by(|a, b| a.robustness.total_cmp(&b.robustness)) else {
+                continue;
+            };
             let mut is_interrupted = false;
             let watch = |simulations: u64| {
                 let flow = watch(&HardenProgress {

@@ -112,7 +112,8 @@ pub fn harden(
     check_device(checked.table, gpu)?;
     let format = checked.before.extension;
     if out.extension().is_none_or(|extension| extension != format) {
-        let (what, value) = ("the file of the controller", path_text(out));
+        let what = "the file of the controller";
+        let value = path_text(out);
         let expected = match format {
             ONNX_EXTENSION => "a name that ends in .onnx, as that of the controller before",
             _ => "a name that ends in .safetensors",
@@ -153,7 +154,8 @@ impl CheckedHardening<'_> {
             return Ok(CheckedHardening { plan, table, before, settings: None });
         }
         if is_onnx(shipped_file(plan)?.path()) {
-            let (what, value) = ("the controller of a hardening", plan.controller.clone());
+            let what = "the controller of a hardening";
+            let value = plan.controller.clone();
             let expected = "a network of this program; an ONNX model needs a trainer of yours: --trainer \
                             'python train.py' (docs/guide/harden.md#with-your-own-trainer)";
             return Err(MishandleError::InvalidValue { what, value, expected });
@@ -336,9 +338,10 @@ fn run(
 
 /// Checks that the device of the training is there.
 fn check_device(table: &HardenPlan, gpu: Option<&Device>) -> Result<(), MishandleError> {
-    match table.device == GPU && gpu.is_none() {
-        true => Err(MishandleError::NoDevice { device: table.device.clone() }),
-        false => Ok(()),
+    if table.device == GPU && gpu.is_none() {
+        Err(MishandleError::NoDevice { device: table.device.clone() })
+    } else {
+        Ok(())
     }
 }
 
@@ -352,7 +355,8 @@ fn check_target(plan: &Plan) -> Result<(), MishandleError> {
     } else {
         return Ok(());
     };
-    let (what, value) = ("the target of a hardening", plan.target.clone());
+    let what = "the target of a hardening";
+    let value = plan.target.clone();
     Err(MishandleError::InvalidValue { what, value, expected })
 }
 
@@ -403,7 +407,8 @@ fn check(
     settings: Option<&AlgorithmSettings>,
 ) -> Result<(), MishandleError> {
     if plan.screening.is_some() {
-        let (what, value) = ("the question of a screening", "harden".to_string());
+        let what = "the question of a screening";
+        let value = "harden".to_string();
         return Err(MishandleError::InvalidValue { what, value, expected: "evaluate, falsify or risk" });
     }
     for name in &table.searches {
@@ -411,7 +416,7 @@ fn check(
     }
     if let Some(settings) = settings {
         let no_file = HardenPlan { archive: 0.0, ..table.clone() };
-        round::round_settings(settings, (plan, &no_file), Path::new("")).check()?;
+        round::round_settings(settings, plan, &no_file, Path::new("")).check()?;
     }
     Ok(())
 }
@@ -429,7 +434,8 @@ impl Hardener<'_> {
         let before = self.folder.before();
         let mut current = before.clone();
         let Some(mut validated) = self.validate(0, &current, &mut *watch)? else { return Ok(None) };
-        let (mut rounds, mut accepted) = (Vec::new(), None);
+        let mut rounds = Vec::new();
+        let mut accepted = None;
         for number in 1..=self.table.rounds {
             let parts = (self.plan, self.table);
             let end = run_round(self.folder, parts, self.training, (number, &current), &mut *watch)?;

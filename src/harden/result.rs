@@ -123,18 +123,21 @@ impl Hardener<'_> {
         let mut ask = |plan: Plan, name: &str| {
             self.folder.ask(&plan, &path_of(&prefix, name), &format!("{phase}: {name}"), &mut *watch)
         };
-        let Some(risk) = ask(Plan { risk: Some(risk), ..plan(1) }, "risk")? else { return Ok(None) };
+        let Some(risk) = ask(Plan { risk: Some(risk), ..plan(1) }, "risk")? else {
+            return Ok(None);
+        };
         let results::Answer::Risk(risk) = risk.result()? else {
             return Err(MishandleError::MissingPlanTable { table: "risk" });
         };
         let space = ResolvedPlan::new(&plan(0))?.space;
-        let margin = match has_margin(&space) {
-            // Starts alone have no size.
-            false => None,
-            true => match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
+        let margin = if has_margin(&space) {
+            match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
                 Some(asked) => Some(hardened_margin(asked.result()?)?),
                 None => return Ok(None),
-            },
+            }
+        } else {
+            // Starts alone have no size.
+            None
         };
         let prefix = self.folder.of_final(&format!("{name}-search"));
         let parts = (self.plan, self.table);
@@ -228,7 +231,8 @@ fn modes(before: &[(ModeKey, u64)], after: &[(ModeKey, u64)]) -> Vec<HardenedMod
         is_new
     });
     let mode = |key: &ModeKey| {
-        let (before, after) = (count(before, key), count(after, key));
+        let before = count(before, key);
+        let after = count(after, key);
         HardenedMode {
             predicate: key.0.clone(),
             axes: key.1.clone(),
@@ -251,12 +255,13 @@ fn verdict(
         |rate: Estimate| rate.high.map_or("unknown".to_string(), |high| format!("{:.2} %", 100.0 * high));
     if !is_judged {
         let found_nothing = rounds.iter().all(|round| round.failures == 0);
-        return match found_nothing && before.failure_probability.value == Some(0.0) {
-            true => format!(
+        return if found_nothing && before.failure_probability.value == Some(0.0) {
+            format!(
                 "Nothing to fix: no simulation in the space fails, so its failure probability is at most {} (97.5 %).",
                 bound(before.failure_probability)
-            ),
-            false => "No improvement: no round was accepted.".to_string(),
+            )
+        } else {
+            "No improvement: no round was accepted.".to_string()
         };
     }
     let space = measures.iter().find(|measure| measure.name == "space");

@@ -143,7 +143,7 @@ impl Session<'_> {
         watch: Watch<'_>,
     ) -> Result<Option<Trained>, MishandleError> {
         let Session { folder, plan: base, table, round, .. } = *self;
-        let settings = round_settings(settings, (base, table), archive);
+        let settings = round_settings(settings, base, table, archive);
         let file = folder.of_round(round, "settings.toml");
         folder.write(&file, settings.to_toml().as_bytes())?;
         let mut plan = TrainPlan {
@@ -217,7 +217,8 @@ impl Trained {
 /// Returns the settings of a round: those of the controller, with the scenarios of the plan.
 pub(super) fn round_settings(
     settings: &AlgorithmSettings,
-    (base, table): (&Plan, &HardenPlan),
+    base: &Plan,
+    table: &HardenPlan,
     archive: &Path,
 ) -> AlgorithmSettings {
     let mut settings = settings.clone();

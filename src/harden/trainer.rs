@@ -9,8 +9,8 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use mishandle_files::refuse_link;
-use mishandle_process::{Job, Program};
 use mishandle_rollout::Interval;
+use mishandle_simulators::process::{Job, Program};
 use mishandle_text::path_text;
 
 use super::round::Session;
@@ -63,17 +63,19 @@ impl Trainer {
         let Program { words, folder } = &self.program;
         let first = words.first().map_or("", String::as_str);
         let paths = std::env::var_os("PATH").unwrap_or_default();
-        let is_found = match first.contains('/') {
-            true => folder.join(first).is_file(),
-            false => std::env::split_paths(&paths).any(|place| place.join(first).is_file()),
+        let is_found = if first.contains('/') {
+            folder.join(first).is_file()
+        } else {
+            std::env::split_paths(&paths).any(|place| place.join(first).is_file())
         };
-        match is_found {
-            true => Ok(()),
-            false => Err(MishandleError::InvalidValue {
+        if is_found {
+            Ok(())
+        } else {
+            Err(MishandleError::InvalidValue {
                 what: "the trainer",
                 value: self.command.clone(),
                 expected: "a command whose first word is a program: a path, or a name that PATH finds",
-            }),
+            })
         }
     }
 

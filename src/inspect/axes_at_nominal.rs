@@ -98,7 +98,8 @@ fn tried(space: &Space, recorded: &Simulation, axis: usize, known: &[Simulation]
 
 /// Returns an axis with its robustness; `None` if it was not simulated.
 fn described(space: &Space, recorded: &Simulation, tried: &Tried) -> Option<AxisAtNominal> {
-    let (axis, robustness) = (&space.axes()[tried.axis], tried.outcome?);
+    let axis = &space.axes()[tried.axis];
+    let robustness = tried.outcome?;
     Some(AxisAtNominal {
         axis: axis.name.clone(),
         value: recorded.scenario[tried.axis]?,
@@ -120,7 +121,8 @@ fn simulate(
     let (mut system, _) = system_of(resolved, recorded.trial)?;
     let failure = Request { stop_threshold: None, ..record::request(recorded, false) };
     let mut missing: Vec<&mut Tried> = tried.iter_mut().filter(|tried| tried.outcome.is_none()).collect();
-    let (mut done, total) = (1, 1 + missing.len() as u64);
+    let mut done = 1;
+    let total = 1 + missing.len() as u64;
     let again = system.rollout(std::slice::from_ref(&failure))?.pop().ok_or(MishandleError::NoEpisode)?;
     let recorded_robustness = explained.explanation.diagnosis.robustness();
     let is_whole = !matches!(recorded.end, SimulationEnd::Stopped { .. });

@@ -60,7 +60,8 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
         |row: &Simulation| failing.iter().any(|other| is_inside_of(&space, &scenario(row), &scenario(other)));
     let moved = failing.iter().copied().filter(|row| !is_inside(row));
     let closest = moved.filter(is_repeated).min_by(|a, b| {
-        let (a, b) = (order(a), order(b));
+        let a = order(a);
+        let b = order(b);
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     let closest = closest.unwrap_or(&original).clone();
@@ -98,7 +99,8 @@ impl Isolation {
     pub(crate) fn cause(&self) -> FailureCause {
         let axes = self.space.axes();
         let side = |index: &usize| {
-            let (axis, value) = (&axes[*index], self.closest.scenario[*index].unwrap_or_default());
+            let axis = &axes[*index];
+            let value = self.closest.scenario[*index].unwrap_or_default();
             match axis.values {
                 AxisValues::Categorical(_) => value as i64,
                 _ => {

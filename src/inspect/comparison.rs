@@ -158,16 +158,18 @@ fn paired_means(pairs: &[(f64, f64)], seed: Seed, at_any_time: bool) -> PairedMe
     let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
     let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
     let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
-    let (smaller, larger) = (count(|(a, b)| b < a), count(|(a, b)| b > a));
+    let smaller = count(|(a, b)| b < a);
+    let larger = count(|(a, b)| b > a);
     PairedMeans {
         first: mean(&first),
         second: mean(&second),
         difference: paired_mean_difference(&first, &second, seed),
         smaller,
         larger,
-        p_value: match at_any_time {
-            true => sign_test_at_any_time(smaller, larger),
-            false => sign_test(smaller, larger),
+        p_value: if at_any_time {
+            sign_test_at_any_time(smaller, larger)
+        } else {
+            sign_test(smaller, larger)
         },
     }
 }
@@ -208,7 +210,8 @@ pub struct ComparedPair {
 /// or the runs differ in anything but the controller, the build and the hash of the target; an
 /// error of a run file.
 pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, MishandleError> {
-    let (a, b) = (first.header(), second.header());
+    let a = first.header();
+    let b = second.header();
     if let Some(problem) = problem(a, b) {
         return Err(MishandleError::NotComparable { problem });
     }
@@ -216,11 +219,14 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         if let Some(missing) = unfinished(run)? {
             let path = run.path().to_string_lossy();
             let is_pair = Plan::from_toml(&run.header().plan).is_ok_and(|plan| plan.compare.is_some());
-            let command = match is_python(&run.header().target.kind) {
-                true if is_pair => "the same call of `mishandle.compare` in Python".to_string(),
-                false if is_pair => "mishandle compare --resume A B".to_string(),
-                true => "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string(),
-                false => format!("mishandle evaluate --resume {}", shell_quote(&path)),
+            let is_python = is_python(&run.header().target.kind);
+            let command = match (is_python, is_pair) {
+                (true, true) => "the same call of `mishandle.compare` in Python".to_string(),
+                (true, false) => {
+                    "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string()
+                }
+                (false, true) => "mishandle compare --resume A B".to_string(),
+                (false, false) => format!("mishandle evaluate --resume {}", shell_quote(&path)),
             };
             let problem = format!("{name} is not complete: {missing}; complete it with: {command}");
             return Err(MishandleError::NotComparable { problem });
@@ -259,17 +265,15 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     let has =
         |name: &str| [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name));
     let rates = |holds: fn(&Episode) -> bool, decides: fn(&Episode) -> bool| {
-        let (mut counts, mut verdicts) = (PairedCounts::default(), [0; 2]);
+        let mut counts = PairedCounts::default();
+        let mut verdicts = [0; 2];
         for pair in &random {
             let [first, second] = &pair.episodes;
             counts.add(holds(first), holds(second));
             verdicts[0] += u64::from(decides(first));
             verdicts[1] += u64::from(decides(second));
         }
-        match at_any_time {
-            true => paired_rates_at_any_time(counts, verdicts),
-            false => paired_rates(counts, verdicts),
-        }
+        if at_any_time { paired_rates_at_any_time(counts, verdicts) } else { paired_rates(counts, verdicts) }
     };
     let means = |value: &dyn Fn(&Episode) -> Option<f64>| {
         let values: Vec<(f64, f64)> =
@@ -350,7 +354,8 @@ fn random_rows(
     second: &RunFile,
 ) -> Result<impl Iterator<Item = (Simulation, Simulation)>, MishandleError> {
     let rows = |run: &RunFile| run.trial_simulations(RANDOM_TRIAL).collect::<Result<Vec<_>, _>>();
-    let (a, b) = (rows(first)?, rows(second)?);
+    let a = rows(first)?;
+    let b = rows(second)?;
     // A rule can end one of them earlier. The first simulations of both are pairs.
     let has_rule = [first, second].iter().any(|run| stops_by_itself(run.header()));
     if a.len() != b.len() && !has_rule {
@@ -368,7 +373,8 @@ fn random_rows(
 /// such as once without noise and with several seeds under noise.
 fn corner_pairs(first: &RunFile, second: &RunFile) -> Result<Option<Vec<Pair>>, MishandleError> {
     let rows = |run: &RunFile| run.trial_simulations(Corners::TRIAL).collect::<Result<Vec<_>, _>>();
-    let (a, b) = (rows(first)?, rows(second)?);
+    let a = rows(first)?;
+    let b = rows(second)?;
     if a.len() != b.len() {
         return Ok(None);
     }
@@ -484,7 +490,8 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
             header.versions.iter().map(|(name, version)| (format!("version of {name}"), version.clone()));
         facts.chain(parts).chain(versions).filter(|(_, fact)| !fact.is_empty()).collect()
     };
-    let (a_facts, b_facts) = (settings(a), settings(b));
+    let a_facts = settings(a);
+    let b_facts = settings(b);
     let names: BTreeSet<&String> = a_facts.keys().chain(b_facts.keys()).collect();
     let fact = |facts: &BTreeMap<String, String>, name: &String| {
         facts.get(name).map_or("no record of it", String::as_str).to_string()

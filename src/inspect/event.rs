@@ -69,7 +69,8 @@ impl Event {
     /// Says on what the pictures center and why. `control_dt` is the time between two samples, in
     /// seconds.
     pub fn sentence(&self, control_dt: f64) -> String {
-        let (name, reason) = (self.kind.name(), self.kind.reason());
+        let name = self.kind.name();
+        let reason = self.kind.reason();
         format!("the pictures center on the {name} at {}: {reason}", instant(self.sample, control_dt))
     }
 }

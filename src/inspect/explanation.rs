@@ -162,7 +162,8 @@ fn events(
                 nearest: below.sample,
             }),
             (Some("until"), [left, right], Some(window)) => {
-                let (held, reached) = (signal(left)?, signal(right)?);
+                let held = signal(left)?;
+                let reached = signal(right)?;
                 let mut before = above.sample..=window.1;
                 found.push(OperatorEvent::Until {
                     operands: [left.clone(), right.clone()],
@@ -298,7 +299,8 @@ fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trac
     let episode = simulate(request)?;
     let again = record::record(&episode, resolved);
     if again.trace_digest != recorded.trace_digest {
-        let (trial, number) = (recorded.trial, recorded.number);
+        let trial = recorded.trial;
+        let number = recorded.number;
         let difference = format!("trace of simulation {number} of trial {trial}");
         return Err(MishandleError::RunMismatch { differences: vec![difference] });
     }

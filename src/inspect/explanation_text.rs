@@ -17,10 +17,7 @@ impl Explanation {
     /// `at` names a sample, such as [`mishandle_text::instant`]. Names and formulas are as in the
     /// run file: escape them before you print them. Formulas are between backticks.
     pub fn sentences(&self, at: impl Fn(usize) -> String) -> Vec<String> {
-        let verdict = match is_violated(self.diagnosis.robustness()) {
-            true => "satisfy",
-            false => "violate",
-        };
+        let verdict = if is_violated(self.diagnosis.robustness()) { "satisfy" } else { "violate" };
         let decided =
             self.decided.map(|sample| format!("From {} on, nothing can {verdict} the formula.", at(sample)));
         let mut sentences: Vec<String> = decided.into_iter().collect();
@@ -84,9 +81,10 @@ fn violation(
     let (first, last) = history.window;
     let samples = last + 1 - first;
     let all = if samples == 1 { "the only sample".to_string() } else { format!("all {samples} samples") };
-    let [holds, fails] = match is_negated {
-        false => ["holds", "fails"],
-        true => ["fails, as the formula requires,", "holds, which the formula forbids,"],
+    let [holds, fails] = if is_negated {
+        ["fails, as the formula requires,", "holds, which the formula forbids,"]
+    } else {
+        ["holds", "fails"]
     };
     match history.first_and_last {
         None => format!("It {holds} at {all} of its window, {} to {}.", at(first), at(last)),
@@ -107,9 +105,10 @@ fn violation(
 fn event_text(event: &OperatorEvent, at: &dyn Fn(usize) -> String) -> String {
     match event {
         OperatorEvent::NoSample { operator, operand, nearest } => {
-            let operand = match operand.chars().count() > MAX_OPERAND {
-                true => "its operand".to_string(),
-                false => format!("`{operand}`"),
+            let operand = if operand.chars().count() > MAX_OPERAND {
+                "its operand".to_string()
+            } else {
+                format!("`{operand}`")
             };
             let nearest = at(*nearest);
             format!(

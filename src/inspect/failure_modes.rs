@@ -100,8 +100,10 @@ pub fn failure_modes(run: &RunFile) -> Result<FailureModes, MishandleError> {
     let header = run.header();
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
     let mut failures = Vec::new();
-    let (mut all, mut not_grouped) = (0, 0);
-    let (mut failing, mut others) = (Vec::new(), Vec::new());
+    let mut all = 0;
+    let mut not_grouped = 0;
+    let mut failing = Vec::new();
+    let mut others = Vec::new();
     let mut causes: BTreeMap<u32, Option<Isolation>> = BTreeMap::new();
     let passing = run.counts()?.simulations as usize;
     let every = passing.div_ceil(MAX_OTHERS).max(1);
@@ -201,7 +203,8 @@ fn point(axes: &[Axis], failure: &Failure) -> FailurePoint {
 fn mode(mut failures: Vec<Failure>, chosen: &[usize], axes: usize) -> FailureMode {
     let region = |axis: usize| {
         let values = || failures.iter().filter_map(|failure| failure.scenario.get(axis).copied().flatten());
-        let (low, high) = (values().reduce(f64::min)?, values().reduce(f64::max)?);
+        let low = values().reduce(f64::min)?;
+        let high = values().reduce(f64::max)?;
         Some((low, high))
     };
     let region = (0..axes).map(region).collect();

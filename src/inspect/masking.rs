@@ -31,7 +31,8 @@ pub fn masking(
     let header = run.header();
     let parse = |source| RolloutError::Parse { formula: header.formula.clone(), source };
     let formula = Formula::parse(&header.formula).map_err(parse)?;
-    let (mut satisfied, mut violated) = (Vec::new(), Vec::new());
+    let mut satisfied = Vec::new();
+    let mut violated = Vec::new();
     for simulation in run.simulations() {
         let simulation = simulation?;
         match simulation.robustness {
@@ -79,7 +80,8 @@ impl Counter<'_> {
     fn new<'a>(path: &Path, formula: &'a Formula) -> Counter<'a> {
         let positions = formula.conjuncts();
         // Their positions ascend.
-        let (mut texts, mut next) = (formula.subformulas(), 0);
+        let mut texts = formula.subformulas();
+        let mut next = 0;
         let mut conjunct = |position: &usize| {
             let text = position.checked_sub(next).and_then(|skipped| texts.nth(skipped));
             next = position + 1;
@@ -96,7 +98,8 @@ impl Counter<'_> {
     }
 
     fn add(&mut self, trace: &Trace, control_dt: f64) -> Result<(), MishandleError> {
-        let (formula, clock) = (self.formula, Clock::steps(control_dt));
+        let formula = self.formula;
+        let clock = Clock::steps(control_dt);
         let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
         let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
         let fails = is_violated(diagnosis.robustness());

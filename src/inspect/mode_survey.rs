@@ -41,7 +41,9 @@ pub struct ModeSurvey {
 /// ```
 pub fn unseen_modes(counts: &[usize], trials: usize) -> Option<UnseenModes> {
     let found_by = |n: usize| counts.iter().filter(|count| **count == n).count();
-    let (once, twice, t) = (found_by(1), found_by(2), trials as f64);
+    let once = found_by(1);
+    let twice = found_by(2);
+    let t = trials as f64;
     let pairs = once as f64 * (once as f64 - 1.0);
     (trials >= 2).then(|| UnseenModes {
         trials: trials as u64,

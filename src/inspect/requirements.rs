@@ -45,7 +45,9 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
             continue;
         }
         for (column, requirement) in &mut found {
-            let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else { continue };
+            let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else {
+                continue;
+            };
             requirement.simulations += 1;
             requirement.violated += u64::from(is_violated(robustness));
             if requirement.minimum_robustness.is_none_or(|least| robustness.total_cmp(&least.0).is_lt()) {

@@ -25,7 +25,8 @@ const LISTED: usize = 100;
 /// # Errors
 /// If a run cannot be read.
 pub fn run_difference(first: &RunFile, second: &RunFile) -> Result<RunDifference, MishandleError> {
-    let (a, b) = (differing_run(first)?, differing_run(second)?);
+    let a = differing_run(first)?;
+    let b = differing_run(second)?;
     let facts = differing(facts(first.header()), facts(second.header()));
     let mut notes = Vec::new();
     let mut found = |name: &str, run: &RunFile| -> Result<Vec<Found>, MishandleError> {
@@ -136,7 +137,8 @@ fn plan_facts(prefix: &str, table: &toml::Table, facts: &mut BTreeMap<String, St
 fn differing(mut a: BTreeMap<String, String>, mut b: BTreeMap<String, String>) -> Vec<DifferingFact> {
     let names: BTreeSet<String> = a.keys().chain(b.keys()).cloned().collect();
     let facts = names.into_iter().map(|name| {
-        let (first, second) = (a.remove(&name), b.remove(&name));
+        let first = a.remove(&name);
+        let second = b.remove(&name);
         DifferingFact { name, first, second }
     });
     facts.filter(|fact| fact.first != fact.second).collect()
@@ -236,8 +238,10 @@ fn with_control(run: &RunFile) -> impl Iterator<Item = Result<Simulation, StoreE
 /// Compares the simulations at the same places, in one pass over both files.
 fn simulations(first: &RunFile, second: &RunFile) -> Result<DifferingSimulations, MishandleError> {
     let place = |simulation: &Simulation| (simulation.trial, simulation.number);
-    let (mut left, mut right) = (with_control(first), with_control(second));
-    let (mut a, mut b) = (left.next().transpose()?, right.next().transpose()?);
+    let mut left = with_control(first);
+    let mut right = with_control(second);
+    let mut a = left.next().transpose()?;
+    let mut b = right.next().transpose()?;
     let mut found = DifferingSimulations::default();
     loop {
         match (&a, &b) {
@@ -272,7 +276,8 @@ fn add_pair(found: &mut DifferingSimulations, header: &RunHeader, a: &Simulation
         (robustness, row.end, row.steps, bits(&row.verdicts), row.trace_digest, row.reason.clone())
     };
     found.same += u64::from(record(a) == record(b));
-    let (first, second) = (verdict(a), verdict(b));
+    let first = verdict(a);
+    let second = verdict(b);
     if first == second {
         return;
     }

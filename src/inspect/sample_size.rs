@@ -55,7 +55,9 @@ impl Expected {
             let kind = run.header().kind.name();
             return Err(problem(format!("the pilot is a run of `{kind}`; expected one of `evaluate`")));
         }
-        let (mut successes, mut n, mut has_verdict) = (0_u64, 0_u64, false);
+        let mut successes = 0_u64;
+        let mut n = 0_u64;
+        let mut has_verdict = false;
         for row in run.trial_simulations(RANDOM_TRIAL) {
             let episode = recorded_episode(&row?);
             has_verdict |= decides_success(&episode);
@@ -79,7 +81,8 @@ impl Expected {
             return Err(MishandleError::NotComparable { problem });
         }
         let share = |count: u64| count as f64 / found.pairs as f64;
-        let (first_only, second_only) = (share(found.success.first_only), share(found.success.second_only));
+        let first_only = share(found.success.first_only);
+        let second_only = share(found.success.second_only);
         let both = (found.success.first.value.unwrap_or(0.0) - first_only).clamp(0.0, 1.0);
         Ok(Expected::Pairs([both, first_only, second_only, (1.0 - both - first_only - second_only).max(0.0)]))
     }

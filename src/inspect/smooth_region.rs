@@ -43,7 +43,8 @@ pub fn smooth_region_of(
         return Ok(Some(refused(reason)));
     }
     let axes = resolved.space.axes();
-    let (mut points, mut requests) = (Vec::new(), Vec::new());
+    let mut points = Vec::new();
+    let mut requests = Vec::new();
     let run = RunFile::open(run)?;
     for simulation in run.simulations() {
         let simulation = simulation?;

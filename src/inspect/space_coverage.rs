@@ -68,8 +68,9 @@ impl Cells {
 
     fn coverage(&self) -> Coverage {
         let count = |index: usize| self.seen.iter().map(|bits| u64::from(bits[index].count_ones())).sum();
-        let of_pair =
-            |(a, b): &(usize, usize)| if a == b { self.bins[*a] } else { self.bins[*a] * self.bins[*b] };
+        let of_pair = |(a, b): &(usize, usize)| {
+            if a == b { self.bins[*a] } else { self.bins[*a] * self.bins[*b] }
+        };
         Coverage {
             pairs: self.pairs.len() as u64,
             cells: self.pairs.iter().map(|pair| of_pair(pair) as u64).sum(),

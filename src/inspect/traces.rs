@@ -49,10 +49,10 @@ pub fn random_traces(
     let mut left_out = 0;
     for simulation in run.simulations() {
         let simulation = simulation?;
-        match simulation.robustness.is_some() {
-            true if is_random(simulation.trial) => decided.push((simulation.trial, simulation.number)),
-            true => left_out += 1,
-            false => {}
+        if simulation.robustness.is_some() && is_random(simulation.trial) {
+            decided.push((simulation.trial, simulation.number));
+        } else if simulation.robustness.is_some() {
+            left_out += 1;
         }
     }
     let chosen: Vec<Simulation> = evenly(&decided, limit)

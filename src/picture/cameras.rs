@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
+use mishandle_camera::sight::{Feed, Frame, Sight, Sighting, View};
 use mishandle_camera::{Camera, CameraError, Output, PoseReader, Poses, Scene, Size, StateShot, Studio};
 use mishandle_rollout::{Image, RolloutError, Scenario, Seed, Space};
-use mishandle_sight::{Feed, Frame, Sight, Sighting, View};
 
 use crate::error::MishandleError;
 use crate::resolve::{TargetSight, target_sight};
@@ -76,7 +76,8 @@ impl TargetCameras {
         }
         let [width, height] = settings.size;
         let size = Size::new(width.into(), height.into()).map_err(|error: CameraError| {
-            let (what, expected) = ("the size of the images", "a size that the cameras can draw");
+            let what = "the size of the images";
+            let expected = "a size that the cameras can draw";
             MishandleError::InvalidValue { what, value: error.to_string(), expected }
         })?;
         let TargetSight { sight, model, view } = target_sight(target, size)?;

@@ -97,7 +97,9 @@ impl ControllerWorker for RecordedWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
         let mut decisions = self.decisions.lock();
         state[0] = decisions.len() as f64;
-        let (observations, actions, images) = (Vec::new(), Vec::new(), Vec::new());
+        let observations = Vec::new();
+        let actions = Vec::new();
+        let images = Vec::new();
         decisions.push(Decisions { seed, observations, actions, images });
         drop(decisions);
         self.worker.reset(&mut state[1..], seed);
@@ -120,7 +122,8 @@ impl ControllerWorker for RecordedWorker {
         self.states.clear();
         states.chunks_exact(width).for_each(|state| self.states.extend_from_slice(&state[1..]));
         self.worker.act(rows, observations, &mut self.states, actions);
-        let (seen, done) = (observations.len() / rows.max(1), actions.len() / rows.max(1));
+        let seen = observations.len() / rows.max(1);
+        let done = actions.len() / rows.max(1);
         let bytes = self.images.len() / rows.max(1);
         let mut decisions = self.decisions.lock();
         for (row, state) in states.chunks_exact_mut(width).enumerate() {

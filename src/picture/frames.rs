@@ -108,7 +108,8 @@ impl FrameCaptions {
 
 /// Returns the name and values of the decisive predicate.
 fn predicate(signals: &[SignalRecord], explanation: &Explanation) -> Option<CaptionPredicate> {
-    let (found, history) = (explanation.diagnosis.predicate.as_ref()?, explanation.history.as_ref()?);
+    let found = explanation.diagnosis.predicate.as_ref()?;
+    let history = explanation.history.as_ref()?;
     let [left, right] = &history.sides;
     let limit = |side: &str| side.parse::<f64>().is_ok();
     // A number on the left is the limit of what is on the right.
@@ -272,7 +273,8 @@ impl FrameRenderer {
     ) -> Result<FrameRenderer, MishandleError> {
         let seen_index = |camera: &str| seen.as_ref()?.cameras.names().position(|name| name == camera);
         let marks_contacts = cameras.iter().any(|camera| seen_index(camera).is_none());
-        let (width, height) = (cameras.len() * size.width() as usize, size.height() as usize);
+        let width = cameras.len() * size.width() as usize;
+        let height = size.height() as usize;
         let captions = captions.and_then(|captions| {
             let widest = captions.with_contact(0, marks_contacts.then_some(0.0));
             Some((CaptionLayout::new(width, height, &widest)?, captions))
@@ -326,13 +328,13 @@ impl FrameRenderer {
         let width = self.size.width() as usize;
         for (index, view) in self.views.iter_mut().enumerate() {
             match (view, &mut self.seen) {
-                (View::Rays(view), _) => frame.paste((index * width, 0), width, view.draw(state)),
-                (View::OpenGl(view), _) => frame.paste((index * width, 0), width, view.draw(state)?),
+                (View::Rays(view), _) => frame.paste(index * width, 0, width, view.draw(state)),
+                (View::OpenGl(view), _) => frame.paste(index * width, 0, width, view.draw(state)?),
                 (View::Seen(camera), Some(seen)) => {
                     let image = seen.image(*camera, sample);
                     let image = Picture::enlarged(&image, seen.cameras.size(), [width, self.height]);
                     let free = [width - image.width(), self.height - image.height()];
-                    frame.paste((index * width + free[0] / 2, free[1] / 2), image.width(), image.pixels());
+                    frame.paste(index * width + free[0] / 2, free[1] / 2, image.width(), image.pixels());
                 }
                 (View::Seen(_), None) => {}
             }

@@ -61,7 +61,7 @@ pub fn policy_views(
     if target.controller().sees().is_empty() {
         return Ok(None);
     }
-    let view = |space: &Space, request: &Request| policy_view((resolved, &target), space, request);
+    let view = |space: &Space, request: &Request| policy_view(resolved, &target, space, request);
     let seen = view(&resolved.space, request)?;
     let arm = ControlArm::of_space(resolved)?;
     let nominal = arm.map(|arm| view(&arm.space, &arm.request(request)));
@@ -69,7 +69,8 @@ pub fn policy_views(
 }
 
 fn policy_view(
-    (resolved, target): (&ResolvedPlan, &SceneTarget),
+    resolved: &ResolvedPlan,
+    target: &SceneTarget,
     space: &Space,
     request: &Request,
 ) -> Result<PolicyView, MishandleError> {
@@ -147,7 +148,7 @@ impl PolicyView {
             let mut changes = Vec::new();
             for patch in 0..patches[0] * patches[1] {
                 let mut covered = images(step).to_vec();
-                cover(&mut covered[self.place(index)], image, (patches, patch));
+                cover(&mut covered[self.place(index)], image, patches, patch);
                 let action = act(step, &covered, &mut state.clone())?;
                 changes.push(norm(action.iter().zip(&whole).map(|(a, b)| a - b)));
             }
@@ -162,7 +163,7 @@ fn norm(values: impl Iterator<Item = f32>) -> f64 {
 }
 
 /// Covers a patch of an image with the mean color of the image.
-fn cover(rgb: &mut [u8], image: &Image, ([across, down], patch): ([usize; 2], usize)) {
+fn cover(rgb: &mut [u8], image: &Image, [across, down]: [usize; 2], patch: usize) {
     let pixels = image.width * image.height;
     let mean: [u8; 3] = std::array::from_fn(|channel| {
         let sum: usize = rgb.iter().skip(channel).step_by(3).map(|x| usize::from(*x)).sum();

@@ -95,7 +95,8 @@ impl RayRenderer {
             optics: Optics { samples: RAYS, ..Optics::NOMINAL },
             effects: Effects::NOMINAL,
         };
-        let (scene, camera) = (&self.scene, &camera);
+        let scene = &self.scene;
+        let camera = &camera;
         let shot = StateShot { state, before: None, scene, camera, seed: Seed(0), step: 0 };
         let mut output = Output { rgb: Some(&mut self.pixels), depth: None, segments: None };
         self.renderer.render(&shot, &mut output);
@@ -106,7 +107,8 @@ impl RayRenderer {
 /// Returns the shaft and the tip of an arrow.
 fn shapes(arrow: &Arrow) -> [Shape; 2] {
     let way = sub(arrow.to, arrow.from);
-    let (length, radius) = (norm(way) as f32, Arrow::RADIUS as f32);
+    let length = norm(way) as f32;
+    let radius = Arrow::RADIUS as f32;
     let pose = Pose::along(arrow.from.map(|v| v as f32), way.map(|v| v as f32));
     let material = Material { opacity: ALMOST_OPAQUE, emission: 1.0, ..Material::plain(Arrow::COLOR) };
     let shape = |form, height: f32| {

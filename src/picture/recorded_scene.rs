@@ -49,9 +49,10 @@ pub fn recorded_scene(
     with_nominal: bool,
 ) -> Result<RecordedScene, MishandleError> {
     let is_counterexample = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("json"));
-    let mut scene = match is_counterexample {
-        true => of_counterexample(path, moved)?,
-        false => of_run(path, (trial, number), moved)?,
+    let mut scene = if is_counterexample {
+        of_counterexample(path, moved)?
+    } else {
+        of_run(path, (trial, number), moved)?
     };
     if let (true, Some(first)) = (with_nominal, scene.episodes.first()) {
         let nominal = Request::new(scene.resolved.space.nominal(), first.episode.request.seed);

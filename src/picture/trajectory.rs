@@ -124,9 +124,10 @@ pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usiz
         }
         Some(start) => {
             // One sample in the longer of the two spans that follow the start.
-            let between = match decisive - start > last - decisive {
-                true => start.midpoint(decisive),
-                false => decisive.midpoint(last),
+            let between = if decisive - start > last - decisive {
+                start.midpoint(decisive)
+            } else {
+                decisive.midpoint(last)
             };
             vec![first, first.midpoint(start), start, decisive, between, last]
         }

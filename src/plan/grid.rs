@@ -68,7 +68,8 @@ pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
     }
     let mut names = BTreeSet::new();
     if let Some(twice) = runs.iter().find(|run| !names.insert(run.name.as_str())) {
-        let (what, expected) = ("the name of two runs of the campaign", "given by different values");
+        let what = "the name of two runs of the campaign";
+        let expected = "given by different values";
         return Err(MishandleError::InvalidValue { what, value: twice.name.clone(), expected });
     }
     if runs.is_empty() {
@@ -92,11 +93,13 @@ fn combinations(table: Table) -> Result<Vec<(Vec<Value>, Table)>, MishandleError
         let Some(Value::Array(list)) = entry(&mut found[0].1, name).cloned() else { continue };
         if found.len() * list.len() > MAX_RUNS {
             let value = format!("at least {}", found.len() * list.len());
-            let (what, expected) = ("the number of runs of the campaign", "at most 10000");
+            let what = "the number of runs of the campaign";
+            let expected = "at most 10000";
             return Err(MishandleError::InvalidValue { what, value, expected });
         }
         let with = |(values, table): &(Vec<Value>, Table), value: &Value| {
-            let (mut values, mut table) = (values.clone(), table.clone());
+            let mut values = values.clone();
+            let mut table = table.clone();
             values.push(value.clone());
             if let Some(entry) = entry(&mut table, name) {
                 *entry = value.clone();

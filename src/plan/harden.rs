@@ -134,7 +134,8 @@ impl HardenPlan {
     /// Checks that a plan with a trainer has nothing that only training by this program reads.
     fn check_trainer(&self) -> Result<(), MishandleError> {
         if self.trainer.as_ref().is_some_and(|command| command.trim().is_empty()) {
-            let (what, value) = ("harden.trainer", "empty".to_string());
+            let what = "harden.trainer";
+            let value = "empty".to_string();
             let expected = "a command, such as python train.py";
             return Err(MishandleError::InvalidValue { what, value, expected });
         }

@@ -522,7 +522,8 @@ mod tests {
         let keys = |text: &str| -> Vec<String> {
             text.lines().filter(is_key).map(|line| line.split(' ').next().unwrap().to_string()).collect()
         };
-        let (mut written, mut shown) = (keys(&plan.to_toml()), keys(documented_plan()));
+        let mut written = keys(&plan.to_toml());
+        let mut shown = keys(documented_plan());
         written.sort();
         shown.sort();
         assert_eq!(written, shown);

@@ -222,7 +222,8 @@ fn not_toml(text: &str, error: &toml::de::Error) -> MishandleError {
 fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleError> {
     // Also for the plan in a run file.
     if text.len() as u64 > limits::PLAN {
-        let (what, expected) = ("the size of the plan in bytes", "at most 131072");
+        let what = "the size of the plan in bytes";
+        let expected = "at most 131072";
         return Err(MishandleError::InvalidValue { what, value: text.len().to_string(), expected });
     }
     let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
@@ -230,7 +231,9 @@ fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleEr
     // Checked first: another format can have unknown keys, and the format is the more useful error.
     if let Some((key, value)) = stated.get_ref().get_key_value("format") {
         match u32::deserialize(ValueDeserializer::from(value.clone())) {
-            Ok(found) if found > FORMAT => return Err(MishandleError::NewerPlan { found, known: FORMAT }),
+            Ok(found) if found > FORMAT => {
+                return Err(MishandleError::NewerPlan { found, known: FORMAT });
+            }
             Ok(FORMAT) => {}
             Ok(found @ 1..) => return Err(MishandleError::OlderPlan { found, known: FORMAT }),
             _ => return Err(reader.wrong("format", key, value, KEYS[0].allowed)),
@@ -280,7 +283,9 @@ impl Reader<'_> {
                     return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,
-                (None, _) => return Err(self.wrong(&name, key, value, &format!("a table, as [{name}]"))),
+                (None, _) => {
+                    return Err(self.wrong(&name, key, value, &format!("a table, as [{name}]")));
+                }
             }
         }
         Ok(())
@@ -318,7 +323,8 @@ impl Reader<'_> {
             };
             let unknown = |key: &&Spanned<Cow<'_, str>>| !RELATION_KEYS.contains(&&**key.get_ref());
             if let Some(key) = relation.keys().find(unknown) {
-                let (line, known) = (self.line(key), RELATION_KEYS.into());
+                let line = self.line(key);
+                let known = RELATION_KEYS.into();
                 return Err(MishandleError::UnknownPlanKey { line, key: key.get_ref().to_string(), known });
             }
             if !reads::<RelationPlan>(value) {

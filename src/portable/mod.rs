@@ -62,7 +62,8 @@ pub fn portable_plan(header: &RunHeader) -> Result<Plan, MishandleError> {
     let plan = Plan::from_toml(&header.plan)?;
     let place = |file: &str| if is_path(file) { beside(file) } else { file.to_string() };
     let guard = plan.guard.clone().map(|guard| GuardPlan { fallback: place(&guard.fallback), ..guard });
-    let (controller, target) = (place(&plan.controller), target(&plan));
+    let controller = place(&plan.controller);
+    let target = target(&plan);
     Ok(Plan { controller, target, guard, folder: String::new(), ..plan })
 }
 

@@ -21,13 +21,14 @@ pub(super) fn labeler(resolved: &ResolvedPlan, name: &str) -> Result<Arc<dyn Con
     }
     let plan = Plan { controller: name.to_string(), guard: None, stochastic: false, ..plan.clone() };
     let controller = scene_target(&ResolvedPlan::new(&plan)?)?.controller().clone();
-    match controller.sees().is_empty() {
-        true => Ok(controller),
-        false => Err(MishandleError::InvalidValue {
+    if controller.sees().is_empty() {
+        Ok(controller)
+    } else {
+        Err(MishandleError::InvalidValue {
             what: "the controller of the labels",
             value: name.to_string(),
             expected: "one that sees no images: a label is a function of the state",
-        }),
+        })
     }
 }
 
@@ -38,7 +39,8 @@ pub(super) fn labels(
     seed: Seed,
     observations: &[f32],
 ) -> Result<Vec<f32>, MishandleError> {
-    let (rows, size) = (observations.len() / controller.observation_size(), controller.state_size());
+    let rows = observations.len() / controller.observation_size();
+    let size = controller.state_size();
     let mut worker = controller.worker();
     let mut states = vec![0.0; rows * size];
     (0..rows).for_each(|row| worker.reset(&mut states[row * size..][..size], seed));

@@ -71,7 +71,8 @@ impl ArchiveSettings {
     /// Returns the draw of the scenarios.
     fn draw(&self, resolved: &ResolvedPlan) -> Result<ScenarioDraw, MishandleError> {
         if !(0.0..=1.0).contains(&self.share) {
-            let (what, value) = ("the share of the archive", self.share.to_string());
+            let what = "the share of the archive";
+            let value = self.share.to_string();
             return Err(MishandleError::InvalidValue { what, value, expected: "a number from 0 to 1" });
         }
         // A robot whose file has no rewards cannot be trained, so only its axes are compared.
@@ -176,7 +177,8 @@ pub fn record(
                 found.left_out += 1;
                 continue;
             }
-            let (frames, is_success) = (recorded.frames, recorded.is_success);
+            let frames = recorded.frames;
+            let is_success = recorded.is_success;
             let images = recorded.show(cameras.as_mut())?;
             recorded.write(&mut *writer, &images).map_err(failed)?;
             found.episodes += 1;
@@ -199,26 +201,28 @@ pub fn record(
 
 /// Returns the target of a plan as one whose observations and actions this program sees.
 fn recordable(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
-    match has_scene(&resolved.target.identity.kind) {
-        true => scene_target(resolved),
-        false => Err(MishandleError::InvalidValue {
+    if has_scene(&resolved.target.identity.kind) {
+        scene_target(resolved)
+    } else {
+        Err(MishandleError::InvalidValue {
             what: "the target of demonstrations",
             value: resolved.plan.target.clone(),
             expected: "a task or a target file, because this program runs no controller of other targets",
-        }),
+        })
     }
 }
 
 /// Checks that a format can have the control rate of the target.
 fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleError> {
     let dt = resolved.target.control_dt;
-    match format == Format::LeRobot && frames_per_second(dt).is_none() {
-        true => Err(MishandleError::InvalidValue {
+    if format == Format::LeRobot && frames_per_second(dt).is_none() {
+        Err(MishandleError::InvalidValue {
             what: "the control step of the target",
             value: format!("{dt} s"),
             expected: "a whole number of steps per second for the format lerobot: choose --format npz",
-        }),
-        false => Ok(()),
+        })
+    } else {
+        Ok(())
     }
 }
 
@@ -273,7 +277,8 @@ impl<'a> Recorder<'a> {
         labeler: Option<Arc<dyn Controller>>,
         (is_drawn, keeps_images): (bool, bool),
     ) -> Result<Recorder<'a>, MishandleError> {
-        let (space, specification) = (&resolved.space, &resolved.specification);
+        let space = &resolved.space;
+        let specification = &resolved.specification;
         let scene = target.environment(space, specification, false)?;
         let action_limit = scene.action_limit() as f32;
         let mut environment: Arc<dyn Environment> = scene.clone();
@@ -389,7 +394,8 @@ impl Recorded {
 
     fn write(&self, writer: &mut dyn Writer, images: &[Vec<u8>]) -> std::io::Result<()> {
         let Recorded { frames, vectors, is_success, facts, .. } = self;
-        let (frames, is_success) = (*frames, *is_success);
+        let frames = *frames;
+        let is_success = *is_success;
         let mut draw = |camera: usize, frame: usize, pixels: &mut [u8]| {
             pixels.copy_from_slice(&images[camera * frames + frame]);
             Ok(())
@@ -403,10 +409,7 @@ fn size(folder: &Path) -> std::io::Result<u64> {
     let mut bytes = 0;
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
-        bytes += match entry.file_type()?.is_dir() {
-            true => size(&entry.path())?,
-            false => entry.metadata()?.len(),
-        };
+        bytes += if entry.file_type()?.is_dir() { size(&entry.path())? } else { entry.metadata()?.len() };
     }
     Ok(bytes)
 }

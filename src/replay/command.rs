@@ -17,14 +17,13 @@ use crate::resolve::is_python;
 /// ```
 pub fn replay_command(target_kind: &str, path: &Path, trial: u32, number: u32) -> String {
     let path = path.to_string_lossy();
-    match is_python(target_kind) {
-        true => {
-            format!(
-                "mishandle.replay({}, system, formula, space, trial={trial}, number={number})",
-                python_text(&path)
-            )
-        }
-        false => format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(&path)),
+    if is_python(target_kind) {
+        format!(
+            "mishandle.replay({}, system, formula, space, trial={trial}, number={number})",
+            python_text(&path)
+        )
+    } else {
+        format!("mishandle replay {} --trial {trial} --simulation {number}", shell_quote(&path))
     }
 }
 

@@ -9,7 +9,9 @@ use crate::run::{box_point, end_text, given, recorded_axes, recorded_scenario};
 impl ReplayResult {
     /// Returns the replay of a simulation of `run` as a result.
     pub fn result(&self, run: &RunFile) -> Replay {
-        let (header, recorded, episode) = (run.header(), &self.recorded, &self.episode);
+        let header = run.header();
+        let recorded = &self.recorded;
+        let episode = &self.episode;
         let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
         Replay {
             run: run.path().to_string_lossy().into_owned(),

@@ -22,7 +22,7 @@ pub(super) fn differences(
     let trial = run.trial(recorded.trial)?;
     let plan = &resolved.plan;
     match plan.kind() {
-        RunKind::Falsify if plan.screening.is_none() => of_falsification(run, (&trial, recorded), resolved),
+        RunKind::Falsify if plan.screening.is_none() => of_falsification(run, &trial, recorded, resolved),
         RunKind::Evaluate if plan.screening.is_none() => of_evaluation(run, recorded, resolved),
         _ => of_question(run, recorded, &trial, resolved),
     }
@@ -69,12 +69,13 @@ fn of_evaluation(
 
 fn of_falsification(
     run: &RunFile,
-    (recorded, simulation): (&TrialRecord, &Simulation),
+    recorded: &TrialRecord,
+    simulation: &Simulation,
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
     let number = recorded.number;
     if number > MAX_TRIALS {
-        let expected = falsify::derived_request(resolved, run, (number, simulation.number))?;
+        let expected = falsify::derived_request(resolved, run, number, simulation.number)?;
         return Ok(match expected {
             Some(expected) => request_differences(simulation, &expected),
             None => vec![format!(

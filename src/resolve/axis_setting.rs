@@ -39,7 +39,8 @@ pub fn with_settings(
     }
     let space = without_idle(Space::new(space.name(), axes)?, settings)?;
     if space.axes().iter().all(Axis::is_fixed) {
-        let (what, expected) = ("the number of axes without a fixed value", "at least 1");
+        let what = "the number of axes without a fixed value";
+        let expected = "at least 1";
         return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
     }
     Ok(space)
@@ -96,7 +97,8 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     let values = match &axis.values {
         // The first name is that of the lower bound.
         AxisValues::Categorical(names) => {
-            let (first, last) = ((low - axis.low) as usize, (high - axis.low) as usize);
+            let first = (low - axis.low) as usize;
+            let last = (high - axis.low) as usize;
             AxisValues::Categorical(names[first..=last].into())
         }
         other => other.clone(),
@@ -121,7 +123,9 @@ fn interval(axis: &Axis, text: &str) -> Result<[f64; 2], MishandleError> {
 fn values_text(axis: &Axis) -> String {
     let [low, high] = [axis.low, axis.high].map(number_text);
     match (&axis.values, axis.kind) {
-        (AxisValues::Categorical(names), _) => format!("one of the categories {}", names.join(", ")),
+        (AxisValues::Categorical(names), _) => {
+            format!("one of the categories {}", names.join(", "))
+        }
         (AxisValues::Integer, _) => format!("a whole number from {low} to {high}"),
         (_, AxisKind::Start) => "a number".to_string(),
         _ => format!("a number from {low} to {high}"),

@@ -46,7 +46,8 @@ pub fn check_evaluate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
     if Plan::EPISODES.contains(&evaluate.episodes) {
         return Ok(());
     }
-    let (what, expected) = ("the number of episodes", "from 1 to 1000000000");
+    let what = "the number of episodes";
+    let expected = "from 1 to 1000000000";
     Err(MishandleError::InvalidValue { what, value: evaluate.episodes.to_string(), expected })
 }
 
@@ -133,7 +134,8 @@ fn check_batch(batch: u32) -> Result<(), MishandleError> {
     if Plan::BATCH.contains(&batch.into()) {
         return Ok(());
     }
-    let (what, expected) = ("the batch size", "from 1 to 65536");
+    let what = "the batch size";
+    let expected = "from 1 to 65536";
     Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
 }
 
@@ -153,7 +155,8 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<(), Mishand
         return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
     }
     if !(0.0..1.0).contains(&falsify.new_mode_rate) {
-        let (what, expected) = ("the rate of new failure modes", "from 0 to less than 1");
+        let what = "the rate of new failure modes";
+        let expected = "from 0 to less than 1";
         return Err(MishandleError::InvalidValue {
             what,
             value: falsify.new_mode_rate.to_string(),
@@ -188,7 +191,8 @@ pub fn check_risk(risk: &RiskPlan, space: &Space) -> Result<(), MishandleError> 
     check_batch(risk.batch)?;
     risk.method()?;
     if !RiskPlan::SIMULATIONS.contains(&risk.simulations) {
-        let (what, expected) = ("the number of simulations", "from 100 to 1000000000");
+        let what = "the number of simulations";
+        let expected = "from 100 to 1000000000";
         return Err(MishandleError::InvalidValue { what, value: risk.simulations.to_string(), expected });
     }
     Scenarios::new(space, &risk.marginals(1.0)?, true)?;

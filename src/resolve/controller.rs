@@ -49,7 +49,8 @@ pub(crate) fn controller_of(definition: &Definition, name: &str) -> Result<Shipp
 /// If the task or the name is unknown, it is that of an expert, or the plan names none.
 pub(crate) fn shipped_file(plan: &Plan) -> Result<ShippedFile, MishandleError> {
     if plan.controller.is_empty() {
-        let (what, value) = ("the controller", "missing".to_string());
+        let what = "the controller";
+        let value = "missing".to_string();
         let expected = "a name or a path: the policy of a target file is no file of its own";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }

@@ -83,7 +83,8 @@ fn sizes(summary: &OnnxSummary) -> PolicySizes {
 fn path_from(out: &Path, file: &Path) -> String {
     let absolute = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (folder, file): (PathBuf, PathBuf) = (absolute(folder), absolute(file));
+    let folder: PathBuf = absolute(folder);
+    let file: PathBuf = absolute(file);
     let common = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
     let up = folder.components().skip(common).map(|_| Component::ParentDir);
     let down = file.components().skip(common);

@@ -1,7 +1,7 @@
 //! Guards of plans: formula, thresholds and fallback.
 
+use mishandle_controllers::guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_controllers::{Entry, Layout, bytes_hash};
-use mishandle_guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_results::{GuardFacts, Number};
 use mishandle_rollout::Component;
 use mishandle_stl::{Formula, MonitorError};
@@ -74,7 +74,8 @@ pub(crate) fn guard(
     load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
 ) -> Result<(Guard, Vec<Component>), MishandleError> {
     let GuardedLoop { layout, control_dt, episode_steps, .. } = guarded_loop;
-    let (control_dt, episode_steps) = (*control_dt, *episode_steps);
+    let control_dt = *control_dt;
+    let episode_steps = *episode_steps;
     if settings.fallback.trim().is_empty() {
         return Err(missing("fallback", "`hold`, `retreat`, or a controller such as `expert`"));
     }
@@ -164,13 +165,14 @@ pub(crate) fn training_guard(
     guarded_loop: &GuardedLoop,
     load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
 ) -> Result<Guard, MishandleError> {
-    match settings.privileged {
-        true => Err(MishandleError::InvalidValue {
+    if settings.privileged {
+        Err(MishandleError::InvalidValue {
             what: "`privileged` of the guard",
             value: "true".to_string(),
             expected: "false, because training computes no signals of the target",
-        }),
-        false => Ok(guard(settings, guarded_loop, load)?.0),
+        })
+    } else {
+        Ok(guard(settings, guarded_loop, load)?.0)
     }
 }
 
@@ -194,15 +196,16 @@ pub fn recorded_guard(header: &RunHeader) -> Option<GuardFacts> {
 
 /// Returns a time in control steps, rounded up.
 fn steps(key: &'static str, secs: f64, most: f64, control_dt: f64) -> Result<usize, MishandleError> {
-    match (0.0..=most).contains(&secs) {
+    if (0.0..=most).contains(&secs) {
         // A time that is a whole number of steps up to rounding counts as that number.
-        true => Ok((secs / control_dt - 1e-6).ceil().max(0.0) as usize),
-        false => Err(GuardError::Number {
+        Ok((secs / control_dt - 1e-6).ceil().max(0.0) as usize)
+    } else {
+        Err(GuardError::Number {
             key,
             value: secs,
             expected: "seconds from 0 on, at most an hour; 60 for `retreat`",
         }
-        .into()),
+        .into())
     }
 }
 

@@ -72,7 +72,8 @@ pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleEr
     let normalizer = ObservationNormalizer::from_json(&String::from_utf8_lossy(&bytes));
     let normalizer = normalizer.map_err(|error| invalid(error.to_string()))?;
     if normalizer.mean.len() != normalizer.variance.len() {
-        let (mean, variance) = (normalizer.mean.len(), normalizer.variance.len());
+        let mean = normalizer.mean.len();
+        let variance = normalizer.variance.len();
         return Err(invalid(format!("{mean} means and {variance} variances")).into());
     }
     Ok(normalizer)
@@ -107,7 +108,8 @@ fn with_cameras(policy: OnnxPolicy, target: &str) -> Result<OnnxPolicy, Mishandl
     let known = camera_names(target)?;
     match policy.sees().iter().find(|image| !known.contains(&image.camera)) {
         Some(image) => {
-            let (environment, camera) = (target.to_string(), image.camera.clone());
+            let environment = target.to_string();
+            let camera = image.camera.clone();
             Err(RolloutError::NoCamera { environment, camera, known }.into())
         }
         None => Ok(policy),

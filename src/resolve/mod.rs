@@ -27,13 +27,13 @@ mod target_file;
 mod task;
 mod training;
 
-use mishandle_arch::PROBLEMS;
 use mishandle_falsification::{FalsificationSettings, search_space};
 use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_search::SearchSpace;
 use mishandle_stl::{Clock, Formula, Monitor};
 use mishandle_toys::TOYS;
+use mishandle_toys::arch::PROBLEMS;
 
 use crate::error::MishandleError;
 use crate::plan::{Plan, ScreeningPlan};
@@ -81,7 +81,8 @@ pub use training::{
 /// If a name is unknown, a file cannot be read or is for another task, or a number is out of its
 /// range.
 pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
-    let built_in = mishandle_toys::target(&plan.target).or_else(|| mishandle_arch::target(&plan.target));
+    let built_in =
+        mishandle_toys::target(&plan.target).or_else(|| mishandle_toys::arch::target(&plan.target));
     if let Some(target) = built_in {
         check_no_task_options(plan)?;
         return Ok(target?);

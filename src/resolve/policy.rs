@@ -31,12 +31,11 @@ const ALLOW_PROGRAMS: &str = "MISHANDLE_ALLOW_PROGRAMS";
 
 /// Checks that the user allowed the program that a file names: nothing else in a file is code.
 pub(crate) fn check_allowed(role: &'static str, command: &str) -> Result<(), MishandleError> {
-    match std::env::var_os(ALLOW_PROGRAMS).is_some_and(|value| value == "1") {
-        true => Ok(()),
-        false => {
-            let command = command.to_string();
-            Err(MishandleError::ProgramNotAllowed { role, command, variable: ALLOW_PROGRAMS })
-        }
+    if std::env::var_os(ALLOW_PROGRAMS).is_some_and(|value| value == "1") {
+        Ok(())
+    } else {
+        let command = command.to_string();
+        Err(MishandleError::ProgramNotAllowed { role, command, variable: ALLOW_PROGRAMS })
     }
 }
 

@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use mishandle_controllers::guard::Guard;
 use mishandle_controllers::{ControllerFile, Layout};
-use mishandle_guard::Guard;
 use mishandle_robots::{
     ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
 };
@@ -154,13 +154,14 @@ impl RobotToTrain {
     }
 
     fn check_reward(reward: &str) -> Result<(), MishandleError> {
-        match reward == RobotToTrain::REWARD {
-            true => Ok(()),
-            false => Err(MishandleError::InvalidValue {
+        if reward == RobotToTrain::REWARD {
+            Ok(())
+        } else {
+            Err(MishandleError::InvalidValue {
                 what: "--reward",
                 value: reward.to_string(),
                 expected: "left out: the rewards of a robot are those of its file, in the table [rewards]",
-            }),
+            })
         }
     }
 }

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_camera::Size;
+use mishandle_camera::sight::{Sight, View};
 use mishandle_robots::{ControlledRobot, RobotEnvironment, RobotFile};
 use mishandle_rollout::{Controller, Environment, Rollout, Scenario, ScenarioBatch, Space, Specification};
-use mishandle_sight::{Sight, View};
 use mishandle_store::RunHeader;
 use mishandle_tasks::{
     Definition, JOINT_NAMES, Preset, Reward, TaskBatch, TaskEnvironment, TaskError, TaskTarget,
@@ -49,12 +49,11 @@ pub(crate) enum SceneTarget {
 pub(crate) fn scene_target(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
     let plan = &resolved.plan;
     check_scene(&resolved.target.identity.kind, &plan.target)?;
-    match is_target_file(&plan.target) {
-        true => {
-            let (file, robot) = controlled_robot(plan)?;
-            Ok(SceneTarget::Robot(Box::new(file), robot))
-        }
-        false => Ok(SceneTarget::Task(task_target(plan)?)),
+    if is_target_file(&plan.target) {
+        let (file, robot) = controlled_robot(plan)?;
+        Ok(SceneTarget::Robot(Box::new(file), robot))
+    } else {
+        Ok(SceneTarget::Task(task_target(plan)?))
     }
 }
 
@@ -156,13 +155,14 @@ impl SceneTarget {
 
 /// Checks that targets of this kind have a scene.
 fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
-    match has_scene(kind) {
-        true => Ok(()),
-        false => Err(MishandleError::InvalidValue {
+    if has_scene(kind) {
+        Ok(())
+    } else {
+        Err(MishandleError::InvalidValue {
             what: "the target of pictures and full records",
             value: target.to_string(),
             expected: "a task or a target file, because other targets have no scene",
-        }),
+        })
     }
 }
 
@@ -212,9 +212,10 @@ pub(crate) fn target_sight(target: &str, size: Size) -> Result<TargetSight, Mish
 /// # Errors
 /// If the target file cannot be read or is wrong.
 pub fn camera_names(target: &str) -> Result<Vec<String>, MishandleError> {
-    let sight = match is_target_file(target) {
-        true => RobotFile::read(Path::new(target))?.sight().cloned(),
-        false => task(target).ok().map(|task| mishandle_tasks::sight::sight(task.definition())),
+    let sight = if is_target_file(target) {
+        RobotFile::read(Path::new(target))?.sight().cloned()
+    } else {
+        task(target).ok().map(|task| mishandle_tasks::sight::sight(task.definition()))
     };
     Ok(sight.map_or_else(Vec::new, |sight| sight.names().map(ToString::to_string).collect()))
 }
@@ -243,9 +244,10 @@ pub(crate) fn scene_start(
     target: &str,
     x0: Option<&[f64]>,
 ) -> Result<(Arc<dyn SceneEnvironment>, Scenario), MishandleError> {
-    let environment: Arc<dyn SceneEnvironment> = match is_target_file(target) {
-        true => Arc::new(RobotFile::read(Path::new(target))?.starts()?),
-        false => Arc::new(TaskEnvironment::new(task(target)?, Preset::Paper, Reward::Original)?),
+    let environment: Arc<dyn SceneEnvironment> = if is_target_file(target) {
+        Arc::new(RobotFile::read(Path::new(target))?.starts()?)
+    } else {
+        Arc::new(TaskEnvironment::new(task(target)?, Preset::Paper, Reward::Original)?)
     };
     let scenario = x0.map_or_else(|| environment.space().nominal(), Scenario::from);
     environment.space().check(&scenario)?;

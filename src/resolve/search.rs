@@ -42,7 +42,9 @@ pub(crate) fn new_search(
     falsify: &FalsifyPlan,
     space: impl Into<SearchSpace>,
 ) -> impl Fn(u64) -> Result<Box<dyn Search>, SearchError> + 'static {
-    let (name, space, options) = (falsify.search.clone(), space.into(), search_options(falsify));
+    let name = falsify.search.clone();
+    let space = space.into();
+    let options = search_options(falsify);
     move |seed| by_name(&name, &space, seed, &options)
 }
 

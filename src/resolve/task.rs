@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use mishandle_controllers::bytes_hash;
-use mishandle_guard::Meaning;
+use mishandle_controllers::guard::Meaning;
 use mishandle_rollout::Component;
 use mishandle_tasks::{ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget};
 
@@ -75,7 +75,8 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
 
 /// Returns what a guard must know about a task.
 pub(crate) fn guarded_loop(definition: &Definition) -> GuardedLoop {
-    let (arm, fingers) = (vec![Meaning::Increment; ARM_JOINTS], vec![Meaning::Grip; JOINTS - ARM_JOINTS]);
+    let arm = vec![Meaning::Increment; ARM_JOINTS];
+    let fingers = vec![Meaning::Grip; JOINTS - ARM_JOINTS];
     GuardedLoop {
         layout: definition.layout(),
         signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),

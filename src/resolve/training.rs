@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use mishandle_controllers::guard::Guard;
 use mishandle_controllers::{ControllerFile, Layout};
-use mishandle_guard::Guard;
 use mishandle_rollout::{
     Axis, BatchFactory, Disturbance, Environment, Identity, Noise, Space, Specification,
 };
@@ -136,12 +136,11 @@ pub fn training_target(target: &str, device: &str) -> Result<Box<dyn TrainingTar
     if !is_target_file(target) {
         return Ok(Box::new(TaskToTrain(task(target)?)));
     }
-    match device == GPU {
-        true => {
-            let option = "training on a GPU";
-            Err(MishandleError::UnsupportedOption { target: target.to_string(), option })
-        }
-        false => Ok(Box::new(RobotToTrain::read(target)?)),
+    if device == GPU {
+        let option = "training on a GPU";
+        Err(MishandleError::UnsupportedOption { target: target.to_string(), option })
+    } else {
+        Ok(Box::new(RobotToTrain::read(target)?))
     }
 }
 

@@ -154,7 +154,9 @@ mod tests {
             (u64::MAX, None),
         ] {
             let run = mishandle_store::RunWriter::resume(&path).unwrap();
-            let watch = |done| if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let watch = |done| {
+                if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
             evaluate(&resolved, run, watch).unwrap();
             assert_eq!(missing().as_deref(), expected);
         }

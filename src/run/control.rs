@@ -34,16 +34,14 @@ impl ControlArm {
     pub(crate) fn new(resolved: &ResolvedPlan) -> Result<Option<ControlArm>, MishandleError> {
         let plan = &resolved.plan;
         let is_off = plan.evaluate.as_ref().is_none_or(|evaluate| !evaluate.control);
-        match is_off || plan.screening.is_some() {
-            true => Ok(None),
-            false => ControlArm::of_space(resolved),
-        }
+        if is_off || plan.screening.is_some() { Ok(None) } else { ControlArm::of_space(resolved) }
     }
 
     /// As [`new`](Self::new), whatever the question of the plan.
     pub(crate) fn of_space(resolved: &ResolvedPlan) -> Result<Option<ControlArm>, MishandleError> {
         let ResolvedPlan { target, space, .. } = resolved;
-        let (mut axes, mut nominal) = (Vec::new(), Vec::new());
+        let mut axes = Vec::new();
+        let mut nominal = Vec::new();
         for axis in space.axes() {
             if axis.kind == AxisKind::Start {
                 axes.push(axis.clone());
@@ -151,7 +149,8 @@ impl Pairs {
     pub(crate) fn result(&self, nominal: &[String], is_single: bool, is_any_time: bool) -> Option<Control> {
         let first = *self.control.first()?;
         let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
-        let (mut counts, mut left_out) = (PairedCounts::default(), 0);
+        let mut counts = PairedCounts::default();
+        let mut left_out = 0;
         for (index, random) in self.random.iter().enumerate() {
             let Some(control) = paired(index) else { break };
             if control.decides && random.decides {
@@ -195,7 +194,8 @@ pub(crate) fn shares_arm(resolved: &ResolvedPlan, other: &RunFile) -> Result<boo
         is_typed: false,
         ..plan.clone()
     };
-    let (mine, theirs) = (record::header(resolved), other.header());
+    let mine = record::header(resolved);
+    let theirs = other.header();
     // With absolute paths, as the other.
     let planned = Plan::from_toml(&mine.plan)?;
     Ok(common(&recorded) == common(&planned)

@@ -28,8 +28,12 @@ pub fn end_text(end: EpisodeEnd, signals: &[&str]) -> String {
         // At the reset, or anywhere in a simulation whose target returns its trace as a whole.
         EpisodeEnd::Crashed { step: 0 } => "the target or its controller failed".to_string(),
         EpisodeEnd::TimedOut { step: 0 } => "it took longer than its time limit".to_string(),
-        EpisodeEnd::Crashed { step } => format!("the target or its controller failed in control step {step}"),
-        EpisodeEnd::TimedOut { step } => format!("it took longer than its time limit in control step {step}"),
+        EpisodeEnd::Crashed { step } => {
+            format!("the target or its controller failed in control step {step}")
+        }
+        EpisodeEnd::TimedOut { step } => {
+            format!("it took longer than its time limit in control step {step}")
+        }
         EpisodeEnd::Completed => "it completed".to_string(),
     }
 }

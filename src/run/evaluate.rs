@@ -164,7 +164,8 @@ pub(crate) fn evaluate_with_arm(
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<EvaluationOutcome, MishandleError> {
     if resolved.plan.compare.is_some() {
-        let (what, value) = ("the plan of the run", "one of a comparison that stops by itself".to_string());
+        let what = "the plan of the run";
+        let value = "one of a comparison that stops by itself".to_string();
         let expected = "continued together with the other run: mishandle compare --resume A B";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
@@ -295,7 +296,8 @@ mod tests {
     #[test]
     fn the_corners_of_the_box_are_trial_2_and_are_resumed() {
         let folder = tempfile::tempdir().unwrap();
-        let (path, other) = (folder.path().join("run.sqlite"), folder.path().join("other.sqlite"));
+        let path = folder.path().join("run.sqlite");
+        let other = folder.path().join("other.sqlite");
         let resolved = toy("toy/noisy", 10);
         let run = create_run(&resolved, Some(&path)).unwrap();
         let whole = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();

@@ -351,7 +351,8 @@ pub fn recorded_parts(run: &RunFile) -> Result<RecordedParts, MishandleError> {
     let Some(evaluate) = plan.evaluate.as_ref().filter(|_| plan.screening.is_none()) else {
         return Ok(RecordedParts::default());
     };
-    let (mut rule, mut pairs) = (RateRule::new(evaluate), Pairs::default());
+    let mut rule = RateRule::new(evaluate);
+    let mut pairs = Pairs::default();
     for row in run.trial_simulations(TRIAL) {
         add_random(&mut rule, &mut pairs, &record::recorded_episode(&row?));
     }

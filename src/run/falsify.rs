@@ -119,7 +119,9 @@ fn isolate_counterexamples(
         failures.extend(first_failure(resolved, run.file(), trial.trial)?);
     }
     let journal = Journal::new(resolved, run)?;
-    let (mut ended, mut done, count) = (Vec::new(), 0, failures.len());
+    let mut ended = Vec::new();
+    let mut done = 0;
+    let count = failures.len();
     for failure in failures {
         let mut own = 0;
         let found = isolate_failure(&journal, &failure, |count| {
@@ -170,7 +172,8 @@ fn isolate_failure(
 pub(crate) fn derived_request(
     resolved: &ResolvedPlan,
     run: &RunFile,
-    (trial, number): (u32, u32),
+    trial: u32,
+    number: u32,
 ) -> Result<Option<Request>, MishandleError> {
     let Some(failure) = first_failure(resolved, run, trial - MAX_TRIALS)? else { return Ok(None) };
     let journal = Journal::until(resolved, run, (trial, number));
@@ -271,7 +274,8 @@ pub(crate) fn new_trial(
 /// Returns the settings of trials that continue after a violation; `None` if they do not.
 fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
     let falsify = resolved.plan.falsify.as_ref().filter(|falsify| falsify.keep_going)?;
-    let (formula, control_dt) = (resolved.specification.requirement.clone(), resolved.target.control_dt);
+    let formula = resolved.specification.requirement.clone();
+    let control_dt = resolved.target.control_dt;
     let signature =
         move |trace: &Trace| violation_of(&formula, trace, control_dt).map(|violation| violation.signature);
     Some(KeepGoing {

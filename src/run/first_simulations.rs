@@ -81,7 +81,8 @@ mod tests {
             Completed, Crashed, Diverged, InvalidAction, InvalidObservation, InvalidReward, InvalidScenario,
             InvalidSignal, Stopped, Terminated, TimedOut, Undefined,
         };
-        let (step, index) = (1, 0);
+        let step = 1;
+        let index = 0;
         let failures = [
             Crashed { step },
             TimedOut { step },

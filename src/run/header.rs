@@ -47,9 +47,12 @@ fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
         found.compare("search", &then.search, &now.search);
         found.compare("trials", &then.trials, &now.trials);
         found.compare("budget", &then.budget, &now.budget);
-        let options = |plan: &FalsifyPlan| match plan.options.is_empty() {
-            true => "none".to_string(),
-            false => plan.options.iter().map(option).collect::<Vec<_>>().join(", "),
+        let options = |plan: &FalsifyPlan| {
+            if plan.options.is_empty() {
+                "none".to_string()
+            } else {
+                plan.options.iter().map(option).collect::<Vec<_>>().join(", ")
+            }
         };
         found.texts("options of the search", &options(then), &options(now));
     }

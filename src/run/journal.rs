@@ -171,7 +171,8 @@ impl<'a> Journal<'a> {
         ended: impl IntoIterator<Item = (u32, TrialStatus)>,
     ) -> Result<(), MishandleError> {
         let File::Write(run) = self.file else { return Ok(()) };
-        let (mut run, mut started) = (run.into_inner(), self.started.into_inner());
+        let mut run = run.into_inner();
+        let mut started = self.started.into_inner();
         for (trial, status) in ended {
             if started.insert(trial) {
                 run.start_trial(trial, self.resolved.trial_seed(trial))?;
@@ -206,14 +207,12 @@ impl<'a> Journal<'a> {
                     .push(format!("status of trial {number}: recorded {status:?}, expected {expected:?}"));
             }
         }
-        let (recorded, asked) = (self.read(RunFile::counts)?.simulations, self.asked.get());
+        let recorded = self.read(RunFile::counts)?.simulations;
+        let asked = self.asked.get();
         if is_complete && recorded != asked {
             differences.push(format!("number of simulations: recorded {recorded}, expected {asked}"));
         }
-        match differences.is_empty() {
-            true => Ok(()),
-            false => Err(MishandleError::RunMismatch { differences }),
-        }
+        if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
     }
 
     /// Returns the number of simulations and chunks that the run file answered, which grows.
@@ -266,9 +265,10 @@ impl<'a> Journal<'a> {
             && recorded.stop_threshold.map(f64::to_bits) == request.stop_threshold.map(f64::to_bits)
             && bits(&recorded.unit_point) == bits(&request.unit_point);
         self.answered.fetch_add(u64::from(is_same), Ordering::Relaxed);
-        match is_same {
-            true => Ok(Some(Episode { request: request.clone(), ..episode })),
-            false => Err(MishandleError::SimulationMismatch { number: request.number }),
+        if is_same {
+            Ok(Some(Episode { request: request.clone(), ..episode }))
+        } else {
+            Err(MishandleError::SimulationMismatch { number: request.number })
         }
     }
 

@@ -148,14 +148,10 @@ impl PairRule {
 
     fn verdict(&self, interval: &Estimate, p_value: f64) -> String {
         let is_rate = self.robustness.is_none();
-        let amount = |value: f64| match is_rate {
-            true => format!("{} points", number_text(100.0 * value)),
-            false => number_text(value),
+        let amount = |value: f64| {
+            if is_rate { format!("{} points", number_text(100.0 * value)) } else { number_text(value) }
         };
-        let end = |value: f64| match is_rate {
-            true => format!("{:+.2}", 100.0 * value),
-            false => decimal(value, 4),
-        };
+        let end = |value: f64| if is_rate { format!("{:+.2}", 100.0 * value) } else { decimal(value, 4) };
         let p = match p_value_text(p_value) {
             small if small.starts_with('<') => format!("p {small}"),
             value => format!("p = {value}"),
@@ -254,22 +250,19 @@ pub fn evaluate_pairs(
             b.end();
             let others = b.done();
             let mut done_by_a = a.done();
-            let is_complete = match is_stopped {
-                true => a.close()?.is_complete,
-                false => {
-                    a.finish(&mut |done, _| {
-                        done_by_a = done;
-                        let flow = watch(done + others, max);
-                        is_stopped |= flow.is_break();
-                        flow
-                    })?
-                    .is_complete
-                }
+            let is_complete = if is_stopped {
+                a.close()?.is_complete
+            } else {
+                a.finish(&mut |done, _| {
+                    done_by_a = done;
+                    let flow = watch(done + others, max);
+                    is_stopped |= flow.is_break();
+                    flow
+                })?
+                .is_complete
             };
-            let b = match is_stopped {
-                true => b.close()?,
-                false => b.finish(&mut |done, _| watch(done + done_by_a, max))?,
-            };
+            let b =
+                if is_stopped { b.close()? } else { b.finish(&mut |done, _| watch(done + done_by_a, max))? };
             Ok(is_complete && b.is_complete)
         })
     })

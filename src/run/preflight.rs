@@ -59,7 +59,7 @@ pub(crate) fn preflight(resolved: &ResolvedPlan) -> Result<Vec<String>, Mishandl
     let mut probes = vec![nominal];
     // Traces of a nondeterministic target differ without a reason.
     if resolved.target.is_deterministic {
-        axes_without_effect(resolved, &mut *system, (seed, limit), &mut probes, &mut warnings)?;
+        axes_without_effect(resolved, &mut *system, seed, limit, &mut probes, &mut warnings)?;
     }
     requirement(resolved, &probes, &mut warnings)?;
     // A run file has short texts, and nobody reads a long one.
@@ -147,16 +147,17 @@ fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<()
 fn axes_without_effect(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
-    (seed, limit): (Seed, usize),
+    seed: Seed,
+    limit: usize,
     probes: &mut Vec<Episode>,
     warnings: &mut Vec<String>,
 ) -> Result<(), MishandleError> {
     let axes = resolved.space.axes();
     let is_probed = |index: &usize| !axes[*index].is_fixed() && !is_unseen(&axes[*index], resolved);
     let free: Vec<usize> = (0..axes.len()).filter(is_probed).collect();
-    let mut unchanged = unchanging(resolved, &mut *system, (seed, limit), (&free, false), probes)?;
+    let mut unchanged = unchanging(resolved, &mut *system, seed, limit, &free, false, probes)?;
     if axes.iter().any(|axis| axis.kind == AxisKind::Start && !axis.is_fixed()) {
-        unchanged = unchanging(resolved, system, (seed, limit), (&unchanged, true), probes)?;
+        unchanged = unchanging(resolved, system, seed, limit, &unchanged, true, probes)?;
     }
     for axis in unchanged.into_iter().map(|index| &axes[index]) {
         warnings.push(format!(
@@ -173,8 +174,10 @@ fn axes_without_effect(
 fn unchanging(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
-    (seed, limit): (Seed, usize),
-    (probed, starts_away): (&[usize], bool),
+    seed: Seed,
+    limit: usize,
+    probed: &[usize],
+    starts_away: bool,
     probes: &mut Vec<Episode>,
 ) -> Result<Vec<usize>, MishandleError> {
     let axes = resolved.space.axes();
@@ -189,7 +192,8 @@ fn unchanging(
     let is_category = |axis: &Axis| matches!(axis.values, AxisValues::Categorical(_));
     let is_same_fault = |index: usize, other: &Axis| {
         let place = axes.iter().position(|axis| axis.name == other.name).unwrap_or(index);
-        let (own, others) = (resolved.space.with_needed(index), resolved.space.with_needed(place));
+        let own = resolved.space.with_needed(index);
+        let others = resolved.space.with_needed(place);
         own.iter().any(|needed| others.contains(needed))
     };
     // The values of the other axis with which the axis has an effect, if they are listed.
@@ -209,8 +213,9 @@ fn unchanging(
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
         let is_start = |axis: &Axis| axis.kind == AxisKind::Start;
         if is_start(&axes[index]) {
-            let value =
-                |axis: &Axis| if starts_away && is_start(axis) { Some(axis.at(AWAY)) } else { axis.nominal };
+            let value = |axis: &Axis| {
+                if starts_away && is_start(axis) { Some(axis.at(AWAY)) } else { axis.nominal }
+            };
             return vec![axes.iter().map(value).collect()];
         }
         // Another fault would hide the effect, and a late onset comes after the end of an episode.
@@ -242,8 +247,10 @@ fn unchanging(
     let mut requests = Vec::new();
     let mut ranges = Vec::new();
     for index in probed.iter().copied() {
-        let (bases, values) = (bases(index), values(&axes[index]));
-        let (first, count) = (requests.len(), bases.len() * values.len());
+        let bases = bases(index);
+        let values = values(&axes[index]);
+        let first = requests.len();
+        let count = bases.len() * values.len();
         if first + count > limit {
             break;
         }
@@ -357,7 +364,8 @@ fn premises(formula: &Formula, clock: Clock) -> Result<Vec<Formula>, MishandleEr
     let nodes = formula.subformula_nodes(&clock).map_err(|source| monitor_error(formula, source))?;
     let of_premises = nodes.iter().filter(|node| node.operator == Some("implies"));
     // The texts of all sub-formulas are quadratic in the length of the formula.
-    let (mut texts, mut next) = (formula.subformulas(), 0);
+    let mut texts = formula.subformulas();
+    let mut next = 0;
     let mut premise = |node: &mishandle_stl::SubformulaNode| {
         let position = *node.operands.first()?;
         let text = texts.nth(position.checked_sub(next)?)?;

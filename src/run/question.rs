@@ -230,12 +230,12 @@ fn margins(
         budget: table.budget,
         is_random: space_depends_on_seed(resolved),
     };
-    let spaces = match table.each_category {
-        true => each_category(&resolved.space)?,
-        false => each_fault(&resolved.space)?,
-    };
+    let spaces =
+        if table.each_category { each_category(&resolved.space)? } else { each_fault(&resolved.space)? };
     let max_simulations = table.budget.saturating_mul(spaces.len() as u64);
-    let (mut found, mut simulations, mut is_complete) = (Vec::new(), 0, true);
+    let mut found = Vec::new();
+    let mut simulations = 0;
+    let mut is_complete = true;
     for space in &spaces {
         let mut part = Narrowed { system: &mut *system, space };
         let result = margin(&mut part, settings, |done| {
@@ -256,14 +256,16 @@ fn margins(
         (witness.unwrap_or(f64::INFINITY), passed)
     };
     let smallest = found.iter().rev().min_by(|a, b| {
-        let ((a, a_passed), (b, b_passed)) = (order(a), order(b));
+        let (a, a_passed) = order(a);
+        let (b, b_passed) = order(b);
         a.total_cmp(&b).then(a_passed.total_cmp(&b_passed))
     });
     let smallest = smallest.cloned().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
     let margin = Margin { is_complete, ..smallest };
-    let each_category = match table.each_category || spaces.len() > 1 {
-        true => spaces.into_iter().zip(found).collect(),
-        false => Vec::new(),
+    let each_category = if table.each_category || spaces.len() > 1 {
+        spaces.into_iter().zip(found).collect()
+    } else {
+        Vec::new()
     };
     Ok(MarginOutcome { margin, each_category, simulations, repeats: None, is_complete })
 }
@@ -370,9 +372,12 @@ pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer,
     let end = journal.answered().load(Ordering::Relaxed);
     let journal = Journal::again(resolved, run);
     let answered = journal.answered();
-    let answer = ask_again(&journal, &mut |_| match answered.load(Ordering::Relaxed) == end {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
+    let answer = ask_again(&journal, &mut |_| {
+        if answered.load(Ordering::Relaxed) == end {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     });
     // An interrupted run has whole batches.
     if journal.is_missing() {

@@ -68,9 +68,10 @@ impl RateRule {
 
     /// Returns what the rule found.
     pub(crate) fn result(&self, evaluate: &EvaluatePlan) -> Sequential {
-        let interval = match self.has_verdict {
-            true => self.rate.estimate(),
-            false => Estimate { n: self.rate.n(), ..Estimate::default() },
+        let interval = if self.has_verdict {
+            self.rate.estimate()
+        } else {
+            Estimate { n: self.rate.n(), ..Estimate::default() }
         };
         Sequential {
             until: evaluate.until.unwrap_or_default().to_string(),
@@ -93,7 +94,9 @@ impl RateRule {
             (StopRule::Rate(rate), Some(Decision::Above)) => {
                 format!("the success rate is above {}", percent(rate))
             }
-            (StopRule::Rate(rate), Some(_)) => format!("the success rate is below {}", percent(rate)),
+            (StopRule::Rate(rate), Some(_)) => {
+                format!("the success rate is below {}", percent(rate))
+            }
             (_, Some(_)) => "the interval of the success rate is narrow enough".to_string(),
             (StopRule::Rate(rate), None) => {
                 return format!(

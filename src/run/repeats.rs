@@ -44,7 +44,8 @@ pub fn counterexample_repeats(
         return Ok(reports);
     }
     let mut system = resolved.system()?;
-    let (mut done, mut is_interrupted) = (0, false);
+    let mut done = 0;
+    let mut is_interrupted = false;
     for (trial, minimum) in counterexamples {
         let seeds = repeat_seeds(minimum.seed, each);
         let report = repeat(&mut *system, &minimum.scenario, seeds, |_| {
@@ -87,12 +88,13 @@ pub fn repeat_scenario(
     scenarios: Option<u64>,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<RepeatedScenario, MishandleError> {
-    let (repeats, scenarios) = match depends_on_seed(resolved, scenario) {
-        true => (
+    let (repeats, scenarios) = if depends_on_seed(resolved, scenario) {
+        (
             repeats.unwrap_or(Repeated::Counterexample.simulations()),
             scenarios.unwrap_or(Repeated::NOISE_SCENARIOS),
-        ),
-        false => (1, 0),
+        )
+    } else {
+        (1, 0)
     };
     let noise_repeats = Repeated::Noise.simulations();
     let total = repeats + scenarios * noise_repeats;

@@ -122,13 +122,14 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
                 probability_text(importance.outside)
             )
         });
-    let importance = match report.importance.is_some() && report.monte_carlo.invalid_starts > 0 {
-        true => Some(
+    let importance = if report.importance.is_some() && report.monte_carlo.invalid_starts > 0 {
+        Some(
             "importance sampling: the target cannot start from some scenarios, and the weights cannot leave these out; Monte \
              Carlo does"
                 .to_string(),
-        ),
-        false => importance,
+        )
+    } else {
+        importance
     };
     let is_sequence = report.method == Method::Sequence && report.is_complete;
     let unreached = is_sequence && report.importance.is_none() && report.monte_carlo.failures < FREQUENT;

@@ -46,7 +46,8 @@ pub fn screening(
     // More worlds than simulations would be idle.
     let rows = rows.min(simulations.into_iter().flatten().max().unwrap_or(rows)).max(1);
     let halves = [rows.div_ceil(2), rows / 2];
-    let (space, specification) = (&resolved.space, &resolved.specification);
+    let space = &resolved.space;
+    let specification = &resolved.specification;
     let batches =
         target.batches((space, specification), device, halves.into_iter().filter(|rows| *rows > 0))?;
     let environment = target.environment(space, specification, false)?;

@@ -13,9 +13,9 @@ mod write_failures;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use mishandle_controllers::guard::Guard;
 use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
-use mishandle_guard::Guard;
 use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, Supervisor, TrainingScenarios};
 use mishandle_tasks::TaskBatches;
 use mishandle_training::{
@@ -285,7 +285,9 @@ fn shipped(
     plan: &TrainPlan,
     target: &dyn TrainingTarget,
 ) -> Result<Option<(PathBuf, String)>, MishandleError> {
-    let Some(file) = target.shipped_settings(&plan.algorithm, &plan.device)? else { return Ok(None) };
+    let Some(file) = target.shipped_settings(&plan.algorithm, &plan.device)? else {
+        return Ok(None);
+    };
     let text = String::from_utf8_lossy(&file.bytes()?).into_owned();
     Ok(Some((file.path().to_path_buf(), text)))
 }

@@ -141,13 +141,14 @@ impl TrainPlan {
     /// Checks that the controller gets the extension by which other commands and tools recognize
     /// it.
     pub(super) fn check_extension(&self) -> Result<(), MishandleError> {
-        match self.out.extension().is_some_and(|extension| extension == EXTENSION) {
-            true => Ok(()),
-            false => Err(MishandleError::InvalidValue {
+        if self.out.extension().is_some_and(|extension| extension == EXTENSION) {
+            Ok(())
+        } else {
+            Err(MishandleError::InvalidValue {
                 what: "--out",
                 value: path_text(&self.out),
                 expected: "a path that ends in .safetensors",
-            }),
+            })
         }
     }
 
@@ -173,8 +174,9 @@ impl TrainPlan {
         let files = self.outputs().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
         // A run that was killed in its first iteration left it.
         let is_started = |path: &Path| path.exists() && !has_no_rows(path);
-        let is_taken =
-            |path: &Path, flag: &str| if flag == "--csv" { is_started(path) } else { path.exists() };
+        let is_taken = |path: &Path, flag: &str| {
+            if flag == "--csv" { is_started(path) } else { path.exists() }
+        };
         match files.into_iter().find(|(_, path, flag)| is_taken(path, flag)) {
             Some((_, path, flag)) => Err(MishandleError::Exists { path, flag }),
             None => Ok(()),

@@ -3,8 +3,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
+use mishandle_controllers::guard::{Guard, Guarded};
 use mishandle_evaluation::{decides_strict_success, decides_success, rate};
-use mishandle_guard::{Guard, Guarded};
 use mishandle_rollout::{
     Controller, Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System,
     TrainingScenarios,
@@ -248,9 +248,10 @@ fn rates_of(episodes: &[Episode], has_strict: bool) -> Rates {
     };
     Rates {
         success_rate: rate(Episode::is_success, decides_success),
-        strict_success_rate: match has_strict {
-            true => rate(Episode::is_strict_success, decides_strict_success),
-            false => 0.0,
+        strict_success_rate: if has_strict {
+            rate(Episode::is_strict_success, decides_strict_success)
+        } else {
+            0.0
         },
         mean_return: started.iter().map(|episode| episode.total_reward).sum::<f64>() / n as f64,
     }
@@ -279,7 +280,8 @@ mod tests {
     #[test]
     fn a_validation_has_the_rates_of_an_evaluation() {
         let passed = episode(EpisodeEnd::Completed, Some(1.0));
-        let (crash, rejected) = (EpisodeEnd::Crashed { step: 1 }, EpisodeEnd::InvalidScenario);
+        let crash = EpisodeEnd::Crashed { step: 1 };
+        let rejected = EpisodeEnd::InvalidScenario;
         let rates = |ends: &[EpisodeEnd]| {
             let others = ends.iter().map(|end| episode(*end, None));
             let Rates { success_rate, strict_success_rate, mean_return } =

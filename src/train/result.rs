@@ -103,7 +103,8 @@ fn training_time(
 
 /// Describes a controller file. `weaknesses` are those that are known of it.
 pub fn controller_result(file: &ControllerFile, weaknesses: &[&str]) -> Controller {
-    let (header, training) = (&file.header, &file.header.training);
+    let header = &file.header;
+    let training = &file.header.training;
     Controller {
         task: header.task.clone(),
         algorithm: header.algorithm.clone(),

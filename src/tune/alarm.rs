@@ -1,6 +1,6 @@
 //! When a guard would have handed over in a recorded simulation, and when its failure was certain.
 
-use mishandle_guard::{ROBUSTNESS, Switch};
+use mishandle_controllers::guard::{ROBUSTNESS, Switch};
 use mishandle_rollout::{Episode, Request};
 use mishandle_stl::{Clock, Formula, Trace, is_violated};
 use mishandle_store::RunFile;

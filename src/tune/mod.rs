@@ -114,15 +114,17 @@ pub fn tune(
     let Some(guarded) = tuner.ask(Phase::Guarded, &chosen, watch)? else { return Ok(None) };
     let Some(fallback) = tuner.ask(Phase::Fallback, &always, watch)? else { return Ok(None) };
     let held_out = result::HeldOut { alone, guarded, fallback };
-    Ok(Some(result::tuning(settings, folder, (&chosen, &training), (&trained, &least), &held_out)?))
+    Ok(Some(result::tuning(settings, folder, &chosen, &training, &trained, &least, &held_out)?))
 }
 
 /// Checks that there is something to choose from.
 fn check_counts(least: &Least, scenarios: u64) -> Result<(), MishandleError> {
-    let (failures, successes) = (least.failures.len(), least.successes.len());
-    match failures.min(successes) < FEWEST {
-        true => Err(MishandleError::TooFewToTune { failures, successes, scenarios, fewest: FEWEST }),
-        false => Ok(()),
+    let failures = least.failures.len();
+    let successes = least.successes.len();
+    if failures.min(successes) < FEWEST {
+        Err(MishandleError::TooFewToTune { failures, successes, scenarios, fewest: FEWEST })
+    } else {
+        Ok(())
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use mishandle_controllers::guard::Switch;
 use mishandle_evaluation::{PairedCounts, paired_rates, wilson};
-use mishandle_guard::Switch;
 use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed};
 use mishandle_rollout::Episode;
 use mishandle_stl::is_violated;
@@ -27,8 +27,10 @@ pub(super) struct HeldOut {
 pub(super) fn tuning(
     settings: &TuneSettings,
     folder: &Path,
-    (guard, training): (&GuardPlan, &Asked),
-    (trained, least): (&WatchedRun, &Least),
+    guard: &GuardPlan,
+    training: &Asked,
+    trained: &WatchedRun,
+    least: &Least,
     held_out: &HeldOut,
 ) -> Result<GuardTuning, MishandleError> {
     let switch = Switch::new(guard.threshold, None, 0)?;
@@ -55,19 +57,20 @@ pub(super) fn tuning(
 
 /// Counts the alarms of a guard that only watched.
 fn alarms(asked: &Asked, watched: &WatchedRun, switch: &Switch) -> Result<GuardAlarms, MishandleError> {
-    let (mut failures, mut missed, mut late, mut successes, mut false_alarms) = (0, 0, 0, 0, 0);
+    let mut failures = 0;
+    let mut missed = 0;
+    let mut late = 0;
+    let mut successes = 0;
+    let mut false_alarms = 0;
     for found in &watched.simulations {
         let has_alarm = switch.is_active(0, found.least, true);
-        match found.fails {
-            true => {
-                failures += 1;
-                missed += u64::from(!has_alarm);
-                late += u64::from(!has_alarm && found.lead(switch).is_some());
-            }
-            false => {
-                successes += 1;
-                false_alarms += u64::from(has_alarm);
-            }
+        if found.fails {
+            failures += 1;
+            missed += u64::from(!has_alarm);
+            late += u64::from(!has_alarm && found.lead(switch).is_some());
+        } else {
+            successes += 1;
+            false_alarms += u64::from(has_alarm);
         }
     }
     Ok(GuardAlarms {
@@ -100,7 +103,8 @@ fn paired(first: &Asked, second: &Asked) -> Result<PairedRates, MishandleError> 
         let rows = run.trial_simulations(super::alarm::TRIAL);
         rows.map(|row| Ok(outcome(&asked.requirement, &record::episode(&row?, &asked.resolved)?))).collect()
     };
-    let (mut counts, mut verdicts) = (PairedCounts::default(), [0; 2]);
+    let mut counts = PairedCounts::default();
+    let mut verdicts = [0; 2];
     for (first, second) in outcomes(first)?.into_iter().zip(outcomes(second)?) {
         let Some((first, second)) = first.zip(second) else { continue };
         counts.add(first.succeeds, second.succeeds);

@@ -34,7 +34,8 @@ impl Least {
         let mut observed: Vec<f64> = self.failures.iter().chain(&self.successes).copied().collect();
         observed.sort_by(f64::total_cmp);
         observed.dedup();
-        let (failures, successes) = (sorted(&self.failures), sorted(&self.successes));
+        let failures = sorted(&self.failures);
+        let successes = sorted(&self.successes);
         let below = |values: &[f64], limit: f64| values.partition_point(|value| *value <= limit) as u64;
         let point = |threshold: f64, last: f64| GuardCurvePoint {
             threshold: threshold.into(),

@@ -6,7 +6,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use mishandle_charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
+use mishandle_report::charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 

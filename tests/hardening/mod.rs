@@ -29,9 +29,12 @@ pub fn few() -> HardenPlan {
 /// call is the first one.
 pub fn in_parts(mut harden: impl FnMut(bool, Watch<'_>) -> Option<Hardening>) -> Hardening {
     let mut stopped = BTreeSet::new();
-    let mut stop_once = |progress: &HardenProgress| match stopped.insert(progress.phase.clone()) {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
+    let mut stop_once = |progress: &HardenProgress| {
+        if stopped.insert(progress.phase.clone()) {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     };
     for calls in 0..100 {
         if let Some(found) = harden(calls == 0, &mut stop_once) {

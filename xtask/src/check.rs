@@ -75,7 +75,8 @@ pub fn check(root: &Path, arguments: &[String]) -> Result<()> {
     for (number, step) in (1..).zip(&chosen) {
         let label = format!("[{number}/{}] {}", chosen.len(), step.name);
         eprintln!("{label}");
-        let (started, cpu) = (Instant::now(), budget::cpu_secs());
+        let started = Instant::now();
+        let cpu = budget::cpu_secs();
         (step.action)(root, extent).with_context(|| format!("step `{}` failed", step.name))?;
         let time = budget::Time {
             step: step.name,
@@ -107,9 +108,10 @@ fn build(root: &Path) -> Result<()> {
 fn tests(root: &Path, extent: Extent) -> Result<()> {
     let has_nextest =
         cargo(root, &["nextest", "--version"]).output().is_ok_and(|output| output.status.success());
-    let mut arguments = match has_nextest {
-        true => vec!["nextest", "run", "--workspace"],
-        false => vec!["test", "--workspace", "--lib", "--bins", "--tests", "--examples"],
+    let mut arguments = if has_nextest {
+        vec!["nextest", "run", "--workspace"]
+    } else {
+        vec!["test", "--workspace", "--lib", "--bins", "--tests", "--examples"]
     };
     match (extent, has_nextest) {
         (Extent::Usual, _) => {}

@@ -44,7 +44,8 @@ pub fn pack(root: &Path, target: &str, folder: &Path) -> Result<usize> {
     names.sort();
     ensure!(!names.is_empty(), "{} is empty", folder.display());
     let archive = root.join(archive(target));
-    let (tarred, packed) = (archive.with_extension("new.tar"), archive.with_extension("new"));
+    let tarred = archive.with_extension("new.tar");
+    let packed = archive.with_extension("new");
     let mut tar = Command::new("tar");
     // The header of the format `ustar` has no time of access.
     tar.args(["--format=ustar", "--mtime=@0", "--owner=0", "--group=0", "--numeric-owner", "--mode=0644"]);
@@ -68,7 +69,9 @@ mod tests {
     #[test]
     fn the_same_files_give_the_same_archive_and_come_back() {
         let root = std::env::temp_dir().join(format!("mishandle-corpus-{}", std::process::id()));
-        let (first, second, back) = (root.join("first"), root.join("second"), root.join("back"));
+        let first = root.join("first");
+        let second = root.join("second");
+        let back = root.join("back");
         fs::create_dir_all(root.join(CORPUS)).unwrap();
         let files: [(&str, &[u8]); 3] = [("a", b"\0\xff"), ("b", b""), ("-c", b"text")];
         // Written in opposite orders at different times.

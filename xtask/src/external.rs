@@ -18,7 +18,8 @@ const PAGE: &str = "docs/guide/library.md";
 /// If the page has no program, or the program prints something else.
 pub fn check(root: &Path) -> Result<()> {
     let page = fs::read_to_string(root.join(PAGE)).context(PAGE)?;
-    let (program, shown) = (block(&page, "```rust\n")?, block(&page, "```console\n")?);
+    let program = block(&page, "```rust\n")?;
+    let shown = block(&page, "```console\n")?;
     let expected = shown.lines().nth(1).with_context(|| format!("{PAGE} shows no output"))?;
     let folder = std::env::temp_dir().join(format!("mishandle-external-{}", std::process::id()));
     let run = follow(root, &folder, program);

@@ -193,7 +193,8 @@ fn program(root: &Path, target: &str) -> Command {
 }
 
 fn fuzz_target(root: &Path, target: &str, seconds: u64) -> Result<Statistics> {
-    let (found, crashes) = (format!("{BUILD}/corpus/{target}"), format!("{BUILD}/crashes/{target}"));
+    let found = format!("{BUILD}/corpus/{target}");
+    let crashes = format!("{BUILD}/crashes/{target}");
     fs::create_dir_all(root.join(&crashes)).with_context(|| crashes.clone())?;
     unpack(root, target, &root.join(&found))?;
     let mut command = program(root, target);
@@ -260,7 +261,9 @@ fn add(root: &Path, target: &str, file: &Path) -> Result<()> {
 /// corpus and new inputs cover.
 fn merge(root: &Path, target: &str) -> Result<()> {
     let folder = |name: &str| PathBuf::from(format!("{BUILD}/{name}/{target}"));
-    let (seeds, found, merged) = (folder("seeds"), folder("corpus"), folder("merged"));
+    let seeds = folder("seeds");
+    let found = folder("corpus");
+    let merged = folder("merged");
     for folder in [&seeds, &merged] {
         let folder = root.join(folder);
         if folder.exists() {

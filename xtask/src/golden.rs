@@ -66,7 +66,8 @@ fn find(root: &Path) -> Result<Vec<Golden>> {
     let mut found = Vec::new();
     for package in folders_in(&root.join("crates"))? {
         for folder in folders_in(&package.join("tests/golden"))? {
-            let (of, name) = (file_name(&package), file_name(&folder));
+            let of = file_name(&package);
+            let name = file_name(&folder);
             if folder.join("make.py").is_file() {
                 found.push(Golden { id: format!("{of}-{name}"), name, folder });
             }

@@ -73,7 +73,9 @@ fn keep(folder: &Path, platform: &Platform) {
         return;
     }
     match copy(folder, &kept, platform) {
-        Ok(()) => eprintln!("MuJoCo {VERSION}: a copy for installed programs is in {}", kept.display()),
+        Ok(()) => {
+            eprintln!("MuJoCo {VERSION}: a copy for installed programs is in {}", kept.display());
+        }
         Err(error) => eprintln!("note: no copy for installed programs: {error:#}"),
     }
 }

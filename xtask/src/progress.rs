@@ -38,7 +38,8 @@ pub fn run(cargo: &mut Command) -> Result<()> {
 /// Copies the output of cargo without the lines that name crates. Progress is a line that the next
 /// one replaces.
 fn show(mut from: impl BufRead, to: &mut impl Write, is_terminal: bool) -> io::Result<()> {
-    let (mut piece, mut has_bar) = (Vec::new(), false);
+    let mut piece = Vec::new();
+    let mut has_bar = false;
     let mut end_piece = |piece: &mut Vec<u8>| -> io::Result<()> {
         let text = String::from_utf8_lossy(piece).into_owned();
         piece.clear();

@@ -97,9 +97,11 @@ fn looks(size: Size) -> Result<Vec<Vec<u8>>, Error> {
     ];
     let own = task("cube-stacking").ok_or("the task exists")?;
     let (model, states) = states::expert_states(own, 0.4);
-    let (scene, cameras) = (Scene::of_model(&model)?, states::cameras(own, &model, size));
+    let scene = Scene::of_model(&model)?;
+    let cameras = states::cameras(own, &model, size);
     let look = |change: &Change| {
-        let (mut scene, mut camera) = (scene.clone(), cameras[0].clone());
+        let mut scene = scene.clone();
+        let mut camera = cameras[0].clone();
         change(&mut scene, &mut camera);
         render(&model, &states, 45, &scene, &camera)
     };

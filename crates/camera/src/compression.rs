@@ -85,7 +85,9 @@ pub(crate) fn compress(planes: &mut [Vec<f32>; 3], width: usize, coarseness: f32
     }
     for pixel in 0..planes[0].len() {
         let [y, cb, cr] = [0, 1, 2].map(|channel| planes[channel][pixel]);
-        let (y, r, b) = (y + 128.0, 1.402 * cr, 1.772 * cb);
+        let y = y + 128.0;
+        let r = 1.402 * cr;
+        let b = 1.772 * cb;
         let g = y - (0.299 * r + 0.114 * b) / 0.587;
         planes[0][pixel] = (y + r) / 255.0;
         planes[1][pixel] = g / 255.0;
@@ -169,7 +171,8 @@ mod tests {
             [plane(0), plane(31), plane(62)]
         };
         let error = |coarseness: f32| {
-            let (before, mut after) = (image(), image());
+            let before = image();
+            let mut after = image();
             compress(&mut after, 20, coarseness);
             let pairs = before.iter().flatten().zip(after.iter().flatten());
             pairs.map(|(a, b)| (a - b) * (a - b)).sum::<f32>() / (3.0 * 20.0 * 13.0)

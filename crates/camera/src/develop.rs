@@ -33,7 +33,8 @@ impl Developer {
         step: u64,
         rgb: &mut [u8],
     ) {
-        let (width, height) = (camera.size.width(), camera.size.height());
+        let width = camera.size.width();
+        let height = camera.size.height();
         assert_eq!(rgb.len(), 3 * width * height, "three bytes for each pixel");
         for (channel, plane) in self.planes.iter_mut().enumerate() {
             plane.clear();
@@ -114,7 +115,8 @@ impl Developer {
                 for pixels in plane.chunks_mut(width) {
                     let mut before = pixels[0];
                     for column in 0..width {
-                        let (now, after) = (pixels[column], pixels[(column + 1).min(width - 1)]);
+                        let now = pixels[column];
+                        let after = pixels[(column + 1).min(width - 1)];
                         pixels[column] = now + weight * ((before - now) + (after - now));
                         before = now;
                     }
@@ -141,11 +143,13 @@ impl Developer {
     }
 
     fn add_noise(&mut self, effects: &Effects, seed: Seed, step: u64) {
-        let (read, shot) = (effects.read_noise, effects.shot_noise);
+        let read = effects.read_noise;
+        let shot = effects.shot_noise;
         if read == 0.0 && shot == 0.0 {
             return;
         }
-        let (read, shot) = (read * read, shot * shot);
+        let read = read * read;
+        let shot = shot * shot;
         let mut index = 0;
         let mut spare = None;
         for pixel in self.planes.iter_mut().flatten() {
@@ -180,12 +184,13 @@ impl Patch {
     /// Returns the columns and the rows that the patch covers.
     pub(crate) fn pixels(&self, size: Size) -> [Range<usize>; 2] {
         let sides = [size.width(), size.height()];
-        [0, 1].map(|axis| match self.size.iter().all(|size| *size > 0.0) {
-            true => {
+        [0, 1].map(|axis| {
+            if self.size.iter().all(|size| *size > 0.0) {
                 let edge = |side: f32| self.center[axis] + side * 0.5 * self.size[axis];
                 whole(edge(-1.0), sides[axis])..whole(edge(1.0), sides[axis])
+            } else {
+                0..0
             }
-            false => 0..0,
         })
     }
 }

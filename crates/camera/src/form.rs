@@ -91,9 +91,10 @@ impl Form {
             }
             Form::Cylinder { radius, half } => {
                 let across = (p[0] * p[0] + p[1] * p[1]).sqrt();
-                match p[2].abs() - half > across - radius {
-                    true => [0.0, 0.0, outwards(p[2])],
-                    false => [p[0] / across, p[1] / across, 0.0],
+                if p[2].abs() - half > across - radius {
+                    [0.0, 0.0, outwards(p[2])]
+                } else {
+                    [p[0] / across, p[1] / across, 0.0]
                 }
             }
             Form::Ellipsoid { half } => {
@@ -145,7 +146,8 @@ pub(crate) fn enter_ellipsoid(half: [f32; 3], o: Lanes3, d: Lanes3) -> Lanes {
 #[inline(always)]
 fn slab(half: f32, o: Lanes, d: Lanes) -> (Lanes, Lanes) {
     let inverse = Lanes::all(1.0) / d;
-    let (a, b) = ((Lanes::all(-half) - o) * inverse, (Lanes::all(half) - o) * inverse);
+    let a = (Lanes::all(-half) - o) * inverse;
+    let b = (Lanes::all(half) - o) * inverse;
     (a.min(b), a.max(b))
 }
 
@@ -153,7 +155,8 @@ fn slab(half: f32, o: Lanes, d: Lanes) -> (Lanes, Lanes) {
 #[inline(always)]
 pub(crate) fn enter_box(half: [f32; 3], o: Lanes3, d: Lanes3) -> Lanes {
     let [x, y, z] = [0, 1, 2].map(|i| slab(half[i], o[i], d[i]));
-    let (first, last) = (x.0.max(y.0).max(z.0), x.1.min(y.1).min(z.1));
+    let first = x.0.max(y.0).max(z.0);
+    let last = x.1.min(y.1).min(z.1);
     let t = first.select_at_most(last, first, Lanes::MISS);
     Lanes::ZERO.select_less(t, t, Lanes::MISS)
 }
@@ -164,7 +167,8 @@ pub(crate) fn enter_box(half: [f32; 3], o: Lanes3, d: Lanes3) -> Lanes {
 fn across(radius: f32, o: Lanes3, d: Lanes3) -> (Lanes, Lanes, Lanes) {
     let length2 = (d[0] * d[0] + d[1] * d[1]).max(Lanes::all(TINY));
     let middle = -(o[0] * d[0] + o[1] * d[1]) / length2;
-    let (x, y) = (o[0] + middle * d[0], o[1] + middle * d[1]);
+    let x = o[0] + middle * d[0];
+    let y = o[1] + middle * d[1];
     let rest = Lanes::all(radius * radius) - (x * x + y * y);
     (middle, (rest.max(Lanes::ZERO) / length2).sqrt(), rest)
 }
@@ -174,7 +178,8 @@ fn across(radius: f32, o: Lanes3, d: Lanes3) -> (Lanes, Lanes, Lanes) {
 pub(crate) fn enter_cylinder(radius: f32, half: f32, o: Lanes3, d: Lanes3) -> Lanes {
     let (middle, inside, rest) = across(radius, o, d);
     let (z_first, z_last) = slab(half, o[2], d[2]);
-    let (first, last) = ((middle - inside).max(z_first), (middle + inside).min(z_last));
+    let first = (middle - inside).max(z_first);
+    let last = (middle + inside).min(z_last);
     let t = first.select_at_most(last, first, Lanes::MISS);
     let t = rest.select_less(Lanes::ZERO, Lanes::MISS, t);
     Lanes::ZERO.select_less(t, t, Lanes::MISS)
@@ -304,7 +309,8 @@ mod tests {
 
     #[test]
     fn a_ray_along_an_axis_enters_at_the_end() {
-        let (o, d) = (crate::lanes::same([0.02, 0.01, 0.5]), crate::lanes::same([0.0, 0.0, -1.0]));
+        let o = crate::lanes::same([0.02, 0.01, 0.5]);
+        let d = crate::lanes::same([0.0, 0.0, -1.0]);
         let cap = 0.11 + (0.06_f32 * 0.06 - 0.0005).sqrt();
         for (form, top) in [(FORMS[1], 0.05), (FORMS[2], cap), (FORMS[3], 0.07)] {
             assert!((enter(form, o, d).0[0] - (0.5 - top)).abs() < 1e-6, "{form:?}");

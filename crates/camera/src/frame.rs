@@ -158,7 +158,8 @@ impl Frame {
             for packet in bounds.columns[0] / LANES..=bounds.columns[1] / LANES {
                 let t = enter(rays.origin, along(start, view.u(packet), rays.right));
                 let index = row * self.packets + packet;
-                let (depth, shape) = (&mut self.depth[index], &mut self.shape[index]);
+                let depth = &mut self.depth[index];
+                let shape = &mut self.shape[index];
                 for i in 0..LANES {
                     shape[i] = if t.0[i] < depth.0[i] { position } else { shape[i] };
                 }
@@ -173,7 +174,8 @@ impl Frame {
             let start = rays.row(view.v(row));
             for packet in bounds.columns[0] / LANES..=bounds.columns[1] / LANES {
                 let index = row * self.packets + packet;
-                let (depth, shape) = (&mut self.depth[index], &mut self.shape[index]);
+                let depth = &mut self.depth[index];
+                let shape = &mut self.shape[index];
                 let d = along(start, view.u(packet), rays.right);
                 let t = mesh.enter(rays.origin, d, 0.0, *depth, &mut self.triangle[index]);
                 for i in 0..LANES {

@@ -11,6 +11,8 @@
 //! order, and neither a function of a mathematical library nor OpenGL.
 //!
 //! Units are SI; a camera looks along its -z, and its y is up in images.
+//!
+//! [`sight`] is what the cameras of a target see in a scenario.
 
 // Loops over lanes have indices, which the compiler turns into vector instructions.
 #![allow(clippy::needless_range_loop)]
@@ -29,6 +31,7 @@ mod renderer;
 mod rows;
 mod scene;
 mod shadow;
+pub mod sight;
 mod studio;
 mod surface;
 mod vector;

@@ -69,7 +69,8 @@ impl Material {
                 let [x, y, z] = p.map(|v| v / self.scale);
                 // A trunk bends slowly along its axis, and its rings are not round.
                 let bend = 2.0 * lattice([0.15 * x, 0.5 * y, 0.5 * z], self.seed);
-                let (y, z) = (y - 9.5, z + 5.2);
+                let y = y - 9.5;
+                let z = z + 5.2;
                 let ring = (y * y + z * z).sqrt() + bend;
                 let part = ring - ring.floor();
                 // Spring wood grows slowly darker, and the ring ends within a short part.
@@ -99,11 +100,13 @@ fn lattice(p: [f32; 3], seed: u32) -> f32 {
     let values = |dx: i32| -> [f32; 4] {
         let [x, y, z] = base.map(|v| v as i32);
         std::array::from_fn(|k| {
-            let (y, z) = (y.wrapping_add(k as i32 & 1), z.wrapping_add(k as i32 >> 1));
+            let y = y.wrapping_add(k as i32 & 1);
+            let z = z.wrapping_add(k as i32 >> 1);
             unit_hash([x.wrapping_add(dx), y, z], seed)
         })
     };
-    let (near, far) = (values(0), values(1));
+    let near = values(0);
+    let far = values(1);
     let corner: [f32; 4] = std::array::from_fn(|k| mix(near[k], far[k], ease[0]));
     mix(mix(corner[0], corner[1], ease[1]), mix(corner[2], corner[3], ease[1]), ease[2])
 }

@@ -116,7 +116,8 @@ impl Mesh {
             add(add(a, b), c)
         };
         let own = &mut self.triangles[first..first + count];
-        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let mut low = [f32::INFINITY; 3];
+        let mut high = [f32::NEG_INFINITY; 3];
         own.iter().for_each(|triangle| grow(&mut low, &mut high, center(triangle)));
         let size = sub(high, low);
         let axis = (1..3).fold(0, |best, axis| if size[axis] > size[best] { axis } else { best });
@@ -132,7 +133,8 @@ impl Mesh {
     fn refit(&mut self) {
         for index in (0..self.nodes.len()).rev() {
             let node = self.nodes[index];
-            let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+            let mut low = [f32::INFINITY; 3];
+            let mut high = [f32::NEG_INFINITY; 3];
             if node.count > 0 {
                 let own = &self.triangles[node.next as usize..][..node.count as usize];
                 for vertex in own.as_flattened() {
@@ -198,7 +200,8 @@ impl Mesh {
             return most;
         }
         let inverse = d.map(|d| Lanes::all(1.0) / d);
-        let (mut stack, mut size) = ([0_u32; DEPTH], 1);
+        let mut stack = [0_u32; DEPTH];
+        let mut size = 1;
         while size > 0 {
             size -= 1;
             let index = stack[size];
@@ -233,7 +236,9 @@ impl Mesh {
         let side = |p: Lanes3, q: Lanes3| {
             dot(d, [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]])
         };
-        let (u, v, w) = (side(b, c), side(c, a), side(a, b));
+        let u = side(b, c);
+        let v = side(c, a);
+        let w = side(a, b);
         let normal = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0])).map(Lanes::all);
         let t = dot(normal, a) / dot(normal, d);
         let outside = Lanes::ZERO.select_at_most(u.min(v).min(w), t, Lanes::MISS);
@@ -244,10 +249,11 @@ impl Mesh {
 /// Returns whether any ray meets the box of a node before `most`.
 #[inline(always)]
 fn meets(node: &Node, o: Lanes3, inverse: Lanes3, most: Lanes) -> bool {
-    let (mut first, mut last) = (Lanes::ZERO, most);
+    let mut first = Lanes::ZERO;
+    let mut last = most;
     for i in 0..3 {
-        let (a, b) =
-            ((Lanes::all(node.low[i]) - o[i]) * inverse[i], (Lanes::all(node.high[i]) - o[i]) * inverse[i]);
+        let a = (Lanes::all(node.low[i]) - o[i]) * inverse[i];
+        let b = (Lanes::all(node.high[i]) - o[i]) * inverse[i];
         first = a.min(b).max(first);
         last = a.max(b).min(last);
     }
@@ -274,10 +280,15 @@ mod tests {
     /// Returns where a ray meets a triangle, by the algorithm of Möller and Trumbore (1997).
     fn meets_triangle(o: [f64; 3], d: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> Option<f64> {
         use mishandle_world::frame::{cross, dot, sub};
-        let (ab, ac, from) = (sub(b, a), sub(c, a), sub(o, a));
-        let (p, q) = (cross(d, ac), cross(from, ab));
+        let ab = sub(b, a);
+        let ac = sub(c, a);
+        let from = sub(o, a);
+        let p = cross(d, ac);
+        let q = cross(from, ab);
         let determinant = dot(ab, p);
-        let (u, v, t) = (dot(from, p) / determinant, dot(d, q) / determinant, dot(ac, q) / determinant);
+        let u = dot(from, p) / determinant;
+        let v = dot(d, q) / determinant;
+        let t = dot(ac, q) / determinant;
         (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
     }
 
@@ -352,7 +363,8 @@ mod tests {
             let mut d = [Lanes::ZERO; 3];
             for lane in 0..LANES {
                 // Points of grid lines and of diagonals.
-                let (i, s) = ((random(1.0, 8.0) as u32) as f32 / 8.0, random(0.1, 0.9));
+                let i = (random(1.0, 8.0) as u32) as f32 / 8.0;
+                let s = random(0.1, 0.9);
                 let target = [[i, s, 0.0], [s, i, 0.0], [s, s, 0.0]][lane % 3];
                 (0..3).for_each(|i| d[i].0[lane] = target[i] - o[i]);
             }
@@ -365,8 +377,8 @@ mod tests {
     fn normals_of_a_smooth_sheet_are_between_those_of_its_triangles() {
         let vertices = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let triangles = vec![[0, 1, 2], [0, 3, 1]];
-        let (flat, smooth) =
-            (Mesh::new(vertices.clone(), triangles.clone()), Mesh::smooth(vertices, triangles));
+        let flat = Mesh::new(vertices.clone(), triangles.clone());
+        let smooth = Mesh::smooth(vertices, triangles);
         assert_eq!(flat.normal(0, [0.2, 0.2, 0.0]), [0.0, 0.0, 1.0]);
         let edge = smooth.normal(0, [0.5, 0.0, 0.0]);
         let half = 0.5_f32.sqrt();

@@ -61,9 +61,10 @@ impl Scene {
                 geom: None,
             });
         }
-        match scene.shapes.len() < usize::from(NO_SHAPE) {
-            true => Ok(scene),
-            false => Err(CameraError::Shapes(scene.shapes.len())),
+        if scene.shapes.len() < usize::from(NO_SHAPE) {
+            Ok(scene)
+        } else {
+            Err(CameraError::Shapes(scene.shapes.len()))
         }
     }
 }
@@ -150,7 +151,8 @@ impl PoseReader {
 
 impl Poses {
     fn of_world(&mut self, world: &World, surfaces: &[Surface]) {
-        let (model, rows) = (world.model(), world.rows());
+        let model = world.model();
+        let rows = world.rows();
         self.bodies.clear();
         for index in 0..model.count(mishandle_world::ElementKind::Body) {
             let body = model.body_at(index);

@@ -105,7 +105,8 @@ impl Renderer {
 
     /// Renders the colors of an image.
     fn light(&mut self, shot: &Shot<'_>, rgb: &mut [u8]) {
-        let (camera, optics) = (shot.camera, &shot.camera.optics);
+        let camera = shot.camera;
+        let optics = &shot.camera.optics;
         let samples = optics.samples.max(1);
         pattern::disk_points(samples, &mut self.lens);
         for sample in 0..samples {
@@ -173,9 +174,11 @@ impl Renderer {
         let view = self.place(shot, [0.0; 2], [0.0; 2], 0.0);
         let meshes = Meshes { meshes: &shot.scene.meshes, cloths: &self.cloths.moved };
         self.frame.draw(&view, &self.placed, &meshes, |_| true);
-        let (width, packets) = (view.width, self.frame.packets);
+        let width = view.width;
+        let packets = self.frame.packets;
         let at = |pixel: usize| {
-            let (row, column) = (pixel / width, pixel % width);
+            let row = pixel / width;
+            let column = pixel % width;
             (row * packets + column / LANES, column % LANES)
         };
         if let Some(depth) = out.depth.as_deref_mut() {

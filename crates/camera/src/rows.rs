@@ -62,7 +62,8 @@ impl SightRow {
         for lamp in &scene.lamps {
             row.add_lamp(lamp)?;
         }
-        let (ambient, background) = (&scene.ambient, &scene.background);
+        let ambient = &scene.ambient;
+        let background = &scene.background;
         let colors = [ambient.above, ambient.below, background.above, background.horizon];
         row.sky.extend(colors.as_flattened());
         for camera in cameras {
@@ -129,7 +130,9 @@ impl SightRow {
     }
 
     fn add_camera(&mut self, camera: &Camera) -> Result<(), CameraError> {
-        let (optics, effects, size) = (&camera.optics, &camera.effects, camera.size);
+        let optics = &camera.optics;
+        let effects = &camera.effects;
+        let size = camera.size;
         let samples = optics.samples.max(1);
         if samples as usize > MAX_RAYS {
             return Err(CameraError::OtherDevice("more than 8 rays per pixel"));

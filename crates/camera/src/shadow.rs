@@ -152,7 +152,8 @@ impl Shadows {
                 let t = shape.enter(meshes, CLOSE, o, same(caster.direction));
                 // A convex shape does not shade itself.
                 let itself = if shape.form.is_convex() { caster.position } else { NONE };
-                let (lit, shapes) = (&mut self.lit[index], &frame.shape[index]);
+                let lit = &mut self.lit[index];
+                let shapes = &frame.shape[index];
                 for i in 0..LANES {
                     let is_blocked = CLOSE < t.0[i] && t.0[i] < f32::INFINITY && shapes[i] != itself;
                     lit.0[i] = if is_blocked { 0.0 } else { lit.0[i] };
@@ -177,7 +178,8 @@ impl Caster {
             return None;
         }
         let center = own.pose.point(own.center);
-        let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
+        let mut low = [0.0; 3];
+        let mut high = [0.0; 3];
         for (i, axis) in axes.iter().enumerate() {
             let middle = vector::dot(center, *axis);
             let along = |k: usize| vector::dot(own.pose.axes[k], *axis).abs();

@@ -24,8 +24,10 @@ impl Surface {
         for row in 0..view.height {
             let v = view.v(row);
             for packet in 0..frame.packets {
-                let (index, u) = (row * frame.packets + packet, view.u(packet));
-                let (point, normal) = (&mut self.point[index], &mut self.normal[index]);
+                let index = row * frame.packets + packet;
+                let u = view.u(packet);
+                let point = &mut self.point[index];
+                let normal = &mut self.normal[index];
                 for lane in 0..LANES {
                     let shape = frame.shape[index][lane];
                     let (p, n) = if shape == NONE {
@@ -140,7 +142,8 @@ pub(crate) fn shade_all(
     for row in 0..view.height {
         let v = view.v(row);
         for packet in 0..frame.packets {
-            let (index, u) = (row * frame.packets + packet, view.u(packet));
+            let index = row * frame.packets + packet;
+            let u = view.u(packet);
             for lane in 0..LANES {
                 let direction = view.direction(u.0[lane], v);
                 let shape = frame.shape[index][lane];
@@ -148,7 +151,8 @@ pub(crate) fn shade_all(
                     sky(&scene.background, direction)
                 } else {
                     let at = |v: &Lanes3| [v[0].0[lane], v[1].0[lane], v[2].0[lane]];
-                    let (p, normal) = (at(&surface.point[index]), at(&surface.normal[index]));
+                    let p = at(&surface.point[index]);
+                    let normal = at(&surface.normal[index]);
                     let lit = |lamp: usize| shadows[lamp].lit[index].0[lane];
                     shade(scene, lights, &placed[shape as usize], p, normal, direction, lit)
                 };
@@ -175,9 +179,11 @@ pub(crate) fn shade_over(
     let opacity = scene.shapes[own.shape as usize].material.opacity;
     let rays = crate::frame::LocalRays::new(view, &own.pose);
     for row in bounds.rows[0]..=bounds.rows[1] {
-        let (v, start) = (view.v(row), rays.row(view.v(row)));
+        let v = view.v(row);
+        let start = rays.row(view.v(row));
         for packet in bounds.columns[0] / LANES..=bounds.columns[1] / LANES {
-            let (index, u) = (row * frame.packets + packet, view.u(packet));
+            let index = row * frame.packets + packet;
+            let u = view.u(packet);
             let d = crate::lanes::along(start, u, rays.right);
             let mut triangle = [0; LANES];
             let t = match meshes.of(own.form) {
@@ -204,7 +210,8 @@ pub(crate) fn shade_over(
 /// Returns the color of the background in a direction.
 fn sky(background: &Background, direction: [f32; 3]) -> Color {
     let up = (direction[2] / dot(direction, direction).sqrt()).max(0.0);
-    let (a, b) = (background.horizon, background.above);
+    let a = background.horizon;
+    let b = background.above;
     [0, 1, 2].map(|i| a[i] + up * (b[i] - a[i]))
 }
 

@@ -33,7 +33,8 @@ impl View {
     pub fn new(camera: &Camera, body: &Pose, pixel: [f32; 2], lens: [f32; 2]) -> View {
         let pose = body.of(&camera.pose.tilted(camera.tilt));
         let [right, up, back] = pose.axes;
-        let (width, height) = (camera.size.width(), camera.size.height());
+        let width = camera.size.width();
+        let height = camera.size.height();
         let step = 1.0 / (camera.focal_length * height as f32);
         // The focus of a pinhole has no meaning, and may be 0.
         let turn = lens.map(|v| if v == 0.0 { 0.0 } else { v / camera.optics.focus });
@@ -90,8 +91,10 @@ impl View {
             let side = scale(pose.axes[i], half[i]);
             [self.right, self.up, self.forward].map(|axis| dot(side, axis))
         });
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        let (mut in_front, mut behind) = (false, false);
+        let mut low = [f32::INFINITY; 2];
+        let mut high = [f32::NEG_INFINITY; 2];
+        let mut in_front = false;
+        let mut behind = false;
         for corner in 0..8 {
             let mut p = middle;
             for (i, side) in sides.iter().enumerate() {
@@ -131,7 +134,8 @@ const NEAR: f32 = 1e-3;
 
 /// Returns the pixels between two places, and one more at each side for rounding.
 fn range(low: f32, high: f32, count: usize) -> Option<[usize; 2]> {
-    let (low, high) = (low.floor() - 1.0, high.ceil() + 1.0);
+    let low = low.floor() - 1.0;
+    let high = high.ceil() + 1.0;
     if high < 0.0 || low > (count - 1) as f32 {
         return None;
     }

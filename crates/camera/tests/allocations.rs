@@ -46,10 +46,13 @@ fn an_image_after_the_first_does_not_allocate() {
         camera.effects.blur = 1.0;
         camera.effects.read_noise = 0.01;
         camera.effects.compression = 1.0;
-        let (mut reader, mut renderer) = (PoseReader::new(&model), Renderer::new());
-        let (mut now, mut before) = (Poses::default(), Poses::default());
-        let (mut rgb, mut depth, mut segments) =
-            (vec![0; 3 * size.pixels()], vec![0.0; size.pixels()], vec![0; size.pixels()]);
+        let mut reader = PoseReader::new(&model);
+        let mut renderer = Renderer::new();
+        let mut now = Poses::default();
+        let mut before = Poses::default();
+        let mut rgb = vec![0; 3 * size.pixels()];
+        let mut depth = vec![0.0; size.pixels()];
+        let mut segments = vec![0; size.pixels()];
         let mut allocated = Vec::new();
         for step in [100, 1, 100, 150, 300] {
             let first = ALLOCATIONS.with(Cell::get);

@@ -60,7 +60,8 @@ fn a_mesh_of_a_box_is_the_box() {
         scene.shapes.extend([shape(form), floor]);
         render(&scene, &poses, None, &camera(96), 0)
     };
-    let (own, mesh) = (image(Form::Box { half }), image(Form::Mesh(0)));
+    let own = image(Form::Box { half });
+    let mesh = image(Form::Mesh(0));
     assert!(own.segments.iter().filter(|segment| **segment == 0).count() > 800);
     // Rounding may move the edge of the box or of its shadow by a pixel that it just meets.
     let other = own.segments.iter().zip(&mesh.segments).filter(|(a, b)| a != b).count();
@@ -76,7 +77,8 @@ fn every_pixel_shows_one_shape_or_none() {
     let own = task("ball-pushing").unwrap();
     let (model, states) = expert_states(own, 0.5);
     let scene = Scene::of_model(&model).unwrap();
-    let (mut reader, mut poses) = (PoseReader::new(&model), Poses::default());
+    let mut reader = PoseReader::new(&model);
+    let mut poses = Poses::default();
     reader.read(&states[40], &mut poses);
     for camera in cameras(own, &model, size(64)) {
         let whole = render(&scene, &poses, None, &camera, 0);
@@ -139,7 +141,9 @@ fn images_do_not_depend_on_threads_or_on_other_images() {
 fn scene_of(name: &str) -> (Camera, Scene, Poses, Poses) {
     let own = task(name).unwrap();
     let (model, states) = expert_states(own, 0.5);
-    let (mut reader, mut now, mut before) = (PoseReader::new(&model), Poses::default(), Poses::default());
+    let mut reader = PoseReader::new(&model);
+    let mut now = Poses::default();
+    let mut before = Poses::default();
     reader.read(&states[20], &mut now);
     reader.read(&states[19], &mut before);
     let scene = Scene::of_model(&model).unwrap();
@@ -208,7 +212,9 @@ fn a_soft_shadow_of_a_lamp_without_a_radius_is_hard() {
         scene.lamps[0].radius = radius;
         render(&scene, &poses, None, &camera, 0).rgb
     };
-    let (hard, tiny, soft) = (image(0.0), image(1e-6), image(0.1));
+    let hard = image(0.0);
+    let tiny = image(1e-6);
+    let soft = image(0.1);
     // A tiny lamp casts the same shadows, up to pixels at their edges.
     let differ = |other: &[u8]| hard.iter().zip(other).filter(|(a, b)| a.abs_diff(**b) > 1).count();
     assert!(differ(&tiny) <= 12, "{}", differ(&tiny));
@@ -257,7 +263,8 @@ fn a_blur_keeps_the_mean_and_has_the_stated_width() {
     };
     for deviation in [1.5_f32, 2.5] {
         let image = dot(deviation);
-        let (mut sum, mut spread) = (0.0, 0.0);
+        let mut sum = 0.0;
+        let mut spread = 0.0;
         for (pixel, rgb) in image.chunks(3).enumerate() {
             let x = (pixel % 65) as f64 - 32.0;
             sum += f64::from(rgb[0]);

@@ -6,4 +6,5 @@
 mod in_view;
 mod laws;
 mod mujoco;
+mod sight;
 mod states;

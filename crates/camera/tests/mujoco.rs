@@ -26,7 +26,9 @@ struct Images {
 
 fn render(model: &Model, state: &[f64], scene: &Scene, camera: &Camera) -> Images {
     let pixels = camera.size.pixels();
-    let (mut rgb, mut depth, mut segments) = (vec![0; 3 * pixels], vec![0.0; pixels], vec![0; pixels]);
+    let mut rgb = vec![0; 3 * pixels];
+    let mut depth = vec![0.0; pixels];
+    let mut segments = vec![0; pixels];
     let shot = StateShot { state, before: None, scene, camera, seed: Seed(0), step: 0 };
     let output = Output { rgb: Some(&mut rgb), depth: Some(&mut depth), segments: Some(&mut segments) };
     Studio::new(model, 1).render(&[shot], &mut [output]);
@@ -87,9 +89,11 @@ fn for_states(mut check: impl FnMut(&dyn Task, &Model, &mut World, &[f64], Scene
 /// same shape, and how many rays graze one, so that only neighbors agree.
 fn compare(what: &str, world: &mut World, scene: &Scene, camera: &Camera, images: &Images) -> [usize; 2] {
     let rays = Rays::new(world, camera);
-    let (mut compared, mut grazing) = (0, 0);
+    let mut compared = 0;
+    let mut grazing = 0;
     for pixel in 0..SIDE * SIDE {
-        let (depth, segment) = (images.depth[pixel], images.segments[pixel]);
+        let depth = images.depth[pixel];
+        let segment = images.segments[pixel];
         assert_eq!(segment == NO_SHAPE, depth == f32::INFINITY, "{what}, pixel {pixel}");
         let own = (segment != NO_SHAPE).then(|| scene.shapes[usize::from(segment)].geom).flatten();
         let truth = world.ray(rays.eye, rays.direction(pixel, [0.0; 2]));
@@ -113,7 +117,8 @@ fn compare(what: &str, world: &mut World, scene: &Scene, camera: &Camera, images
 
 #[test]
 fn depth_and_segments_are_those_of_mujocos_rays() {
-    let (mut compared, mut grazing) = (0, 0);
+    let mut compared = 0;
+    let mut grazing = 0;
     for_states(|task, model, world, state, scene| {
         for camera in cameras(task, model, Size::new(SIDE, SIDE).unwrap()) {
             let images = render(model, state, &scene, &camera);
@@ -169,7 +174,9 @@ fn every_kind_of_shape_is_where_mujocos_rays_meet_it() {
 
 #[test]
 fn a_point_is_dark_exactly_if_a_ray_to_the_lamp_hits_a_shape() {
-    let (mut dark, mut bright, mut unclear) = (0, 0, 0);
+    let mut dark = 0;
+    let mut bright = 0;
+    let mut unclear = 0;
     for_states(|task, model, world, state, mut scene| {
         scene.ambient.above = [0.0; 3];
         scene.ambient.below = [0.0; 3];
@@ -185,7 +192,8 @@ fn a_point_is_dark_exactly_if_a_ray_to_the_lamp_hits_a_shape() {
             let without = render(model, state, &open, &camera);
             let rays = Rays::new(world, &camera);
             for pixel in 0..SIDE * SIDE {
-                let (lit, full) = (images.rgb[3 * pixel], without.rgb[3 * pixel]);
+                let lit = images.rgb[3 * pixel];
+                let full = without.rgb[3 * pixel];
                 if images.segments[pixel] == NO_SHAPE || full < 20 {
                     continue;
                 }

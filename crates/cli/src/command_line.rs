@@ -66,7 +66,8 @@ fn groups(mut program: clap::Command) -> String {
     // Adds the command `help`.
     program.build();
     let styles = program.get_styles();
-    let (header, literal) = (styles.get_header(), styles.get_literal());
+    let header = styles.get_header();
+    let literal = styles.get_literal();
     let names = GROUPS.iter().flat_map(|(_, names)| names.iter());
     let column = names.map(|name| name.len()).max().unwrap_or(0);
     let line = |name: &str| {

@@ -44,7 +44,8 @@ pub fn report_loss(simulations: u64, kept_and_lost: &str) {
 /// Makes signals end the run after the current batch. The first signal prints a message
 /// immediately.
 pub fn stop_on_signals(bar: &Bar) -> Result<()> {
-    let (announced, cleared) = (bar.line(), bar.line());
+    let announced = bar.line();
+    let cleared = bar.line();
     let announce = move || {
         announced.suspend(|| {
             output::message("finishing the running simulations; press Ctrl-C again to stop immediately");

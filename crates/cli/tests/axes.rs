@@ -16,7 +16,8 @@ fn every_scenario_is_within_the_range_and_has_the_fixed_value() {
         assert!(matches!(found.status.code(), Some(0 | 1)), "{}", bench::text(&found.stderr));
         let run = mishandle::store::RunFile::open(bench.path(&out)).unwrap();
         let place = |name: &str| run.header().axes.iter().position(|axis| axis.name == name).unwrap();
-        let (ranged, fixed) = (place("brake_time"), place("speed"));
+        let ranged = place("brake_time");
+        let fixed = place("speed");
         for row in run.simulations() {
             let scenario = row.unwrap().scenario;
             assert!((5.0..=7.5).contains(&scenario[ranged].unwrap()), "{search}: {scenario:?}");

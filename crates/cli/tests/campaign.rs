@@ -202,7 +202,8 @@ fn the_starts_of_an_evaluation_are_the_first_ones_of_a_longer_one() {
         let rows = run.trial_simulations(1).map(|row| row.unwrap());
         rows.map(|row| (row.number, row.seed, row.scenario, row.robustness)).collect::<Vec<_>>()
     };
-    let (short, long) = (rows(5), rows(25));
+    let short = rows(5);
+    let long = rows(25);
     assert_eq!((short.len(), long.len()), (5, 25));
     assert_eq!(short[..], long[..5]);
 }

@@ -24,9 +24,11 @@ fn a_worse_controller_has_new_failures_and_every_count_matches_the_rows() {
         let index = run.header().verdicts.iter().position(|name| name == "success").unwrap();
         run.trial_simulations(1).map(|row| row.unwrap().verdicts[index] > Some(0.0)).collect()
     };
-    let (good, worse) = (successes("good.sqlite"), successes("worse.sqlite"));
+    let good = successes("good.sqlite");
+    let worse = successes("worse.sqlite");
     let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count();
-    let (lost, gained) = (only(&good, &worse), only(&worse, &good));
+    let lost = only(&good, &worse);
+    let gained = only(&worse, &good);
     assert!(lost > 5, "the defect must be visible: {lost}");
     assert_eq!(found["success"]["first_only"], lost);
     assert_eq!(found["success"]["second_only"], gained);

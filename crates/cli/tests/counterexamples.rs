@@ -43,7 +43,8 @@ fn modes_list_all_counterexamples_and_their_representative_is_one() {
     let modes = listed["modes"].as_array().unwrap();
     let failures: u64 = modes.iter().map(|mode| mode["failures"].as_u64().unwrap()).sum();
     assert_eq!((failures, &listed["failures"]), (3, &3.into()));
-    let (trial, simulation) = (&modes[0]["trial"], &modes[0]["simulation"]);
+    let trial = &modes[0]["trial"];
+    let simulation = &modes[0]["simulation"];
     let replayed =
         bench.json(&format!("replay run.sqlite --trial {trial} --simulation {simulation} --json"), 0);
     for key in ["robustness", "scenario", "seed"] {

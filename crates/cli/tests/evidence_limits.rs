@@ -89,18 +89,21 @@ fn says(bench: &Bench, arguments: &str, part: &str) -> String {
 #[test]
 fn simulations_that_the_clock_ended_are_counted_and_named_first() {
     let bench = evaluation();
-    let hidden = |row: Simulation| match row.is_violated() {
-        false => row,
-        true => Simulation {
-            robustness: None,
-            robustness_low: None,
-            robustness_high: None,
-            end: SimulationEnd::TimedOut { step: 1 },
-            verdicts: row.verdicts.iter().map(|_| None).collect(),
-            trace_digest: None,
-            trace: None,
-            ..row
-        },
+    let hidden = |row: Simulation| {
+        if row.is_violated() {
+            Simulation {
+                robustness: None,
+                robustness_low: None,
+                robustness_high: None,
+                end: SimulationEnd::TimedOut { step: 1 },
+                verdicts: row.verdicts.iter().map(|_| None).collect(),
+                trace_digest: None,
+                trace: None,
+                ..row
+            }
+        } else {
+            row
+        }
     };
     let failures = RunFile::open(bench.path("run.sqlite")).unwrap().counts().unwrap().falsified;
     assert!(failures > 0);
@@ -240,9 +243,8 @@ fn an_interruption_is_no_agreement() {
     let folder = bench.path("ev");
     let stop_at = |limit: u64| {
         let request = Verification { folder: &folder, signers: Signers::Unknown, share: 1.0, seed: 1 };
-        let watch = |done, total| match total > 0 && done >= limit {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
+        let watch = |done, total| {
+            if total > 0 && done >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         mishandle_evidence::verify(&request, watch).unwrap()
     };

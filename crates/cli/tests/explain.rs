@@ -32,7 +32,8 @@ fn the_explanation_agrees_with_the_exported_trace() {
     let trace = columns(&std::fs::read_to_string(bench.path("trace.csv")).unwrap());
     let signal = |name: &str| &trace.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
     // The minimum over the window of the margins of both predicates, by hand.
-    let (gap, speed) = (signal("gap"), signal("closing_speed"));
+    let gap = signal("gap");
+    let speed = signal("closing_speed");
     let margins = |sample: usize| [gap[sample] - 5.0, 4.0 - speed[sample]];
     let least =
         (10..=80).map(|sample| margins(sample)[0].min(margins(sample)[1])).fold(f64::INFINITY, f64::min);
@@ -159,7 +160,8 @@ fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
         assert_eq!(row["value"], scenario[name]);
         scenario.insert(name.to_string(), row["nominal"].clone());
         let values: Vec<String> = scenario.iter().map(|(name, value)| format!("{name}={value}")).collect();
-        let (at, seed) = (values.join(","), explained["seed"].to_string().replace('"', ""));
+        let at = values.join(",");
+        let seed = explained["seed"].to_string().replace('"', "");
         let simulate = format!("simulate toy/car-following --space events --at {at} --seed {seed} --json");
         let code = i32::from(row["violated"].as_bool().unwrap());
         assert_eq!(row["robustness"], bench.json(&simulate, code)["robustness"], "{name}");

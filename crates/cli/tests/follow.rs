@@ -243,7 +243,8 @@ fn a_row_is_as_late_in_one_read_as_in_several() {
     let bench = Bench::new();
     let question = "monitor --follow --topic-column topic --resample hold --period 1 --lateness 1 \
                     --formula 'always(`a/v` + `b/v` <= 5)' -";
-    let (first, rest) = ("topic,time,v\na,0,1\nb,0,1\na,1,1\na,2.5,1\n", "b,1,9\n");
+    let first = "topic,time,v\na,0,1\nb,0,1\na,1,1\na,2.5,1\n";
+    let rest = "b,1,9\n";
     for pause in [Duration::ZERO, Duration::from_millis(300)] {
         let mut following = Following::start(bench.command(question));
         following.write(first);

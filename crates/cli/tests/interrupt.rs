@@ -16,7 +16,8 @@ fn interrupted(bench: &Bench, arguments: &str) -> (String, String) {
     std::thread::sleep(Duration::from_secs(2));
     signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    let out = text(&output.stdout);
+    let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "mishandle {arguments}\n{out}\n{err}");
     assert!(err.contains("finishing the running simulations"), "{err}");
     (out, err.lines().last().unwrap().to_string())

@@ -103,7 +103,8 @@ fn a_campaign_without_any_verdict_is_an_error() {
     write_controller(&bench.path("bad.safetensors"), -9.0);
     let falsify = "falsify point-reaching --controller bad.safetensors --trials 2 --budget 3 --out a.sqlite";
     let output = bench.run(falsify);
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    let out = text(&output.stdout);
+    let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{err}");
     assert!(out.contains("6 simulations ended in a value that is not finite"), "{out}");
     assert!(err.contains("no simulation has a verdict"), "{err}");

@@ -40,9 +40,10 @@ impl<'a> Checker<'a> {
         }
         if let Some(alternatives) = schema["anyOf"].as_array() {
             let results: Vec<_> = alternatives.iter().map(|schema| self.check(schema, value, path)).collect();
-            return match results.iter().any(Result::is_ok) {
-                true => Ok(()),
-                false => Err(results.into_iter().map(Result::unwrap_err).collect::<Vec<_>>().join("; or ")),
+            return if results.iter().any(Result::is_ok) {
+                Ok(())
+            } else {
+                Err(results.into_iter().map(Result::unwrap_err).collect::<Vec<_>>().join("; or "))
             };
         }
         let is_known = |allowed: &Value| allowed.as_array().unwrap().contains(value);

@@ -39,7 +39,8 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
             continue;
         }
         let of = |key: &str| axis[key].as_f64().unwrap();
-        let (value, nominal) = (value.as_f64().unwrap(), of("nominal"));
+        let value = value.as_f64().unwrap();
+        let nominal = of("nominal");
         let bound = if value < nominal { of("low") } else { of("high") };
         let is_logarithmic = axis["values"] == "logarithmic";
         let scale = |x: f64| if is_logarithmic { x.ln() } else { x };

@@ -267,8 +267,8 @@ fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
     // 0.35 - d = 0.15, 0.05, 0.25
     let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json --values", 0);
-    let (rho, signal) =
-        (found["robustness"].as_f64().unwrap(), found["robustness_signal"].as_array().unwrap());
+    let rho = found["robustness"].as_f64().unwrap();
+    let signal = found["robustness_signal"].as_array().unwrap();
     assert!((rho - 0.05).abs() < 1e-12);
     assert_eq!(signal.len(), 3);
     bench.check("monitor --formula 'always[0:2](d <= 0.25)' d.csv", 1);
@@ -656,7 +656,8 @@ fn an_evaluation_reports_the_region_of_its_initial_states() {
     let note = "no initial state was rejected as unreachable";
     for (part, named) in [("reachable", true), ("whole", false)] {
         let output = bench.run(&format!("{evaluate} {part}"));
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        let out = text(&output.stdout);
+        let err = text(&output.stderr);
         let header = out.lines().next().unwrap();
         assert_eq!(header.contains("initial states from the reachable part of the box"), named, "{header}");
         assert_eq!(err.contains(note), named, "{err}");
@@ -697,7 +698,8 @@ fn simulations_without_a_finite_robustness_do_not_stop_a_campaign() {
     let arguments =
         format!("falsify point-reaching {FAST} {formula} --trials 2 --budget 30 --out a.sqlite --json");
     let output = bench.run(&arguments);
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    let out = text(&output.stdout);
+    let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{err}");
     let found: Value = serde_json::from_str(&out).unwrap();
     let undecided: u64 =

@@ -35,7 +35,8 @@ impl Browser {
             Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success())
         };
         let name = NAMES.iter().find(is_installed)?;
-        let (commands, answers) = (bench.path("commands"), bench.path("answers"));
+        let commands = bench.path("commands");
+        let answers = bench.path("answers");
         assert!(Command::new("mkfifo").args([&commands, &answers]).status().unwrap().success());
         // The browser reads commands from descriptor 3 and writes answers to descriptor 4.
         // `timeout` ends one that hangs.

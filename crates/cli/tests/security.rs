@@ -172,7 +172,8 @@ fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
     let evaluate = |name: &str, out: &str| {
         hash(&format!("evaluate point-reaching --controller {name} --episodes 1 --json --out {out}"))
     };
-    let (shipped, used) = (page(), evaluate("ppo", "before.sqlite"));
+    let shipped = page();
+    let used = evaluate("ppo", "before.sqlite");
     assert_eq!(shipped, used);
     assert_eq!(evaluate("point-reaching/ppo", "before-2.sqlite"), used);
     plant("controllers/point-reaching/ppo.safetensors");

@@ -59,7 +59,8 @@ fn each_kind_of_key_signs_and_is_verified_with_and_without_this_program() {
         let out = format!("signed-{kind}");
         let signed = bench.json(&format!("evidence toy.sqlite --out {out} --key {kind} --json"), 0);
         assert_eq!(signed["signer"]["fingerprint"], fingerprint);
-        let (signature, list) = (format!("{out}/SHA256SUMS.sig"), format!("{out}/SHA256SUMS"));
+        let signature = format!("{out}/SHA256SUMS.sig");
+        let list = format!("{out}/SHA256SUMS");
         let verify = ["-Y", "verify", "-f", "signers", "-I", kind, "-n", "mishandle-evidence", "-s"];
         keygen(&bench, &[&verify[..], &[&signature]].concat(), &list);
         bench.check(&format!("evidence verify {out} --allowed-signers signers"), 0);

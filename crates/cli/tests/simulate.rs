@@ -25,7 +25,8 @@ fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
         let text = std::fs::read_to_string(bench.path(name)).unwrap();
         text.lines().map(str::to_string).collect()
     };
-    let (signals, full) = (lines("signals.csv"), lines("full.csv"));
+    let signals = lines("signals.csv");
+    let full = lines("full.csv");
     assert_eq!(full.len(), signals.len());
     assert!(full.iter().zip(&signals).all(|(full, signals)| full.starts_with(&format!("{signals},"))));
     assert!(full[0].contains(",q_joint1_rad,"), "{}", full[0]);

@@ -44,7 +44,8 @@ fn bench() -> Bench {
 fn allowed(bench: &Bench, folder: &Path, arguments: &str, code: i32) -> String {
     let mut command = bench.command(arguments);
     let output = command.current_dir(folder).env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    let out = text(&output.stdout);
+    let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "mishandle {arguments}\n{out}\n{err}");
     out + &err
 }

@@ -26,7 +26,9 @@ fn in_terminal(bench: &Bench, columns: usize, options: &str, arguments: &str) ->
 fn shown(bytes: &[u8], columns: usize) -> (Vec<String>, usize) {
     let text = String::from_utf8_lossy(bytes);
     let mut lines: Vec<Vec<char>> = vec![Vec::new()];
-    let (mut row, mut column, mut longest) = (0, 0, 0);
+    let mut row = 0;
+    let mut column = 0;
+    let mut longest = 0;
     let mut rest = text.chars().peekable();
     while let Some(c) = rest.next() {
         match c {

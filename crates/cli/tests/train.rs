@@ -111,7 +111,8 @@ fn the_best_and_the_last_controller_can_be_evaluated() {
     // The last iteration is always validated.
     bench.check(&format!("{TRAIN} --out a.safetensors"), 0);
     let load = |name: &str| ControllerFile::load(&bench.path(name)).unwrap().header.training;
-    let (best, last) = (load("a.safetensors"), load("a.last.safetensors"));
+    let best = load("a.safetensors");
+    let last = load("a.last.safetensors");
     assert!(best.environment_steps <= last.environment_steps && last.environment_steps == 2048);
     assert!(best.validation.is_some() && last.validation.is_some());
     for name in ["a.safetensors", "a.last.safetensors"] {

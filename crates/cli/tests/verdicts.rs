@@ -189,7 +189,8 @@ fn an_invalid_start_is_in_no_rate() {
     let bench = bench("a < 0.5", "{'end': 'invalid'}");
     let (code, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 40 --out e.sqlite"));
     assert_eq!(code, Some(0), "{err}");
-    let (invalid, n) = (found["failed"].as_u64().unwrap(), found["success_rate"]["n"].as_u64().unwrap());
+    let invalid = found["failed"].as_u64().unwrap();
+    let n = found["success_rate"]["n"].as_u64().unwrap();
     assert!(invalid > 5 && invalid + n == 40);
     // The corner at 0 cannot start, that at 1 fails, and the center succeeds.
     let corners = &found["corners"];
@@ -211,7 +212,8 @@ fn an_invalid_start_is_in_no_rate() {
     let (code, found, err) =
         ask(&bench, &format!("risk {COMMAND} --simulations 400 --method monte-carlo --out r.sqlite"));
     assert_eq!(code, Some(1), "{err}");
-    let (part, probability) = (&found["monte_carlo"], &found["probability"]);
+    let part = &found["monte_carlo"];
+    let probability = &found["probability"];
     let invalid = part["invalid_starts"].as_u64().unwrap();
     assert_eq!((&part["failure_rate"]["n"], &part["without_verdict"]), (&(400 - invalid).into(), &0.into()));
     assert!(probability["low"].as_f64() < Some(0.4) && probability["high"].as_f64() > Some(0.4), "{found}");

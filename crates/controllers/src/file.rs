@@ -404,7 +404,10 @@ fn read_policy(stored: &StoredPolicy, file: &SafeTensors<'_>) -> Result<Policy, 
         Some(_) => network = network.with_layer_norm(),
         None => {}
     }
-    let (mut mean, mut variance, mut log_std, mut layers) = (vec![], vec![], vec![], vec![]);
+    let mut mean = vec![];
+    let mut variance = vec![];
+    let mut log_std = vec![];
+    let mut layers = vec![];
     let mut tensors = file.tensors();
     tensors.sort_by(|(a, _), (b, _)| a.cmp(b));
     for (name, view) in tensors {
@@ -494,7 +497,8 @@ mod tests {
         assert_eq!(loaded.header, saved.header);
         assert_eq!(loaded.policy.hash(), saved.policy.hash());
         assert_eq!(loaded.to_bytes(), saved.to_bytes());
-        let (mut a, mut b) = ([0.0], [0.0]);
+        let mut a = [0.0];
+        let mut b = [0.0];
         saved.policy.worker().act(1, &[0.3, 0.9], &mut [], &mut a);
         loaded.policy.worker().act(1, &[0.3, 0.9], &mut [], &mut b);
         assert_eq!(a, b);
@@ -554,7 +558,8 @@ mod tests {
         // Two numbers, and two more with an action.
         let mut network = Mlp::new(&[5, 3, 1], Activation::Elu, Activation::Identity).unwrap();
         network.update(|parameters| parameters.fill(0.3));
-        let (mean, variance) = (vec![0.1, -3.0], vec![0.7, 0.2]);
+        let mean = vec![0.1, -3.0];
+        let variance = vec![0.7, 0.2];
         saved.policy = Policy::with_history(1, mean, variance, network, Some(vec![-0.3])).unwrap();
         let bytes = saved.to_bytes();
         let loaded = ControllerFile::from_bytes(&bytes).unwrap();

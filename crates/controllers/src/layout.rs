@@ -70,7 +70,8 @@ impl Layout {
         let mut differences = Vec::new();
         for (side, verb, expected, found) in sides {
             for i in 0..expected.len().max(found.len()) {
-                let (expected, found) = (expected.get(i), found.get(i));
+                let expected = expected.get(i);
+                let found = found.get(i);
                 if expected != found {
                     differences.push(format!(
                         "part {i} of the {side} is {}, but the controller {verb} {}",

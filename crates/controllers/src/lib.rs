@@ -5,10 +5,12 @@
 //! [`Controller`](mishandle_rollout::Controller), so it can be evaluated and falsified like any
 //! other. A [`ControllerFile`] stores a policy in a safetensors file. Its [`Header`] contains the
 //! task, the [`Layout`] of observations and actions, and the training record.
+//! [`guard`] hands the control from a controller over to a fallback.
 
 mod checksum;
 mod error;
 mod file;
+pub mod guard;
 mod history;
 mod layout;
 mod policy;

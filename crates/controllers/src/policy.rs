@@ -151,7 +151,8 @@ impl Policy {
         network: Mlp<f32>,
         log_std: Option<Vec<f32>>,
     ) -> Result<Policy, ControllerError> {
-        let (inputs, outputs) = (network.input_size(), network.output_size());
+        let inputs = network.input_size();
+        let outputs = network.output_size();
         let (action_size, rule) = match &log_std {
             Some(log_std) => (outputs, ("`log_std`", outputs, log_std.len())),
             None => (outputs / 2, ("pairs of outputs", outputs, outputs / 2 * 2)),
@@ -174,8 +175,8 @@ impl Policy {
             Some(log_std) => Kind::Gaussian { std: log_std.iter().map(|x| x.exp()).collect() },
             None => Kind::Squashed,
         };
-        let (log_std, core) =
-            (log_std.unwrap_or_default(), Arc::new(Core { history, normalizer, network, kind }));
+        let log_std = log_std.unwrap_or_default();
+        let core = Arc::new(Core { history, normalizer, network, kind });
         Ok(Policy { mean, variance, log_std, clip: DEFAULT_CLIP, core, samples: false })
     }
 
@@ -204,7 +205,9 @@ impl Policy {
         let own = self.history();
         let longer = History::new(length, own.observation_size(), own.action_size());
         let Some(count) = longer.input_size().checked_sub(own.input_size()) else {
-            let (what, expected, found) = ("the history", own.length(), length);
+            let what = "the history";
+            let expected = own.length();
+            let found = length;
             return Err(ControllerError::Size { what, expected, found });
         };
         let log_std = (!self.is_squashed()).then(|| self.log_std.clone());
@@ -372,8 +375,9 @@ impl ControllerWorker for PolicyWorker {
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
         let Core { history, normalizer, network, kind } = self.core.as_ref();
-        let (columns, inputs, memory) =
-            (history.observation_size(), history.input_size(), history.memory_size());
+        let columns = history.observation_size();
+        let inputs = history.input_size();
+        let memory = history.memory_size();
         self.inputs.resize(rows * inputs, 0.0);
         for (row, input) in self.inputs.chunks_exact_mut(inputs).enumerate() {
             let state = &states[row * self.state_size..][..memory];
@@ -440,7 +444,8 @@ mod tests {
             worker.reset(state, Seed(u64::MAX - row as u64));
         }
         let mut alone_states = states.clone();
-        let (mut together, mut alone) = (vec![0.0; 3 * 37], vec![0.0; 3 * 37]);
+        let mut together = vec![0.0; 3 * 37];
+        let mut alone = vec![0.0; 3 * 37];
         for _step in 0..2 {
             worker.act(37, &observations, &mut states, &mut together);
             for row in 0..37 {
@@ -461,7 +466,8 @@ mod tests {
             index += 1;
             Seed(5).uniform(Stream::Weights, 0, index)
         });
-        let (mean, variance) = (vec![0.1, -0.2], vec![0.25, 4.0]);
+        let mean = vec![0.1, -0.2];
+        let variance = vec![0.25, 4.0];
         let wide = |observation: &[f64], action: f64| {
             [observation, observation, &[action], observation, &[action]].concat()
         };
@@ -474,8 +480,10 @@ mod tests {
         let (policy, plain) = with_history_and_without();
         assert_eq!((policy.observation_size(), policy.action_size(), policy.state_size()), (2, 1, 6));
         for samples in [false, true] {
-            let (policy, plain) = (policy.clone().sampling(samples), plain.clone().sampling(samples));
-            let (mut worker, mut expected) = (policy.worker(), plain.worker());
+            let policy = policy.clone().sampling(samples);
+            let plain = plain.clone().sampling(samples);
+            let mut worker = policy.worker();
+            let mut expected = plain.worker();
             let mut state = vec![7.0; policy.state_size()];
             let mut plain_state = vec![7.0; plain.state_size()];
             worker.reset(&mut state, Seed(3));
@@ -483,7 +491,8 @@ mod tests {
             let mut past = vec![0.0; 6];
             for step in 0..40 {
                 let observation = [(step as f32 * 0.7).sin(), 9.0 * (step as f32 * 0.3).cos()];
-                let (mut action, mut other) = ([0.0], [0.0]);
+                let mut action = [0.0];
+                let mut other = [0.0];
                 worker.act(1, &observation, &mut state, &mut action);
                 expected.act(1, &[&observation[..], &past].concat(), &mut plain_state, &mut other);
                 assert_eq!(action, other, "{step}");
@@ -495,13 +504,16 @@ mod tests {
     #[test]
     fn a_row_with_a_history_does_not_depend_on_the_batch_or_on_episodes_before() {
         let policy = with_history_and_without().0.sampling(true);
-        let (mut worker, size, rows) = (policy.worker(), policy.state_size(), 19);
+        let mut worker = policy.worker();
+        let size = policy.state_size();
+        let rows = 19;
         let mut states = vec![0.5; rows * size];
         for (row, state) in states.chunks_mut(size).enumerate() {
             worker.reset(state, Seed(row as u64));
         }
         let mut alone_states = states.clone();
-        let (mut together, mut alone) = (vec![0.0; rows], vec![0.0; rows]);
+        let mut together = vec![0.0; rows];
+        let mut alone = vec![0.0; rows];
         let mut first = Vec::new();
         for step in 0..5 {
             let observations: Vec<f32> = (0..2 * rows).map(|i| ((i + 7 * step) as f32).sin()).collect();
@@ -529,7 +541,9 @@ mod tests {
         network.update(|parameters| parameters.copy_from_slice(&[1.0, 1.0, 1.0, 0.0]));
         let policy = Policy::with_history(1, vec![0.0], vec![1.0], network, Some(vec![0.0])).unwrap();
         let policy = policy.with_observation_clip(Some(0.25)).unwrap();
-        let (mut worker, mut state, mut action) = (policy.worker(), [0.0; 2], [0.0]);
+        let mut worker = policy.worker();
+        let mut state = [0.0; 2];
+        let mut action = [0.0];
         let mut act = |observation| {
             worker.act(1, &[observation], &mut state, &mut action);
             action[0]
@@ -545,7 +559,8 @@ mod tests {
         let mut mean = [0.0; 3];
         policy.worker().act(1, &[0.3, 0.4], &mut [], &mut mean);
         let rows = 20_000;
-        let (mut worker, mut states) = (policy.sampling(true).worker(), vec![0.0; rows * SAMPLING_STATE]);
+        let mut worker = policy.sampling(true).worker();
+        let mut states = vec![0.0; rows * SAMPLING_STATE];
         for (row, state) in states.chunks_mut(SAMPLING_STATE).enumerate() {
             worker.reset(state, Seed(row as u64));
         }
@@ -553,7 +568,8 @@ mod tests {
         worker.act(rows, &[0.3, 0.4].repeat(rows), &mut states, &mut actions);
         for (i, log_std) in [-1.0_f64, 0.0, 0.5].into_iter().enumerate() {
             let deviations = actions.chunks(3).map(|row| f64::from(row[i] - mean[i]));
-            let (std, n) = (log_std.exp(), rows as f64);
+            let std = log_std.exp();
+            let n = rows as f64;
             // Five standard errors.
             assert!((deviations.clone().sum::<f64>() / n).abs() < 5.0 * std / n.sqrt());
             let variance = deviations.map(|x| x * x).sum::<f64>() / n;
@@ -568,15 +584,16 @@ mod tests {
         let policy = Policy::squashed(vec![0.0], vec![1.0], network).unwrap();
         assert_eq!((policy.action_size(), policy.log_std().len()), (1, 0));
         let rows = 20_000;
-        let (mut worker, mut states) =
-            (policy.clone().sampling(true).worker(), vec![0.0; rows * SAMPLING_STATE]);
+        let mut worker = policy.clone().sampling(true).worker();
+        let mut states = vec![0.0; rows * SAMPLING_STATE];
         for (row, state) in states.chunks_mut(SAMPLING_STATE).enumerate() {
             worker.reset(state, Seed(row as u64));
         }
         let mut actions = vec![0.0; rows];
         worker.act(rows, &vec![0.7; rows], &mut states, &mut actions);
         // log σ = -5 + 3.5 (1 + tanh 0.25) = -0.64279
-        let (std, n) = ((-0.64279_f64).exp(), rows as f64);
+        let std = (-0.64279_f64).exp();
+        let n = rows as f64;
         let deviations = actions.iter().map(|a| f64::from(*a).atanh() - 0.3);
         assert!((deviations.clone().sum::<f64>() / n).abs() < 5.0 * std / n.sqrt());
         let variance = deviations.map(|x| x * x).sum::<f64>() / n;
@@ -589,7 +606,8 @@ mod tests {
 
     #[test]
     fn the_hash_depends_on_every_part() {
-        let (a, b) = (policy(1), policy(2));
+        let a = policy(1);
+        let b = policy(2);
         assert_eq!(a.hash(), policy(1).hash());
         let rebuilt = |mean: Vec<f64>, log_std: Vec<f32>| {
             Policy::new(mean, a.variance().to_vec(), a.network().clone(), log_std).unwrap()

@@ -90,7 +90,8 @@ mod tests {
         let part = 1_u64 << 60;
         for end in [u64::MAX, u64::MAX - 8, u64::MAX - 2000] {
             let entry = |i: u64| {
-                let (from, to) = (i * part, if i == 15 { end } else { (i + 1) * part });
+                let from = i * part;
+                let to = if i == 15 { end } else { (i + 1) * part };
                 tensor(&format!("{i:02}"), &format!("[{}]", to - from), from, to)
             };
             let entries: Vec<String> = (0..16).map(entry).collect();

@@ -96,7 +96,8 @@ impl Archive {
             bytes.extend(name.as_bytes());
             extra(&mut bytes, &[*size, *size, *offset]);
         }
-        let (count, length) = (self.entries.len() as u64, bytes.len() as u64);
+        let count = self.entries.len() as u64;
+        let length = bytes.len() as u64;
         bytes.extend(END_64.to_le_bytes());
         bytes.extend(44_u64.to_le_bytes());
         bytes.extend([VERSION, VERSION].map(u16::to_le_bytes).concat());

@@ -64,7 +64,8 @@ impl Writer for ArrayWriter {
 
     fn finish(self: Box<Self>) -> io::Result<()> {
         let mut archive = Archive::create(&self.folder.join(FILE))?;
-        let (frames, episodes) = (self.lengths.iter().sum::<usize>(), self.lengths.len());
+        let frames = self.lengths.iter().sum::<usize>();
+        let episodes = self.lengths.len();
         for (column, bytes) in self.contents.vectors.iter().zip(&self.vectors) {
             let shape = [frames, column.names.len()];
             archive.add(&column.name, "<f4", &shape, &mut bytes.as_slice())?;
@@ -115,7 +116,9 @@ fn add_facts(archive: &mut Archive, name: &str, values: &[Fact]) -> io::Result<(
         Fact::Text(_) => [0; 8],
     };
     let kind = match values.first() {
-        Some(Fact::Text(_)) => return texts(archive, name, &values.iter().map(text).collect::<Vec<_>>()),
+        Some(Fact::Text(_)) => {
+            return texts(archive, name, &values.iter().map(text).collect::<Vec<_>>());
+        }
         Some(Fact::Integer(_)) => "<u8",
         _ => "<f8",
     };

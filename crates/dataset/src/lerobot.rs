@@ -110,7 +110,8 @@ impl LeRobotWriter {
             features.insert(column.name.clone(), feature);
         }
         for column in &self.contents.images {
-            let (shape, names) = ([column.height, column.width, 3], ["height", "width", "channels"]);
+            let shape = [column.height, column.width, 3];
+            let names = ["height", "width", "channels"];
             let feature = json!({"dtype": "image", "shape": shape, "names": names});
             features.insert(column.name.clone(), feature);
         }
@@ -250,7 +251,8 @@ impl LeRobotWriter {
 
 impl Writer for LeRobotWriter {
     fn add(&mut self, episode: &Episode<'_>, draw: Draw<'_>) -> io::Result<()> {
-        let (index, first) = (self.episodes.len(), self.frames());
+        let index = self.episodes.len();
+        let first = self.frames();
         let mut columns: Columns<'_> = Vec::new();
         for (column, values) in self.contents.vectors.iter().zip(episode.vectors) {
             let values = match column.names.len() {

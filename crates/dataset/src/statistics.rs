@@ -22,7 +22,8 @@ fn of_numbers(values: impl Iterator<Item = f64>) -> [f64; 9] {
     let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
     let quantile = |(_, share): (&str, f64)| {
         let place = share * (n - 1.0);
-        let (below, above) = (values[place.floor() as usize], values[place.ceil() as usize]);
+        let below = values[place.floor() as usize];
+        let above = values[place.ceil() as usize];
         below + (above - below) * place.fract()
     };
     let mut found = [low, high, mean, variance.sqrt(), 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -68,10 +69,7 @@ impl Statistics {
     /// [3, 1, 1].
     pub(crate) fn document(&self) -> Value {
         let shaped = |values: Vec<f64>| -> Value {
-            match self.is_image {
-                true => values.iter().map(|value| json!([[value]])).collect(),
-                false => json!(values),
-            }
+            if self.is_image { values.iter().map(|value| json!([[value]])).collect() } else { json!(values) }
         };
         let statistics = self.values().map(|(name, values)| (name.to_string(), shaped(values)));
         Value::Object(statistics.chain([("count".to_string(), json!([self.count]))]).collect())
@@ -135,7 +133,8 @@ fn of_counts(counts: &[u64; 256]) -> [f64; 9] {
     };
     let quantile = |(_, share): (&str, f64)| {
         let place = share * (n - 1) as f64;
-        let (below, above) = (at(place.floor()), at(place.ceil()));
+        let below = at(place.floor());
+        let above = at(place.ceil());
         below + (above - below) * place.fract()
     };
     let mut found = [low as f64, high as f64, mean, variance.sqrt(), 0.0, 0.0, 0.0, 0.0, 0.0];

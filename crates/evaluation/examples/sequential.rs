@@ -79,9 +79,10 @@ fn main() {
     let clipped = share(&|sequence| {
         let mut differences = ClippedDifferences::new([-0.5, 0.5]);
         for _ in 0..VALUES {
-            match sequence.uniform() < 0.02 {
-                true => differences.add(0.5, -0.5),
-                false => differences.add(0.3, 0.3 + 0.02 / 0.98),
+            if sequence.uniform() < 0.02 {
+                differences.add(0.5, -0.5);
+            } else {
+                differences.add(0.3, 0.3 + 0.02 / 0.98);
             }
         }
         differences.p_value() <= 0.05

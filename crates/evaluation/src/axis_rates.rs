@@ -117,12 +117,11 @@ impl AxisRateCounter {
         let axes: Vec<(usize, Vec<ValueRange>)> = all
             .filter_map(|(index, axis)| Some((index, bins(axis, (BINS[size], WHOLE_NUMBERS), CATEGORIES)?)))
             .collect();
-        let pair_bins: Vec<Option<Vec<ValueRange>>> = match simulations < FEWEST_OF_PAIRS {
-            true => vec![None; space.dimension()],
-            false => {
-                let parts = BINS_OF_PAIRS[size];
-                space.axes().iter().map(|axis| bins(axis, (parts, parts), CATEGORIES_OF_PAIRS)).collect()
-            }
+        let pair_bins: Vec<Option<Vec<ValueRange>>> = if simulations < FEWEST_OF_PAIRS {
+            vec![None; space.dimension()]
+        } else {
+            let parts = BINS_OF_PAIRS[size];
+            space.axes().iter().map(|axis| bins(axis, (parts, parts), CATEGORIES_OF_PAIRS)).collect()
         };
         let paired: Vec<(usize, usize)> = (0..)
             .zip(&pair_bins)
@@ -225,7 +224,8 @@ impl AxisRateCounter {
             });
             let bins = bins.collect();
             let axis = &self.space.axes()[*index];
-            let (name, unit) = (axis.name.clone(), axis.unit.clone());
+            let name = axis.name.clone();
+            let unit = axis.unit.clone();
             axes.push(AxisRate { axis: name, unit, success_rate: self.rate(total), bins });
         }
         axes.sort_by(|a, b| least(a).total_cmp(&least(b)));

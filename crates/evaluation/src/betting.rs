@@ -74,9 +74,10 @@ pub fn betting_mean_at(fractions: &[f64], confidence: f64) -> Estimate {
 /// early values excluded.
 pub(crate) fn anytime_mean(fractions: &[f64]) -> Estimate {
     let log_threshold = (2.0 / ALPHA).ln();
-    match fractions.is_empty() {
-        true => Estimate::default(),
-        false => interval(fractions, &bets(fractions, log_threshold, any_time), log_threshold),
+    if fractions.is_empty() {
+        Estimate::default()
+    } else {
+        interval(fractions, &bets(fractions, log_threshold, any_time), log_threshold)
     }
 }
 
@@ -108,7 +109,9 @@ fn interval(fractions: &[f64], bets: &[f64], log_threshold: f64) -> Estimate {
 /// Returns the bets λᵢ before they are limited by c / m. `horizon` returns the number of values
 /// that bet i prepares for, i counted from 1.
 fn bets(fractions: &[f64], log_threshold: f64, horizon: impl Fn(f64) -> f64) -> Vec<f64> {
-    let (mut sum, mut squares, mut variance) = (0.5, 0.25, 0.25);
+    let mut sum = 0.5;
+    let mut squares = 0.25;
+    let mut variance = 0.25;
     (2_u32..)
         .zip(fractions)
         .map(|(count, x)| {
@@ -124,7 +127,8 @@ fn bets(fractions: &[f64], log_threshold: f64, horizon: impl Fn(f64) -> f64) -> 
 /// Returns the logarithm of the largest K⁺ against the mean `m`, at least that of the capital 1 at
 /// the start.
 fn log_largest_capital(fractions: &[f64], bets: &[f64], m: f64) -> f64 {
-    let (mut log_capital, mut largest) = (0.0_f64, 0.0_f64);
+    let mut log_capital = 0.0_f64;
+    let mut largest = 0.0_f64;
     for (x, bet) in fractions.iter().zip(bets) {
         log_capital += (bet.min(LARGEST_BET / m) * (x - m)).ln_1p();
         largest = largest.max(log_capital);
@@ -144,7 +148,8 @@ fn lower_bound(fractions: &[f64], bets: &[f64], log_threshold: f64) -> f64 {
             log_capital > log_threshold
         })
     };
-    let (mut excluded, mut included) = (0.0, 1.0);
+    let mut excluded = 0.0;
+    let mut included = 1.0;
     for _ in 0..BISECTIONS {
         let m = 0.5 * (excluded + included);
         if is_excluded(m) { excluded = m } else { included = m }
@@ -212,7 +217,9 @@ mod tests {
                 let falling: Vec<f64> = rising.iter().rev().copied().collect();
                 for values in [rising, falling] {
                     let Estimate { value, low, high, .. } = betting_mean(&values);
-                    let (value, low, high) = (value.unwrap(), low.unwrap(), high.unwrap());
+                    let value = value.unwrap();
+                    let low = low.unwrap();
+                    let high = high.unwrap();
                     assert!(0.0 <= low && low <= value && value <= high && high <= 1.0, "{values:?}");
                     assert!(low < high, "{ones} of {n}");
                 }

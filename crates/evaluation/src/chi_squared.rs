@@ -21,7 +21,8 @@ pub fn chi_squared_tail(x: f64, degrees_of_freedom: u32) -> f64 {
     if x <= 0.0 || degrees_of_freedom == 0 {
         return 1.0;
     }
-    let (a, x) = (f64::from(degrees_of_freedom) / 2.0, x / 2.0);
+    let a = f64::from(degrees_of_freedom) / 2.0;
+    let x = x / 2.0;
     // x^a e^-x / Γ(a)
     let scale = (a * x.ln() - x - ln_gamma_of_half(degrees_of_freedom)).exp();
     let tail = if x < a + 1.0 { 1.0 - scale * lower_series(a, x) } else { scale * upper_fraction(a, x) };
@@ -53,7 +54,8 @@ fn lower_series(a: f64, x: f64) -> f64 {
 fn upper_fraction(a: f64, x: f64) -> f64 {
     let mut b = x + 1.0 - a;
     let mut d = 1.0 / b;
-    let (mut c, mut fraction) = (f64::MAX, d);
+    let mut c = f64::MAX;
+    let mut fraction = d;
     for n in 1..MAX_TERMS {
         let n = n as f64;
         let coefficient = n * (a - n);

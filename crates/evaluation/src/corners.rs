@@ -67,19 +67,23 @@ impl Corners {
         }
         let point = |coordinate: &dyn Fn(usize) -> f64| {
             let mut place = 0..;
-            let value = |axis: &Axis| match is_varied(axis) {
-                true => place.next().map(|place| axis.at(coordinate(place))),
-                false => axis.nominal,
+            let value = |axis: &Axis| {
+                if is_varied(axis) {
+                    place.next().map(|place| axis.at(coordinate(place)))
+                } else {
+                    axis.nominal
+                }
             };
             Scenario::new(space.axes().iter().map(value).collect())
         };
         let count = if varied <= ALL_CORNERS { 1 << varied } else { CHOSEN_CORNERS };
         let corner = |index: u32| {
             point(&|place| {
-                let is_high = match varied <= ALL_CORNERS {
+                let is_high = if varied <= ALL_CORNERS {
                     // The last axis changes fastest.
-                    true => index >> (varied - 1 - place) & 1 == 1,
-                    false => sobol_is_upper_half(index, place),
+                    index >> (varied - 1 - place) & 1 == 1
+                } else {
+                    sobol_is_upper_half(index, place)
                 };
                 f64::from(u8::from(is_high))
             })
@@ -259,7 +263,8 @@ impl CornerReport {
     pub fn add(&mut self, episode: &Episode) {
         let index = self.simulations() / self.seeds.max(1);
         let Some(point) = self.points.get_mut(index as usize) else { return };
-        let (success, strict) = (episode.is_success(), episode.is_strict_success());
+        let success = episode.is_success();
+        let strict = episode.is_strict_success();
         point.n += 1;
         point.invalid_starts += u32::from(!episode.end.counts_in_rates());
         let decided = [

@@ -29,7 +29,8 @@ const HALVINGS: usize = 60;
 /// "Confidence intervals for an effect size measure based on the Mann-Whitney statistic, part 2",
 /// Statistics in Medicine 25, 2006.
 pub fn vargha_delaney(first: &[f64], second: &[f64]) -> Estimate {
-    let (m, n) = (first.len() as f64, second.len() as f64);
+    let m = first.len() as f64;
+    let n = second.len() as f64;
     if first.is_empty() || second.is_empty() {
         return Estimate::default();
     }
@@ -92,11 +93,14 @@ mod tests {
 
     #[test]
     fn the_effect_size_is_antisymmetric_and_its_interval_inside_0_and_1() {
-        let (a, b) = ([1.0, 2.0, 2.0, 8.0, 9.0], [2.0, 3.0, 3.0]);
-        let (found, mirror) = (vargha_delaney(&a, &b), vargha_delaney(&b, &a));
+        let a = [1.0, 2.0, 2.0, 8.0, 9.0];
+        let b = [2.0, 3.0, 3.0];
+        let found = vargha_delaney(&a, &b);
+        let mirror = vargha_delaney(&b, &a);
         assert!((found.value.unwrap() + mirror.value.unwrap() - 1.0).abs() < 1e-12);
         assert!((found.low.unwrap() + mirror.high.unwrap() - 1.0).abs() < 1e-9, "{found:?} {mirror:?}");
-        let (least, most) = (vargha_delaney(&[1.0], &[2.0]), vargha_delaney(&[2.0], &[1.0]));
+        let least = vargha_delaney(&[1.0], &[2.0]);
+        let most = vargha_delaney(&[2.0], &[1.0]);
         assert_eq!((least.low, most.high), (Some(0.0), Some(1.0)));
         assert!((least.high.unwrap() - (1.0 - most.low.unwrap())).abs() < 1e-9, "{least:?} {most:?}");
         assert_eq!(vargha_delaney(&[], &[1.0]), Estimate::default());

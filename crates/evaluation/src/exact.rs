@@ -22,7 +22,8 @@ const EQUAL: f64 = 1e-7;
 /// McNemar, "Note on the sampling error of the difference between correlated proportions or
 /// percentages", Psychometrika 12, 1947.
 pub fn sign_test(first: u64, second: u64) -> f64 {
-    let (n, fewer) = (first + second, first.min(second));
+    let n = first + second;
+    let fewer = first.min(second);
     let logs = ln_factorials(n);
     let log_binomial = |k: u64| logs[n as usize] - logs[k as usize] - logs[(n - k) as usize];
     let tail: f64 = (0..=fewer).map(|k| (log_binomial(k) - n as f64 * std::f64::consts::LN_2).exp()).sum();
@@ -45,7 +46,8 @@ pub fn sign_test(first: u64, second: u64) -> f64 {
 /// # Reference
 /// Fisher, "Statistical Methods for Research Workers", 1934, section 21.02.
 pub fn fisher_test((first, n_first): (u64, u64), (second, n_second): (u64, u64)) -> f64 {
-    let (total, successes) = (n_first + n_second, first + second);
+    let total = n_first + n_second;
+    let successes = first + second;
     let logs = ln_factorials(total);
     let log_choose = |n: u64, k: u64| logs[n as usize] - logs[k as usize] - logs[(n - k) as usize];
     let log_probability =

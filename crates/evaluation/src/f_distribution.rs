@@ -12,15 +12,16 @@ const BISECTIONS: usize = 200;
 /// with probability `tail`.
 pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
     // x / (1 - x) = first / second F has a beta distribution.
-    let x = beta_quantile(1.0 - tail, (first, second));
+    let x = beta_quantile(1.0 - tail, first, second);
     f64::from(second) / f64::from(first) * x / (1.0 - x)
 }
 
 /// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is
 /// with this probability.
-pub(crate) fn beta_quantile(probability: f64, (first, second): (u32, u32)) -> f64 {
+pub(crate) fn beta_quantile(probability: f64, first: u32, second: u32) -> f64 {
     let ln_beta = ln_beta((first, second));
-    let (mut low, mut high) = (0.0_f64, 1.0_f64);
+    let mut low = 0.0_f64;
+    let mut high = 1.0_f64;
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
         if incomplete_beta(middle, (first, second), ln_beta) < probability {
@@ -44,7 +45,8 @@ pub(crate) fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64)
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);
     }
-    let (a, b) = (f64::from(first) / 2.0, f64::from(second) / 2.0);
+    let a = f64::from(first) / 2.0;
+    let b = f64::from(second) / 2.0;
     // The fraction converges fast below the mean; above it, the complement is computed.
     if x > a / (a + b) {
         return 1.0 - incomplete_beta(1.0 - x, (second, first), ln_beta);
@@ -54,7 +56,8 @@ pub(crate) fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64)
 
 /// Returns 1 / (1 + d₁ / (1 + d₂ / (1 + …))), evaluated from the front by Lentz's method.
 fn fraction(x: f64, a: f64, b: f64) -> f64 {
-    let (mut c, mut d) = (f64::MAX, 1.0);
+    let mut c = f64::MAX;
+    let mut d = 1.0;
     let mut value = 1.0;
     for step in 1..MAX_STEPS {
         let m = (step / 2) as f64;

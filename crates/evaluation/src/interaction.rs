@@ -92,9 +92,11 @@ fn squared_residuals(
 fn additive_fit(cells: &Cells<'_>, weights: &[f64], rate: impl Fn(&Count) -> f64) -> Vec<f64> {
     let Cells { counts, columns } = *cells;
     let rows = counts.len() / columns;
-    let (mut of_row, mut of_column) = (vec![0.0; rows], vec![0.0; columns]);
+    let mut of_row = vec![0.0; rows];
+    let mut of_column = vec![0.0; columns];
     let mean = |indices: &mut dyn Iterator<Item = usize>, other: &dyn Fn(usize) -> f64| {
-        let (mut sum, mut weight) = (0.0, 0.0);
+        let mut sum = 0.0;
+        let mut weight = 0.0;
         for index in indices {
             sum += weights[index] * (rate(&counts[index]) - other(index));
             weight += weights[index];

@@ -94,13 +94,14 @@ pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
         return Estimate::default();
     }
     let tail = 0.5 * (1.0 - confidence);
-    let (k, others) = (successes as u32, (n - successes) as u32);
-    let low = if k == 0 { 0.0 } else { beta_quantile(tail, (2 * k, 2 * (others + 1))) };
+    let k = successes as u32;
+    let others = (n - successes) as u32;
+    let low = if k == 0 { 0.0 } else { beta_quantile(tail, 2 * k, 2 * (others + 1)) };
     let high = match (k, others) {
         (_, 0) => 1.0,
         // `exp_m1` is exact where the power is close to 1.
         (0, _) => -(tail.ln() / n as f64).exp_m1(),
-        _ => beta_quantile(1.0 - tail, (2 * (k + 1), 2 * others)),
+        _ => beta_quantile(1.0 - tail, 2 * (k + 1), 2 * others),
     };
     Estimate { value: Some(successes as f64 / n as f64), low: Some(low), high: Some(high), n }
 }
@@ -167,10 +168,11 @@ pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
 pub fn mean(values: &[f64]) -> f64 {
     let n = values.len() as f64;
     let sum = values.iter().sum::<f64>();
-    match !sum.is_finite() && values.iter().all(|value| value.is_finite()) {
+    if !sum.is_finite() && values.iter().all(|value| value.is_finite()) {
         // Rounded parts of the largest number can have an infinite sum, too.
-        true => values.iter().map(|value| value / n).sum::<f64>().clamp(-f64::MAX, f64::MAX),
-        false => sum / n,
+        values.iter().map(|value| value / n).sum::<f64>().clamp(-f64::MAX, f64::MAX)
+    } else {
+        sum / n
     }
 }
 
@@ -183,13 +185,15 @@ fn are_equal(values: &[f64]) -> bool {
 /// Packages", The American Statistician 50, 1996).
 pub(crate) fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
-    let (below, above) = (position.floor() as usize, position.ceil() as usize);
+    let below = position.floor() as usize;
+    let above = position.ceil() as usize;
     let share = position - below as f64;
     let step = sorted[above] - sorted[below];
-    match step.is_finite() {
-        true => sorted[below] + share * step,
+    if step.is_finite() {
+        sorted[below] + share * step
+    } else {
         // The difference of two finite numbers overflows.
-        false => sorted[below] * (1.0 - share) + sorted[above] * share,
+        sorted[below] * (1.0 - share) + sorted[above] * share
     }
 }
 
@@ -227,8 +231,11 @@ mod tests {
     fn wilson_intervals_are_symmetric_and_contain_the_rate() {
         for n in 1..60 {
             for k in 0..=n {
-                let (rate, mirror) = (wilson(k, n), wilson(n - k, n));
-                let (low, value, high) = (rate.low.unwrap(), rate.value.unwrap(), rate.high.unwrap());
+                let rate = wilson(k, n);
+                let mirror = wilson(n - k, n);
+                let low = rate.low.unwrap();
+                let value = rate.value.unwrap();
+                let high = rate.high.unwrap();
                 assert!(0.0 <= low && low <= value && value <= high && high <= 1.0, "{k}/{n}: {rate:?}");
                 assert!((low - (1.0 - mirror.high.unwrap())).abs() < 1e-12, "{k}/{n}: {rate:?} {mirror:?}");
             }

@@ -21,7 +21,8 @@ const TERMS: i32 = 100;
 /// Stephens, "Use of the Kolmogorov-Smirnov, Cramer-Von Mises and related statistics without
 /// extensive tables", Journal of the Royal Statistical Society B 32, 1970.
 pub fn kolmogorov_smirnov(first: &[f64], second: &[f64]) -> f64 {
-    let (n, m) = (first.len() as f64, second.len() as f64);
+    let n = first.len() as f64;
+    let m = second.len() as f64;
     if first.is_empty() || second.is_empty() {
         return 1.0;
     }
@@ -36,8 +37,11 @@ fn distance(first: &[f64], second: &[f64]) -> f64 {
         values.sort_by(f64::total_cmp);
         values
     };
-    let (a, b) = (sorted(first), sorted(second));
-    let (mut i, mut j, mut largest) = (0, 0, 0.0_f64);
+    let a = sorted(first);
+    let b = sorted(second);
+    let mut i = 0;
+    let mut j = 0;
+    let mut largest = 0.0_f64;
     while i < a.len() && j < b.len() {
         let value = a[i].min(b[j]);
         while i < a.len() && a[i] <= value {

@@ -41,12 +41,14 @@ pub struct KruskalWallis {
 pub fn kruskal_wallis(groups: &[Vec<f64>]) -> Option<KruskalWallis> {
     let groups: Vec<&Vec<f64>> = groups.iter().filter(|group| !group.is_empty()).collect();
     let values: Vec<f64> = groups.iter().flat_map(|group| group.iter().copied()).collect();
-    let (n, k) = (values.len(), groups.len());
+    let n = values.len();
+    let k = groups.len();
     if k < 2 || n <= k {
         return None;
     }
     let ranks = ranks(&values);
-    let (mut first, mut squares) = (0, 0.0);
+    let mut first = 0;
+    let mut squares = 0.0;
     for group in &groups {
         let sum: f64 = ranks[first..first + group.len()].iter().sum();
         squares += sum * sum / group.len() as f64;

@@ -94,7 +94,8 @@ impl PairedCounts {
 pub fn paired_rates(counts: PairedCounts, verdicts: [u64; 2]) -> PairedRates {
     let PairedCounts { both, first_only, second_only, .. } = counts;
     let n = counts.n();
-    let (first, second) = (rate(both + first_only, verdicts[0], n), rate(both + second_only, verdicts[1], n));
+    let first = rate(both + first_only, verdicts[0], n);
+    let second = rate(both + second_only, verdicts[1], n);
     let difference = match first.value.and(second.value) {
         Some(_) => counts.difference(),
         None => Estimate { n, ..Estimate::default() },
@@ -164,7 +165,8 @@ pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Esti
         values.sort_by(f64::total_cmp);
         values
     };
-    let (forward, backward) = (sorted(1.0), sorted(-1.0));
+    let forward = sorted(1.0);
+    let backward = sorted(-1.0);
     let order = forward.iter().zip(&backward).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
     let direct = || bootstrap_mean(&forward, seed);
     let Estimate { low, high, n, .. } = match order {
@@ -208,7 +210,8 @@ mod tests {
             }
         }
         // Half of the largest number and its negative: the difference is the largest number.
-        let (up, down) = (vec![f64::MAX / 2.0; 12], vec![-f64::MAX / 2.0; 12]);
+        let up = vec![f64::MAX / 2.0; 12];
+        let down = vec![-f64::MAX / 2.0; 12];
         assert_eq!(paired_mean_difference(&down, &up, Seed(1)).value, Some(f64::MAX));
     }
 
@@ -232,7 +235,8 @@ mod tests {
         ] {
             let swapped =
                 PairedCounts { first_only: counts.second_only, second_only: counts.first_only, ..counts };
-            let (found, mirror) = (counts.difference(), swapped.difference());
+            let found = counts.difference();
+            let mirror = swapped.difference();
             assert!((found.low.unwrap() + mirror.high.unwrap()).abs() < 1e-12, "{found:?} {mirror:?}");
             assert!(found.low.unwrap() < found.high.unwrap(), "{found:?}");
         }

@@ -33,7 +33,8 @@ pub fn repeats(robustness: &[Option<f64>]) -> Repeats {
 /// Returns the quantile of sorted values. Two infinities of one sign are not interpolated.
 fn quantile(sorted: &[f64], p: f64) -> f64 {
     let position = p * (sorted.len() - 1) as f64;
-    let (below, above) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    let below = sorted[position.floor() as usize];
+    let above = sorted[position.ceil() as usize];
     if below == above { below } else { below + (above - below) * position.fract() }
 }
 
@@ -70,7 +71,8 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
         return unknown;
     }
     let degrees = ((groups.len() - 1) as u32, (groups.len() * (n - 1)) as u32);
-    let (k, n) = (groups.len() as f64, n as f64);
+    let k = groups.len() as f64;
+    let n = n as f64;
     // The share does not depend on the unit of the values, but squares of huge ones overflow.
     let largest = groups.iter().flatten().fold(0.0, |largest: f64, x| largest.max(x.abs()));
     let unit = if largest > 1e100 { largest } else { 1.0 };

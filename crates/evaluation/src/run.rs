@@ -112,7 +112,8 @@ pub(crate) fn simulate(
 ) -> Result<Vec<Episode>, EvaluationError> {
     let episodes = system.rollout(requests)?;
     if episodes.len() != requests.len() {
-        let (requested, returned) = (requests.len(), episodes.len());
+        let requested = requests.len();
+        let returned = episodes.len();
         return Err(EvaluationError::EpisodeCount { requested, returned });
     }
     Ok(episodes)

@@ -55,10 +55,12 @@ pub fn screen(
     screening: &mut dyn Screen,
     requests: &[Request],
     is_flagged: impl Fn(&ScreenedEpisode) -> bool,
-    (sample_rate, sample): (f64, &mut Sequence),
+    sample_rate: f64,
+    sample: &mut Sequence,
     watch: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<Option<Selection>, RolloutError> {
-    let (mut selection, mut others) = (Selection::default(), OthersSample::default());
+    let mut selection = Selection::default();
+    let mut others = OthersSample::default();
     for (index, outcome) in screening.run(requests, watch)?.into_iter().enumerate() {
         // The sample does not depend on the outcomes.
         let is_sampled = sample.uniform() < sample_rate;
@@ -135,9 +137,10 @@ impl ScreenedEvaluation {
     fn estimate(&self, counts: TwoPhase) -> Estimate {
         let [flagged, sampled] = self.invalid_starts;
         let counts = counts.without(flagged, sampled);
-        match self.without_verdict < self.confirmed() {
-            true => counts.estimate(CONFIDENCE),
-            false => Estimate { n: counts.trials, ..Estimate::default() },
+        if self.without_verdict < self.confirmed() {
+            counts.estimate(CONFIDENCE)
+        } else {
+            Estimate { n: counts.trials, ..Estimate::default() }
         }
     }
 
@@ -248,14 +251,15 @@ pub fn evaluate_screened(
         !is_success || verdict.is_dangerous()
     };
     while report.failures.trials < evaluation.episodes {
-        let (base, confirmed) = (report.failures.trials, report.confirmed());
+        let base = report.failures.trials;
+        let confirmed = report.confirmed();
         let count = SCREENED_CHUNK.min(evaluation.episodes - base);
         let requests = (base + 1..=base + count)
             .map(|number| evaluation.request(system.space(), number as u32))
             .collect::<Result<Vec<Request>, EvaluationError>>()?;
         let on_screened = |done| call(ScreenedProgress { screened: base + done as u64, confirmed });
         let Some(selection) =
-            screen(screening, &requests, is_flagged, (sample_rate, &mut sample), &on_screened)?
+            screen(screening, &requests, is_flagged, sample_rate, &mut sample, &on_screened)?
         else {
             return Ok(report);
         };

@@ -118,7 +118,9 @@ mod tests {
         for noise in [0.0, 1.0] {
             let found = total_effects(&sample(4000, noise, |[a, b, _]| 4.0 * a + 2.0 * b), Seed(1));
             for (found, expected) in found.iter().zip([0.8, 0.2, 0.0]) {
-                let (value, low, high) = (found.value.unwrap(), found.low.unwrap(), found.high.unwrap());
+                let value = found.value.unwrap();
+                let low = found.low.unwrap();
+                let high = found.high.unwrap();
                 assert!((value - expected).abs() < 0.08, "{noise}: {value} is not {expected}");
                 assert!(low <= expected + 0.03 && expected <= high + 0.03, "{noise}: {low} to {high}");
             }

@@ -149,7 +149,8 @@ fn slope(
         };
         edges.iter().map(pair).collect()
     };
-    let (near, far) = (pairs(near), pairs(far));
+    let near = pairs(near);
+    let far = pairs(far);
     let constant = near.iter().filter(|pair| pair.difference == 0.0).count();
     if 2 * constant > near.len() {
         return Err(NotSmooth::Plateaus);
@@ -340,7 +341,8 @@ mod tests {
     #[test]
     fn a_predicate_that_decides_no_sample_limits_the_region() {
         let from = |u: &[f64], center: [f64; 2]| 2.0 * (u[0] - center[0]).hypot(u[1] - center[1]);
-        let (mut printed, mut wrong) = (0, 0);
+        let mut printed = 0;
+        let mut wrong = 0;
         for seed in 0..60 {
             let center = [0.3 + 0.005 * seed as f64, 0.65];
             let shallow = |u: &[f64]| 0.3 * from(u, center) + 0.5;
@@ -355,7 +357,8 @@ mod tests {
                 points.iter().zip(&found.radii).any(|(point, radius)| distance(point, at) < *radius)
             };
             let fails_inside = (0..2000).any(|_| {
-                let (angle, radius) = (random.uniform() * std::f64::consts::TAU, 0.0125 * random.uniform());
+                let angle = random.uniform() * std::f64::consts::TAU;
+                let radius = 0.0125 * random.uniform();
                 let at = [center[0] + radius * angle.cos(), center[1] + radius * angle.sin()];
                 steep(&at) < 0.0 && is_covered(&at)
             });

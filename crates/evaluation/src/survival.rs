@@ -75,11 +75,13 @@ pub struct SurvivalCurve {
 impl SurvivalCurve {
     /// Makes the curve of these trials.
     pub fn new(trials: &[Lifetime]) -> SurvivalCurve {
-        let (mut survival, mut hazard_variance) = (1.0, 0.0);
+        let mut survival = 1.0;
+        let mut hazard_variance = 0.0;
         let n = trials.len() as u64;
         let steps = failure_times(trials.iter()).into_iter().map(|time| {
             let (at_risk, failures) = counts(trials, time);
-            let (risk, failed) = (at_risk as f64, failures as f64);
+            let risk = at_risk as f64;
+            let failed = failures as f64;
             survival *= (risk - failed) / risk;
             hazard_variance += failed / (risk * (risk - failed));
             let bound = |sign: f64| {
@@ -87,7 +89,8 @@ impl SurvivalCurve {
                 (survival > 0.0).then(|| survival.powf((sign * Z * hazard_variance.sqrt() / log).exp()))
             };
             // ln of a probability is negative, so the positive sign gives the upper bound.
-            let (low, high) = (bound(-1.0), bound(1.0));
+            let low = bound(-1.0);
+            let high = bound(1.0);
             SurvivalStep {
                 simulations: time,
                 at_risk,
@@ -131,17 +134,21 @@ impl SurvivalCurve {
         let before: Vec<&SurvivalStep> =
             self.steps.iter().filter(|step| step.simulations < horizon).collect();
         // From the last step to the first: the area behind each step.
-        let (mut area, mut variance, mut end) = (0.0, 0.0, f64::from(horizon));
+        let mut area = 0.0;
+        let mut variance = 0.0;
+        let mut end = f64::from(horizon);
         for step in before.iter().rev() {
-            let (time, risk, failed) =
-                (f64::from(step.simulations), step.at_risk as f64, step.failures as f64);
+            let time = f64::from(step.simulations);
+            let risk = step.at_risk as f64;
+            let failed = step.failures as f64;
             area += step.survival.value.unwrap_or(0.0) * (end - time);
             end = time;
             if risk > failed {
                 variance += area * area * failed / (risk * (risk - failed));
             }
         }
-        let (mean, half) = (area + end, Z * variance.sqrt());
+        let mean = area + end;
+        let half = Z * variance.sqrt();
         let bound = |bound: f64| (variance > 0.0).then_some(bound.clamp(0.0, horizon.into()));
         Some(Estimate { value: Some(mean), low: bound(mean - half), high: bound(mean + half), n: self.n })
     }
@@ -292,7 +299,8 @@ mod tests {
     /// lifelines, in `tests/reference/statistics.py`.
     #[test]
     fn curves_match_lifelines() {
-        let (first, second) = (SurvivalCurve::new(&treated()), SurvivalCurve::new(&with_budget()));
+        let first = SurvivalCurve::new(&treated());
+        let second = SurvivalCurve::new(&with_budget());
         check(Some(first.at(10)), 0.752_941_176_470_587_8);
         check(Some(first.at(23)), 0.448_179_271_708_683_27);
         check(Some(second.at(10)), 0.625);
@@ -339,7 +347,9 @@ mod tests {
     /// chapter 2.
     #[test]
     fn log_rank_tests_match_lifelines() {
-        let (a, b, c) = (treated(), placebo(), with_budget());
+        let a = treated();
+        let b = placebo();
+        let c = with_budget();
         let two = log_rank(&[&a, &b]).unwrap();
         check(Some(two.chi_squared), 16.792_940_989_216_547);
         check(Some(two.p_value), 4.168_809_109_334_511e-5);
@@ -351,8 +361,11 @@ mod tests {
 
     #[test]
     fn a_log_rank_test_does_not_depend_on_the_order_of_groups_and_needs_two() {
-        let (a, b, c) = (treated(), placebo(), with_budget());
-        let (first, second) = (log_rank(&[&a, &b, &c]).unwrap(), log_rank(&[&c, &a, &b]).unwrap());
+        let a = treated();
+        let b = placebo();
+        let c = with_budget();
+        let first = log_rank(&[&a, &b, &c]).unwrap();
+        let second = log_rank(&[&c, &a, &b]).unwrap();
         assert!((first.chi_squared - second.chi_squared).abs() < 1e-9);
         assert_eq!((log_rank(&[&a]), log_rank(&[&a, &[]])), (None, None));
     }

@@ -102,8 +102,8 @@ impl TwoPhase {
         if trials == 0 || (others > 0 && sampled == 0) {
             return unknown;
         }
-        let (n, share) =
-            (trials as f64, if sampled == 0 { 0.0 } else { sampled_events as f64 / sampled as f64 });
+        let n = trials as f64;
+        let share = if sampled == 0 { 0.0 } else { sampled_events as f64 / sampled as f64 };
         let value = flagged_events as f64 / n + others as f64 / n * share;
         if sampled == others {
             return clopper_pearson(flagged_events + sampled_events, trials, confidence);
@@ -132,7 +132,8 @@ mod tests {
     /// Draws counts: an event has probability `rate`. The indicator flags an event with probability
     /// `power`, and another trial with probability `false_rate`.
     fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
-        let (mut counts, mut others) = (TwoPhase { trials, ..TwoPhase::default() }, OthersSample::default());
+        let mut counts = TwoPhase { trials, ..TwoPhase::default() };
+        let mut others = OthersSample::default();
         for _ in 0..trials {
             let is_event = random.uniform() < rate;
             let is_flagged = random.uniform() < if is_event { power } else { false_rate };
@@ -170,7 +171,9 @@ mod tests {
             // Fewer than 20 in the sample.
             ([0.1, 0.5, 0.1, 0.001], 0.1),
         ] {
-            let (replications, mut covered, mut sum) = (1000, 0, 0.0);
+            let replications = 1000;
+            let mut covered = 0;
+            let mut sum = 0.0;
             for _ in 0..replications {
                 let estimate = draw(&mut random, 1000, case).estimate(0.95);
                 sum += estimate.value.unwrap();

@@ -169,7 +169,8 @@ impl Binomial {
 
     /// Returns the probability of `count` successes.
     fn probability(&self, p: f64) -> f64 {
-        let (count, others) = (self.count as f64, (self.n - self.count) as f64);
+        let count = self.count as f64;
+        let others = (self.n - self.count) as f64;
         if self.count == self.n {
             return p.powf(count);
         }
@@ -222,7 +223,8 @@ mod tests {
         }
         // No threshold: every outcome continues.
         let always = TwoStage { first: 100, threshold: 0, is_reached: true };
-        let (found, fixed) = (two_stage(7, 400, always, 0.95), clopper_pearson(7, 400, 0.95));
+        let found = two_stage(7, 400, always, 0.95);
+        let fixed = clopper_pearson(7, 400, 0.95);
         assert!((found.high.unwrap() - fixed.high.unwrap()).abs() < 1e-9);
         assert_eq!(two_stage(0, 0, STAGES, 0.95), Estimate::default());
         assert_eq!(two_stage(400, 400, TwoStage { first: 100, ..STAGES }, 0.95).high, Some(1.0));

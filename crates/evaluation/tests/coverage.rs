@@ -152,7 +152,8 @@ fn the_wilson_interval_has_a_mean_coverage_of_95_percent_and_at_least_83() {
 /// Returns the Clopper-Pearson interval by bisection of the binomial tails.
 fn clopper_pearson(k: u64, n: u64) -> [f64; 2] {
     let solve = |tail: &dyn Fn(f64) -> f64| {
-        let (mut low, mut high) = (0.0, 1.0);
+        let mut low = 0.0;
+        let mut high = 1.0;
         for _ in 0..60 {
             let p = 0.5 * (low + high);
             if tail(p) < 0.025 { low = p } else { high = p }

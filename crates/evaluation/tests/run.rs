@@ -105,7 +105,8 @@ fn two_controllers_have_the_same_initial_states_and_seeds() {
         let (_, episodes) = run(&mut ClosedForm::new(threshold), &Evaluation::new(episodes, Seed(5)));
         episodes.into_iter().map(|episode| (episode.request.scenario, episode.request.seed)).collect()
     };
-    let (one, other) = (keys(0.3, 50), keys(0.9, 50));
+    let one = keys(0.3, 50);
+    let other = keys(0.9, 50);
     assert_eq!(one, other);
     assert_eq!(keys(0.3, 20), one[..20], "a shorter evaluation is a prefix of a longer one");
     assert!((1..50).all(|i| one[i] != one[0]), "the initial states differ");
@@ -130,7 +131,8 @@ fn the_filter_replaces_only_rejected_scenarios() {
             .1;
     assert!(part.iter().all(|episode| episode.request.scenario.get(0) > Some(0.5)));
     for (whole, part) in all.iter().zip(&part) {
-        let (whole, part) = (&whole.request, &part.request);
+        let whole = &whole.request;
+        let part = &part.request;
         assert_eq!(whole.seed, part.seed);
         let is_kept = whole.scenario == part.scenario;
         assert!(is_kept || whole.scenario.get(0) <= Some(0.5), "an accepted scenario was replaced");

@@ -73,9 +73,8 @@ fn the_interval_of_a_paired_difference_hardly_ever_misses_it_at_any_of_300_looks
 fn the_interval_of_clipped_robustness_hardly_ever_misses_its_mean_difference() {
     // B loses 1 in 2 % of the pairs and gains 0.02 / 0.98 in the others: the mean difference is 0,
     // and most samples of 50 pairs look as if B were better.
-    let rare = |sequence: &mut Sequence| match sequence.uniform() < 0.02 {
-        true => (0.5, -0.5),
-        false => (0.3, 0.3 + 0.02 / 0.98),
+    let rare = |sequence: &mut Sequence| {
+        if sequence.uniform() < 0.02 { (0.5, -0.5) } else { (0.3, 0.3 + 0.02 / 0.98) }
     };
     // Values beyond the bounds count as the bound: A and B are clipped to the same numbers.
     let beyond = |sequence: &mut Sequence| {

@@ -58,7 +58,8 @@ pub fn list(folder: &Path) -> Result<Found, EvidenceError> {
     while let Some((next, prefix, depth)) = folders.pop() {
         for entry in std::fs::read_dir(&next).map_err(EvidenceError::file(&next))? {
             let entry = entry.map_err(EvidenceError::file(&next))?;
-            let (path, kind) = (entry.path(), entry.file_type().map_err(EvidenceError::file(&next))?);
+            let path = entry.path();
+            let kind = entry.file_type().map_err(EvidenceError::file(&next))?;
             let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
             if entry.file_name().to_str().is_none() || !is_name(&name) {
                 found.problems.push(format!("{name}: the name is not possible"));

@@ -190,7 +190,8 @@ impl ManifestRun {
         files: Option<String>,
         not_replayable: Option<String>,
     ) -> Result<ManifestRun, EvidenceError> {
-        let (header, facts) = (run.header(), run_facts(run)?);
+        let header = run.header();
+        let facts = run_facts(run)?;
         let requirements = requirements(run)?.unwrap_or_default();
         let component = |part: &ComponentRecord| {
             [part.role.clone(), file_name(&part.name), part.hash.clone(), part.file_hash.clone()]
@@ -224,9 +225,10 @@ pub(crate) fn digest(run: &RunFile) -> Result<String, EvidenceError> {
 /// Returns the last part of a path, and any other name as it is.
 pub(crate) fn file_name(name: &str) -> String {
     let path = std::path::Path::new(name);
-    match path.is_absolute() {
-        true => path.file_name().map_or_else(|| name.to_string(), |name| name.to_string_lossy().into_owned()),
-        false => name.to_string(),
+    if path.is_absolute() {
+        path.file_name().map_or_else(|| name.to_string(), |name| name.to_string_lossy().into_owned())
+    } else {
+        name.to_string()
     }
 }
 

@@ -14,9 +14,10 @@ fn requirement(run: &ManifestRun) -> String {
     let own = own.map_or(run.formula.clone(), |[name, formula]| format!("{name}: {formula}"));
     let others = run.requirements.iter().filter(|other| !is_it(other));
     let others: Vec<String> = others.map(|[name, _]| code(name)).collect();
-    match others.is_empty() {
-        true => code(&own),
-        false => format!("{}; on its page also {}", code(&own), others.join(", ")),
+    if others.is_empty() {
+        code(&own)
+    } else {
+        format!("{}; on its page also {}", code(&own), others.join(", "))
     }
 }
 
@@ -50,12 +51,13 @@ pub fn text(manifest: &Manifest) -> String {
         let ManifestCheck { folder, target, verdicts, .. } = check;
         format!("| [{folder}]({folder}/{}) | {} | {verdicts} |\n", CHECK_REPORTS[0], code(target))
     };
-    let checks = match manifest.checks.is_empty() {
-        true => String::new(),
-        false => format!(
+    let checks = if manifest.checks.is_empty() {
+        String::new()
+    } else {
+        format!(
             "\nChecks of requirements, whose runs are above:\n\n| check | target | verdicts |\n|---|---|---|\n{}",
             manifest.checks.iter().map(check).collect::<String>()
-        ),
+        )
     };
     let program = &manifest.program;
     format!(

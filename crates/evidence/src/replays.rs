@@ -130,7 +130,8 @@ fn can_be_python(header: &RunHeader) -> bool {
 impl Opened<'_> {
     /// Adds what is wrong with the run as a whole, and what no replay can find.
     fn state(&self, request: &Verification<'_>, found: &mut EvidenceVerification) {
-        let (run, header) = (self.run, self.file.header());
+        let run = self.run;
+        let header = self.file.header();
         let of = |text: &dyn Display| format!("{}: {text}", run.file);
         let cannot = |why: &str| of(&format!("its simulations cannot be replayed: {why}"));
         let is_asked = request.share > 0.0;

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::results::EvidenceSigner;
-use mishandle_process::{Failure, Output, Peer, Program};
+use mishandle_simulators::process::{Failure, Output, Peer, Program};
 
 use crate::error::EvidenceError;
 use crate::layout::{SIGNATURE, SUMS};
@@ -159,7 +159,8 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
             }
             // A name that begins with `!` excludes. Each name has options and limits of its own.
             let names = found.stdout.lines().filter(|name| !name.starts_with('!')).take(MAX_NAMES);
-            let (mut verified, mut refusal) = (Vec::new(), None);
+            let mut verified = Vec::new();
+            let mut refusal = None;
             for name in names {
                 let verify = ["-Y", "verify", "-f", &allowed, "-I", name, "-n", NAMESPACE, "-s", &signature];
                 let output = keygen(&verify, bytes)?;
@@ -172,7 +173,9 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
             signer.principals = verified;
             if signer.principals.is_empty() {
                 let problem = match refusal {
-                    Some(refusal) => format!("the key of the signature may not sign evidence: {refusal}"),
+                    Some(refusal) => {
+                        format!("the key of the signature may not sign evidence: {refusal}")
+                    }
                     None => {
                         format!("the key of the signature is none of the allowed signers: {}", said(&found))
                     }

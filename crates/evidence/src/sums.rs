@@ -32,7 +32,9 @@ pub type Watch<'w> = &'w mut dyn FnMut() -> ControlFlow<()>;
 /// If it is not a regular file, cannot be read, or `watch` stops it.
 pub fn hash(path: &Path, watch: Watch<'_>) -> Result<Hashed, EvidenceError> {
     let mut file = open_for_reading(path).map_err(EvidenceError::file(path))?;
-    let (mut digest, mut size, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 20]);
+    let mut digest = Sha256::new();
+    let mut size = 0;
+    let mut buffer = vec![0; 1 << 20];
     loop {
         let n = file.read(&mut buffer).map_err(EvidenceError::file(path))?;
         if n == 0 {

@@ -71,14 +71,13 @@ pub fn verify(
     if folder.join(SUMS).symlink_metadata().is_err() {
         return Err(EvidenceError::NotEvidence { path: folder.to_path_buf() });
     }
-    let Some(list) = read(folder, SUMS, sums::MAX_SIZE, &mut found.problems) else { return Ok(found) };
+    let Some(list) = read(folder, SUMS, sums::MAX_SIZE, &mut found.problems) else {
+        return Ok(found);
+    };
     let path = folder.join(SIGNATURE);
     // A link, a device or a large file is a wrong signature, and `ssh-keygen` does not open it.
     let is_there = path.symlink_metadata().is_ok();
-    let pem = match is_there {
-        true => read(folder, SIGNATURE, signature::MAX_SIZE, &mut found.problems),
-        false => None,
-    };
+    let pem = if is_there { read(folder, SIGNATURE, signature::MAX_SIZE, &mut found.problems) } else { None };
     let signature = pem.as_deref().map(|pem| (&*path, pem));
     let Checked { status, signer, problem } = signature::check(list.as_bytes(), signature, &request.signers)?;
     let is_unreadable = is_there && pem.is_none();
@@ -92,7 +91,7 @@ pub fn verify(
     // Without the signature that the caller demands, no run file is opened.
     let is_refused =
         found.signature == WRONG || (status == MISSING && !matches!(request.signers, Signers::Unknown));
-    let checked = check_files(folder, (&list, is_refused), &mut found, &mut || watch(0, 0));
+    let checked = check_files(folder, &list, is_refused, &mut found, &mut || watch(0, 0));
     let done = match checked {
         Ok(Some(manifest)) => replays::check(request, &manifest, &mut found, &mut watch),
         Ok(None) => return Ok(found),
@@ -126,7 +125,8 @@ fn read(folder: &Path, name: &str, limit: u64, problems: &mut Vec<String>) -> Op
 /// agree.
 fn check_files(
     folder: &Path,
-    (list, is_refused): (&str, bool),
+    list: &str,
+    is_refused: bool,
     found: &mut EvidenceVerification,
     watch: Watch<'_>,
 ) -> Result<Option<Manifest>, EvidenceError> {
@@ -169,7 +169,9 @@ fn check_files(
     if is_changed || is_refused {
         return Ok(None);
     }
-    let Some(text) = read(folder, MANIFEST, manifest::MAX_SIZE, &mut found.problems) else { return Ok(None) };
+    let Some(text) = read(folder, MANIFEST, manifest::MAX_SIZE, &mut found.problems) else {
+        return Ok(None);
+    };
     let manifest: Manifest = match serde_json::from_str(&text) {
         Ok(manifest) => manifest,
         Err(error) => {

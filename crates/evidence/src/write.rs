@@ -60,7 +60,9 @@ pub fn write(
         fs::create_dir(&path).map_err(EvidenceError::file(&path))?;
     }
     let mut names = BTreeSet::new();
-    let (mut runs, mut found_checks, mut check_names) = (Vec::new(), Vec::new(), BTreeSet::new());
+    let mut runs = Vec::new();
+    let mut found_checks = Vec::new();
+    let mut check_names = BTreeSet::new();
     for path in collection.runs {
         if !path.is_dir() {
             runs.push(add(path, home, &mut names, collection, watch)?);
@@ -91,16 +93,14 @@ pub fn write(
     let list = sums::text(listed.iter().copied());
     write_file(&home.join(SUMS), list.as_bytes())?;
     let sign = |key: &Key| {
-        let (list, path) = (list.as_bytes(), home.join(SIGNATURE));
+        let list = list.as_bytes();
+        let path = home.join(SIGNATURE);
         write_file(&path, key.sign(list)?.as_bytes())?;
         key.signer(list, &path)
     };
     let signer = collection.key.map(sign).transpose()?;
-    match collection.force {
-        true => folder.persist_over(),
-        false => folder.persist(),
-    }
-    .map_err(EvidenceError::file(out))?;
+    if collection.force { folder.persist_over() } else { folder.persist() }
+        .map_err(EvidenceError::file(out))?;
     let check = |check: ManifestCheck| EvidenceCheck { folder: check.folder, verdicts: check.verdicts };
     let run = |run: ManifestRun| EvidenceRun {
         file: run.file,
@@ -124,12 +124,11 @@ pub fn write(
 /// Creates the temporary folder. Only a folder of evidence is replaced.
 fn create(collection: &Collection<'_>) -> Result<AtomicFolder, EvidenceError> {
     let out = collection.out;
-    let created = match collection.force {
-        false => AtomicFolder::create_new(out),
-        true => {
-            existing::check(out, collection.runs)?;
-            AtomicFolder::replace(out)
-        }
+    let created = if collection.force {
+        existing::check(out, collection.runs)?;
+        AtomicFolder::replace(out)
+    } else {
+        AtomicFolder::create_new(out)
     };
     created.map_err(|error| match error.kind() {
         std::io::ErrorKind::AlreadyExists => EvidenceError::Exists { path: out.to_path_buf() },
@@ -185,9 +184,8 @@ fn files(
         Ok(_) => resolve_in(header, &place),
         Err(error) => Err(error),
     };
-    let remove = |place: &Path| match place.exists() {
-        true => fs::remove_dir_all(place).map_err(EvidenceError::file(place)),
-        false => Ok(()),
+    let remove = |place: &Path| {
+        if place.exists() { fs::remove_dir_all(place).map_err(EvidenceError::file(place)) } else { Ok(()) }
     };
     let resolved = match resolved {
         Ok(resolved) => resolved,

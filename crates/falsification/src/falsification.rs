@@ -222,7 +222,8 @@ impl<'a> Falsification<'a> {
                 break;
             }
             let episodes = system.rollout(&requests).map_err(FalsificationError::from)?;
-            let (requested, returned) = (requests.len(), episodes.len());
+            let requested = requests.len();
+            let returned = episodes.len();
             if requested != returned {
                 return Err(FalsificationError::EpisodeCount { requested, returned }.into());
             }
@@ -258,7 +259,8 @@ impl<'a> Falsification<'a> {
             if running.is_empty() {
                 break;
             }
-            let (quotient, remainder) = (batch_size / running.len(), batch_size % running.len());
+            let quotient = batch_size / running.len();
+            let remainder = batch_size % running.len();
             for (position, &index) in running.iter().enumerate() {
                 batch.extend(self.ask(index, quotient + usize::from(position < remainder))?);
             }

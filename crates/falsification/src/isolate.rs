@@ -59,7 +59,8 @@ pub fn isolate(
         Err(Stop::Interrupted) => return Ok(false),
         Err(Stop::Error(error)) => return Err(*error),
     }
-    let (best, mut done) = (search.best, search.simulations);
+    let best = search.best;
+    let mut done = search.simulations;
     done += try_inside(system, &best)?;
     if watch(done).is_break() {
         return Ok(false);

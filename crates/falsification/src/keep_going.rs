@@ -198,7 +198,8 @@ impl<'a> Archive<'a> {
     }
 
     fn add_failure(&mut self, point: &UnitScenario, episode: &Episode) -> Result<(), FalsificationError> {
-        let (trial, number) = (episode.request.trial, episode.request.number);
+        let trial = episode.request.trial;
+        let number = episode.request.number;
         if episode.trace.is_empty() {
             return Err(FalsificationError::NoTrace { trial, number });
         }
@@ -209,7 +210,8 @@ impl<'a> Archive<'a> {
             self.failures.push(FailurePoint { point: point.clone(), signature });
             self.numbers.push(number);
         }
-        let (axes, steps) = (self.space.axes(), self.settings.episode_steps);
+        let axes = self.space.axes();
+        let steps = self.settings.episode_steps;
         let well = self.wells.entry(predicate.clone()).or_default();
         let is_known = |(known, at): &(UnitScenario, usize)| {
             is_same_time(*at, sample, steps) && distance(axes, &well.axes, known, point) <= RADIUS

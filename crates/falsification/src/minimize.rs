@@ -231,7 +231,8 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
         off.sort_by(|a, b| self.offset(*a).total_cmp(&self.offset(*b)));
         let mut size = off.len().div_ceil(2);
         loop {
-            let (mut start, mut has_removed) = (0, false);
+            let mut start = 0;
+            let mut has_removed = false;
             while start < off.len() {
                 let end = (start + size).min(off.len());
                 if self.try_one(self.at_nominal(&off[start..end]))? {
@@ -278,8 +279,8 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Moves an axis toward nominal as far as the simulation fails. Returns whether it moved.
     fn move_axis(&mut self, index: usize) -> Result<bool, Stop> {
         let axis = self.space.axes()[index].clone();
-        let (value, nominal) =
-            (self.best.request.scenario.get(index).unwrap_or_default(), self.nominal(index));
+        let value = self.best.request.scenario.get(index).unwrap_or_default();
+        let nominal = self.nominal(index);
         match axis.values {
             AxisValues::Categorical(_) => self.try_one(self.with([(index, nominal)])),
             AxisValues::Integer => {
@@ -311,7 +312,8 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Returns the value between nominal (fraction 0) and that of `from` (fraction 1); both ends
     /// are exact.
     fn between(&self, index: usize, from: &Scenario, fraction: f64) -> f64 {
-        let (value, nominal) = (from.get(index).unwrap_or_default(), self.nominal(index));
+        let value = from.get(index).unwrap_or_default();
+        let nominal = self.nominal(index);
         match self.space.axes()[index].values {
             _ if fraction <= 0.0 => nominal,
             _ if fraction >= 1.0 => value,
@@ -329,13 +331,11 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
         if self.try_one(at(self, 0.0))? {
             return Ok(());
         }
-        let (mut passes, mut fails) = (0.0, 1.0);
+        let mut passes = 0.0;
+        let mut fails = 1.0;
         while fails - passes > resolution {
             let middle = 0.5 * (passes + fails);
-            match self.try_one(at(self, middle))? {
-                true => fails = middle,
-                false => passes = middle,
-            }
+            if self.try_one(at(self, middle))? { fails = middle } else { passes = middle }
         }
         Ok(())
     }

@@ -101,7 +101,8 @@ pub fn group_failures(
         let chosen = axes_that_matter(&points, others, axes.len());
         let reach = reach(group.len(), chosen.len());
         let are_neighbors = |a: usize, b: usize| {
-            let (a, b) = (&failures[group[a]], &failures[group[b]]);
+            let a = &failures[group[a]];
+            let b = &failures[group[b]];
             is_same_time(a.signature.sample, b.signature.sample, episode_steps)
                 && has_same_categories(axes, &a.point, &b.point)
                 && distance(axes, &chosen, &a.point, &b.point) <= reach + ROUNDING
@@ -241,7 +242,8 @@ fn connected(n: usize, are_neighbors: impl Fn(usize, usize) -> bool) -> Vec<Vec<
         }
         let index = components.len();
         component[start] = Some(index);
-        let (mut members, mut open) = (vec![start], vec![start]);
+        let mut members = vec![start];
+        let mut open = vec![start];
         while let Some(vertex) = open.pop() {
             let is_new = |other: &usize| component[*other].is_none() && are_neighbors(vertex, *other);
             let new: Vec<usize> = (start + 1..n).filter(is_new).collect();

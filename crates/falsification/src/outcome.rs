@@ -107,7 +107,8 @@ impl TrialOutcome {
         self.simulations += 1;
         self.control_steps += episode.steps as u64;
         let request = &episode.request;
-        let (number, seed) = (request.number, request.seed);
+        let number = request.number;
+        let seed = request.seed;
         match episode.robustness() {
             Some(robustness) => {
                 if is_violated(robustness) {

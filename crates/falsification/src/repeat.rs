@@ -110,7 +110,8 @@ pub fn measure_noise(
     let mut groups = Vec::new();
     for index in 0..scenarios {
         let scenario = space.sample(seed, index);
-        let (mut group, mut is_interrupted) = (Vec::new(), false);
+        let mut group = Vec::new();
+        let mut is_interrupted = false;
         let seeds = repeat_seeds(seed.child(index), repeats);
         repeat(system, &scenario, seeds, |episode| {
             group.extend(episode.robustness());
@@ -146,7 +147,8 @@ mod tests {
         // The sign of the robustness depends on the seed.
         let outcome = |request: &Request| SimulatedEnd::Robustness(f64::from(request.seed.0 as u32) - 1e9);
         let mut system = FunctionSystem::new(space, outcome);
-        let (drawn, done) = (Cell::new(0), Cell::new(0));
+        let drawn = Cell::new(0);
+        let done = Cell::new(0);
         let seeds = repeat_seeds(Seed(1), 150).inspect(|_| drawn.set(drawn.get() + 1));
         let report = repeat(&mut system, &scenario, seeds, |_| {
             done.set(done.get() + 1);

@@ -167,10 +167,12 @@ fn reasons(
         // No simulation has this seed, and the sample does not depend on the batch.
         let own = settings.own_seed(request.trial, request.number);
         let is_sampled = || Sequence::new(own.child(u64::MAX).0, 0).uniform() < sample_rate;
-        match is_violated(robustness) {
-            true => Some(Reason::Violation),
-            false if is_minimum => Some(Reason::Minimum),
-            false => is_sampled().then_some(Reason::Sample),
+        if is_violated(robustness) {
+            Some(Reason::Violation)
+        } else if is_minimum {
+            Some(Reason::Minimum)
+        } else {
+            is_sampled().then_some(Reason::Sample)
         }
     };
     requests.iter().zip(outcomes).map(reason).collect()
@@ -187,7 +189,8 @@ fn repeat(
     let mut repeated = Vec::with_capacity(chosen.len());
     for requests in chosen.chunks(REPEATED_AT_ONCE) {
         let episodes = system.rollout(requests)?;
-        let (requested, returned) = (requests.len(), episodes.len());
+        let requested = requests.len();
+        let returned = episodes.len();
         if requested != returned {
             return Err(FalsificationError::EpisodeCount { requested, returned });
         }

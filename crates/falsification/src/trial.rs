@@ -67,7 +67,8 @@ impl<'a> Trial<'a> {
     ) -> Result<Trial<'a>, FalsificationError> {
         let seed = settings.trial_seed(number);
         let search = make(seed.child(0).0)?;
-        let (found, expected) = (search.dimension(), space.dimension());
+        let found = search.dimension();
+        let expected = space.dimension();
         if found != expected {
             return Err(FalsificationError::Dimension { search: search.name(), found, expected });
         }
@@ -113,7 +114,8 @@ impl<'a> Trial<'a> {
         if self.outcome.end.is_some() {
             return Ok(Vec::new());
         }
-        let (trial, done) = (self.outcome.trial, self.outcome.simulations);
+        let trial = self.outcome.trial;
+        let done = self.outcome.simulations;
         let own = done - self.search_start;
         let limit = self.replacing_archive().and_then(Archive::search_limit);
         let limit = limit.map_or(u32::MAX, |limit| limit - own);
@@ -126,7 +128,9 @@ impl<'a> Trial<'a> {
         if points.is_empty() {
             match self.search.finished() {
                 Some(end) => self.outcome.end = Some(TrialEnd::SearchEnded(end)),
-                None => return Err(FalsificationError::Stalled { search: self.search.name(), trial }),
+                None => {
+                    return Err(FalsificationError::Stalled { search: self.search.name(), trial });
+                }
             }
         }
         let request = |(number, unit_point): (u32, Vec<f64>)| Request {

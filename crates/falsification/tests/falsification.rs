@@ -221,7 +221,8 @@ fn all_simulations_of_a_run_can_have_one_seed() {
         assert_eq!(outcome.unwrap().simulations, 10);
         found.into_iter().unzip::<Seed, Vec<f64>, Vec<_>, Vec<_>>()
     };
-    let ((own, points), (fixed, same_points)) = (seeds_and_points(None), seeds_and_points(Some(Seed(7))));
+    let (own, points) = seeds_and_points(None);
+    let (fixed, same_points) = seeds_and_points(Some(Seed(7)));
     assert_eq!(fixed, [Seed(7); 10]);
     assert_eq!(own.iter().map(|seed| seed.0).collect::<std::collections::BTreeSet<_>>().len(), 10);
     assert_eq!(points, same_points, "the seed of the search stays");

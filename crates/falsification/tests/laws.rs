@@ -46,7 +46,8 @@ fn space() -> Space {
 /// and early stops.
 fn simulated_end(request: &Request) -> SimulatedEnd {
     let [x, y] = [0, 1].map(|i| request.scenario.get(i).unwrap());
-    let (x, y) = ((x - 2.0) / 4.0, (y - 0.4) / 0.3);
+    let x = (x - 2.0) / 4.0;
+    let y = (y - 0.4) / 0.3;
     if x < -0.35 {
         return SimulatedEnd::Robustness(0.01 + (x + 0.6).powi(2) + y.powi(2));
     }
@@ -138,7 +139,8 @@ fn the_simulations_do_not_depend_on_the_batch_size() {
 #[test]
 fn the_simulations_of_a_trial_do_not_depend_on_other_trials() {
     for search in names() {
-        let (one, many) = (whole(search, 1, BUDGET, 4), whole(search, TRIALS, BUDGET, 4));
+        let one = whole(search, 1, BUDGET, 4);
+        let many = whole(search, TRIALS, BUDGET, 4);
         assert_eq!(one.1[&1], many.1[&1], "{search}");
     }
 }
@@ -174,8 +176,9 @@ fn a_resumed_campaign_has_the_same_result_as_an_uninterrupted_one() {
 fn a_paused_campaign_continues_to_the_same_result() {
     for search in names() {
         let expected = whole(search, TRIALS, BUDGET, 4);
-        let (mut paused, mut system, mut rows) =
-            (falsification(search, TRIALS, BUDGET, 4), system(), Rows::new());
+        let mut paused = falsification(search, TRIALS, BUDGET, 4);
+        let mut system = system();
+        let mut rows = Rows::new();
         let mut outcome = run(&mut paused, &mut system, 1, &mut rows);
         for _ in 0..TRIALS * BUDGET {
             outcome = run(&mut paused, &mut system, 1, &mut rows);
@@ -198,7 +201,9 @@ fn no_trial_exceeds_its_budget_and_the_count_includes_the_violation() {
             match trial.end.unwrap() {
                 TrialEnd::Falsified => assert!(violated(last)),
                 TrialEnd::BudgetSpent => assert!(!violated(last) && rows.len() == BUDGET as usize),
-                TrialEnd::SearchEnded(_) => assert!(!violated(last) && rows.len() < BUDGET as usize),
+                TrialEnd::SearchEnded(_) => {
+                    assert!(!violated(last) && rows.len() < BUDGET as usize);
+                }
                 TrialEnd::ModesDriedUp => panic!("the trials do not keep going"),
             }
         }

@@ -104,9 +104,10 @@ impl AtomicFile {
             self.temporary.as_file().set_permissions(permissions)?;
         }
         self.temporary.as_file().sync_all()?;
-        let persisted = match self.replaces {
-            true => self.temporary.persist(&self.path),
-            false => self.temporary.persist_noclobber(&self.path),
+        let persisted = if self.replaces {
+            self.temporary.persist(&self.path)
+        } else {
+            self.temporary.persist_noclobber(&self.path)
         };
         persisted.map(drop).map_err(|error| error.error)
     }

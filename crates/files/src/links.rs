@@ -27,7 +27,8 @@ pub fn refuse_links_in(folder: &Path) -> Result<()> {
         for entry in fs::read_dir(&next)? {
             let entry = entry?;
             // Of the entry: a temporary file of another process may be gone by now.
-            let (path, kind) = (entry.path(), entry.file_type()?);
+            let path = entry.path();
+            let kind = entry.file_type()?;
             if kind.is_symlink() {
                 let name = path.strip_prefix(folder).unwrap_or(&path);
                 return Err(refused(&format!("{}: ", name.display())));

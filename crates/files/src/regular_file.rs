@@ -68,10 +68,7 @@ fn read_at_most(file: &File, length: u64, limit: u64) -> io::Result<Vec<u8>> {
         )
     })?;
     file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
-    match bytes.len() as u64 > limit {
-        true => Err(too_large(format!("more than {limit}"))),
-        false => Ok(bytes),
-    }
+    if bytes.len() as u64 > limit { Err(too_large(format!("more than {limit}"))) } else { Ok(bytes) }
 }
 
 /// Opens a file, which must be a regular file, with additional flags of `open(2)`.

@@ -44,7 +44,8 @@ fn load(length: usize, chunk: &str) -> Result<OnnxPolicy, String> {
 
 /// Returns the actions of an episode of one row with these observations.
 fn episode(policy: &OnnxPolicy, observations: &[f32]) -> Vec<f32> {
-    let (mut worker, mut state) = (policy.worker(), vec![7.0; policy.state_size()]);
+    let mut worker = policy.worker();
+    let mut state = vec![7.0; policy.state_size()];
     worker.reset(&mut state, Seed(0));
     let mut actions = vec![0.0; observations.len()];
     for (observation, action) in observations.chunks(2).zip(actions.chunks_mut(2)) {
@@ -110,9 +111,12 @@ fn an_ensemble_is_the_weighted_mean_of_all_predictions_for_a_step() {
 fn a_row_depends_neither_on_the_batch_nor_on_episodes_before() {
     for chunk in [r#"{"execute": 3}"#, r#"{"ensemble": 0.1}"#] {
         let policy = load(4, &format!(r#", "chunk": {chunk}"#)).unwrap();
-        let (size, rows, steps) = (policy.state_size(), 3, 11);
+        let size = policy.state_size();
+        let rows = 3;
+        let steps = 11;
         let observations: Vec<Vec<f32>> = (0..rows).map(|row| numbers(2 * steps, row)).collect();
-        let (mut worker, mut states) = (policy.worker(), vec![7.0; rows * size]);
+        let mut worker = policy.worker();
+        let mut states = vec![7.0; rows * size];
         let mut found = vec![Vec::new(); rows];
         // Row r starts in step r, within the episodes of the others, and again in step 12.
         for step in 0..12 + steps {

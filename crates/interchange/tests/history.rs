@@ -31,7 +31,8 @@ fn copy(input: &[u8], is_bytes: bool, action: usize, side: &str) -> Result<OnnxP
 
 /// Returns the actions of an episode, one for each observation and image.
 fn episode(policy: &OnnxPolicy, observations: &[[f32; 5]], images: &[Vec<u8>]) -> Vec<Vec<f32>> {
-    let (mut worker, mut state) = (policy.worker(), vec![7.0; policy.state_size()]);
+    let mut worker = policy.worker();
+    let mut state = vec![7.0; policy.state_size()];
     worker.reset(&mut state, Seed(0));
     let act = |(step, observation): (usize, &[f32; 5])| {
         if let Some(image) = images.get(step) {
@@ -86,16 +87,19 @@ fn a_model_gets_the_last_observations_the_oldest_first() {
 
 #[test]
 fn a_model_gets_the_last_images_with_each_order_of_channels_and_each_type() {
-    let (height, width, steps) = (4, 7, 6);
+    let height = 4;
+    let width = 7;
+    let steps = 6;
     let size = 3 * height * width;
     let images: Vec<Vec<u8>> = (0..steps).map(|step| image(size, step)).collect();
     let all = observations(steps);
     for length in [1, 2, 3] {
         for (name, before) in [("zeros", vec![0; size]), ("first", images[0].clone())] {
             for (channels_first, kind) in [(true, 1), (true, 2), (false, 1), (false, 2)] {
-                let shape = match channels_first {
-                    true => [1, length as i64, 3, height as i64, width as i64],
-                    false => [1, length as i64, height as i64, width as i64, 3],
+                let shape = if channels_first {
+                    [1, length as i64, 3, height as i64, width as i64]
+                } else {
+                    [1, length as i64, height as i64, width as i64, 3]
                 };
                 let side =
                     format!(r#"{{"images": [["i", "over"]], "history": {length}, "padding": "{name}"}}"#);
@@ -120,7 +124,8 @@ fn a_model_gets_the_last_images_with_each_order_of_channels_and_each_type() {
 /// A policy of the last three images of one camera, the present one of another, the present joints
 /// and chunks of two actions, whose actions are all that it gets.
 fn mixed(chunk: &str) -> OnnxPolicy {
-    let (image, action) = (48, 3 * 48 + 48 + 3);
+    let image = 48;
+    let action = 3 * 48 + 48 + 3;
     let parts = [
         value(11, "o", &[1, 3]),
         value(11, "i", &[1, 3, 4, 4, 3]),
@@ -143,7 +148,8 @@ fn mixed(chunk: &str) -> OnnxPolicy {
 
 #[test]
 fn the_history_moves_on_while_a_chunk_is_played() {
-    let (all, images) = (observations(9), (0..9).map(|step| image(96, step)).collect::<Vec<_>>());
+    let all = observations(9);
+    let images = (0..9).map(|step| image(96, step)).collect::<Vec<_>>();
     let found = episode(&mixed(r#"{"execute": 2}"#), &all, &images);
     for (step, found) in found.iter().enumerate() {
         let asked = step - step % 2;
@@ -160,12 +166,16 @@ fn the_history_moves_on_while_a_chunk_is_played() {
 fn a_row_with_a_history_depends_neither_on_the_batch_nor_on_episodes_before() {
     for chunk in [r#"{"execute": 2}"#, r#"{"ensemble": 0.5}"#] {
         let policy = mixed(chunk);
-        let (size, actions, rows, steps) = (policy.state_size(), policy.action_size(), 3, 6);
+        let size = policy.state_size();
+        let actions = policy.action_size();
+        let rows = 3;
+        let steps = 6;
         let all: Vec<Vec<[f32; 5]>> =
             (0..rows).map(|row| observations(steps + row)[row..].to_vec()).collect();
         let images: Vec<Vec<Vec<u8>>> =
             (0..rows).map(|row| (0..steps).map(|step| image(96, 7 * row + step)).collect()).collect();
-        let (mut worker, mut states) = (policy.worker(), vec![7.0; rows * size]);
+        let mut worker = policy.worker();
+        let mut states = vec![7.0; rows * size];
         for _ in 0..2 {
             states.chunks_mut(size).for_each(|state| worker.reset(state, Seed(0)));
             let mut found = vec![Vec::new(); rows];

@@ -92,7 +92,8 @@ fn parts_arrive_in_the_order_of_the_description() {
 fn the_bits_of_a_row_do_not_depend_on_the_batch() {
     let policy = load(&network(), SIDE, 2).unwrap();
     let rows = 7;
-    let (observations, images) = (numbers(6 * rows, 5), rgb(96 * rows, 6));
+    let observations = numbers(6 * rows, 5);
+    let images = rgb(96 * rows, 6);
     let all = act(&policy, rows, &observations, &images);
     for row in 0..rows {
         let alone = act(&policy, 1, &observations[6 * row..][..6], &images[288 * row..][..288]);
@@ -170,7 +171,8 @@ impl Windows {
             let first = if is_conv { output / (self.outputs / self.groups) * own } else { output };
             for y in 0..self.size(0) {
                 for x in 0..self.size(1) {
-                    let (mut values, mut sum) = (Vec::new(), 0.0);
+                    let mut values = Vec::new();
+                    let mut sum = 0.0;
                     for channel in 0..own {
                         for j in 0..self.kernel[0] {
                             for i in 0..self.kernel[1] {
@@ -274,7 +276,8 @@ fn convolutions_and_pools_agree_with_their_definition() {
         let image: Vec<f64> = numbers(4 * 63, 8).into_iter().map(f64::from).collect();
         let own = Windows::CHANNELS / windows.groups;
         let kernel = numbers(windows.outputs * own * windows.kernel[0] * windows.kernel[1], 2);
-        let (expected, found) = (windows.expected(&image, &kernel), windows.found(&image, &kernel));
+        let expected = windows.expected(&image, &kernel);
+        let found = windows.found(&image, &kernel);
         assert_eq!(expected.len(), found.len());
         for (expected, found) in expected.iter().zip(&found) {
             assert!(

@@ -23,8 +23,8 @@ fn a_recurrent_model_keeps_its_state_for_each_row() {
     // Two rows; the second starts one step later.
     let mut states = vec![1.0; 12];
     worker.reset(&mut states[..6], Seed(0));
-    let (observations, expected) =
-        ([[0.3, -0.7], [1.5, 0.2], [-4.0, 2.5]], [0.021_155_043, -0.118_453_15, -0.001_905_530_7]);
+    let observations = [[0.3, -0.7], [1.5, 0.2], [-4.0, 2.5]];
+    let expected = [0.021_155_043, -0.118_453_15, -0.001_905_530_7];
     let mut found = Vec::new();
     for step in 0..3 {
         if step == 1 {
@@ -49,7 +49,8 @@ fn the_state_of_isaac_labs_recurrent_exports_is_known_by_its_names() {
         load(&[values, node("Add", &["o", input], &["h_out"]), node("Neg", &["h_out"], &["a"])], "[]")
     };
     let policy = model("h_in").unwrap();
-    let (mut state, mut action) = ([0.0], [0.0]);
+    let mut state = [0.0];
+    let mut action = [0.0];
     let mut worker = policy.worker();
     worker.reset(&mut state, Seed(0));
     for expected in [-2.0, -4.0] {
@@ -67,7 +68,8 @@ fn an_exported_history_acts_as_that_of_the_controller() {
         network.update(|parameters| {
             parameters.iter_mut().zip(0..).for_each(|(x, i)| *x = (1.7 * i as f32).sin());
         });
-        let (mean, variance) = (vec![0.5, -1.0], vec![0.25, 4.0]);
+        let mean = vec![0.5, -1.0];
+        let variance = vec![0.25, 4.0];
         let policy = Policy::with_history(length, mean, variance, network, Some(vec![0.0])).unwrap();
         let policy = policy.with_observation_clip(clip).unwrap();
         let header = Header {
@@ -82,7 +84,8 @@ fn an_exported_history_acts_as_that_of_the_controller() {
         let bytes = onnx_bytes(&ControllerFile { header, policy: policy.clone() }, "0.1.0");
         let model = OnnxPolicy::from_bytes(&bytes, None, &["test"], &layout(2, 1)).unwrap();
         assert_eq!(model.state_size(), 3 * length);
-        let (mut ours, mut theirs) = (policy.worker(), model.worker());
+        let mut ours = policy.worker();
+        let mut theirs = model.worker();
         let mut states = [vec![7.0; 6 * length], vec![7.0; 6 * length]];
         let mut largest = 0.0_f32;
         for step in 0..20 {
@@ -93,7 +96,8 @@ fn an_exported_history_acts_as_that_of_the_controller() {
                 theirs.reset(&mut states[1][own], Seed(0));
             }
             let observations: Vec<f32> = (0..4).map(|i| 3.0 * ((i + 4 * step) as f32).sin()).collect();
-            let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
+            let mut expected = [0.0; 2];
+            let mut found = [0.0; 2];
             ours.act(2, &observations, &mut states[0], &mut expected);
             theirs.act(2, &observations, &mut states[1], &mut found);
             for (expected, found) in expected.iter().zip(found) {
@@ -390,7 +394,9 @@ fn deep_and_wide_graphs_act_as_their_sums() {
     let mut parts = vec![node("Identity", &["o"], &["l0"]), node("Identity", &["o"], &["r0"])];
     for level in 0..2000 {
         let (next, name) = (level + 1, |side: &str, level: usize| format!("{side}{level}"));
-        let (l, r, m) = (name("l", level), name("r", level), name("m", level));
+        let l = name("l", level);
+        let r = name("r", level);
+        let m = name("m", level);
         parts.push(node("Mean", &[&l, &r], &[&m]));
         parts.push(node("Identity", &[&m], &[&name("l", next)]));
         parts.push(node("Max", &[&m, &r], &[&name("r", next)]));
@@ -403,7 +409,8 @@ fn deep_and_wide_graphs_act_as_their_sums() {
     for chain in 0..18 {
         parts.push(node("Identity", &["o"], &[&format!("c{chain}x0")]));
         for number in 0..500 {
-            let (from, to) = (format!("c{chain}x{number}"), format!("c{chain}x{}", number + 1));
+            let from = format!("c{chain}x{number}");
+            let to = format!("c{chain}x{}", number + 1);
             parts.push(node("Neg", &[&from], &[&to]));
         }
     }

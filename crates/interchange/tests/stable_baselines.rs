@@ -254,7 +254,8 @@ impl Model {
         let (low, high) = &self.boxes;
         let act = |(index, mean): (usize, f64)| {
             let mean = self.mean_clip().map_or(mean, |clip| mean.clamp(-clip, clip));
-            let (low, high) = (low[index], high[index]);
+            let low = low[index];
+            let high = high[index];
             if self.is_squashed() {
                 low + 0.5 * (mean.tanh() + 1.0) * (high - low)
             } else {
@@ -381,7 +382,8 @@ fn check(model: &Model, options: &ImportOptions) -> Option<TorchProblem> {
 
 #[test]
 fn an_import_acts_as_the_model_does_or_is_refused() {
-    let (mut accepted, mut refused) = (0, 0);
+    let mut accepted = 0;
+    let mut refused = 0;
     for seed in 0..6000 {
         let mut model = Model::draw(&mut Random(seed));
         // Without a word of the user, SAC and TD3 do not say whether they had a normalizer.

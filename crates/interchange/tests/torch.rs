@@ -340,7 +340,9 @@ enum Module {
 /// Returns the state dictionary of a `Sequential` from 2 numbers to 1, and its output.
 fn sequential(modules: &[Module], x: [f64; 2]) -> (Vec<u8>, f64) {
     let linear = modules.iter().filter(|module| **module == Module::Linear).count();
-    let (mut parts, mut x, mut seen) = (Vec::new(), x.to_vec(), 0);
+    let mut parts = Vec::new();
+    let mut x = x.to_vec();
+    let mut seen = 0;
     for (number, module) in modules.iter().enumerate() {
         let standardized = || {
             let mean = x.iter().sum::<f64>() / x.len() as f64;
@@ -381,10 +383,13 @@ fn sequential(modules: &[Module], x: [f64; 2]) -> (Vec<u8>, f64) {
 fn a_sequential_acts_as_it_does_in_pytorch_or_is_refused() {
     use Module::{Dropout, LayerNorm, Linear, PlainNorm, Relu};
     let between = [Linear, Relu, LayerNorm, PlainNorm, Dropout];
-    let (mut accepted, mut refused) = (0, 0);
+    let mut accepted = 0;
+    let mut refused = 0;
     for number in 0..5_usize.pow(6) {
         let digit = |place: u32| between[number / 5_usize.pow(place) % 5];
-        let (head, first, second) = (number % 3, 1 + number % 4, 1 + number / 4 % 3);
+        let head = number % 3;
+        let first = 1 + number % 4;
+        let second = 1 + number / 4 % 3;
         let mut modules: Vec<Module> = (0..head / 2).map(|_| digit(0)).collect();
         modules.push(Linear);
         modules.extend((0..first as u32).map(digit));

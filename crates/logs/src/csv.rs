@@ -60,14 +60,15 @@ impl CsvTable {
     pub(crate) fn open(source: Box<dyn Read>, options: &Options) -> Result<CsvTable> {
         let mut ahead = Ahead::new(decode::utf8(source)?);
         let (head, start) = Head::read(&mut ahead, options)?;
-        let rest: Box<dyn Read> = match head.has_blanks {
-            false => Box::new(ahead.rest_from(start)),
-            true => Box::new(decode::Blanks {
+        let rest: Box<dyn Read> = if head.has_blanks {
+            Box::new(decode::Blanks {
                 source: ahead.rest_from(start),
                 is_due: false,
                 is_quoted: false,
                 is_in_line: false,
-            }),
+            })
+        } else {
+            Box::new(ahead.rest_from(start))
         };
         let row_bytes = Rc::new(SharedCell::new(0));
         let source = RowLimit { source: rest, row_bytes: row_bytes.clone(), is_in_line: false };

@@ -64,14 +64,16 @@ pub fn offset(text: &str) -> Option<i32> {
         [_, _, _, _] => rest.to_owned(),
         _ => return None,
     };
-    let (hours, minutes) = (whole(digits.get(..2)?)?, whole(digits.get(2..)?)?);
+    let hours = whole(digits.get(..2)?)?;
+    let minutes = whole(digits.get(2..)?)?;
     (hours < 24 && minutes < 60).then_some(sign * i32::try_from(hours * 3600 + minutes * 60).ok()?)
 }
 
 /// Reads `hh:mm:ss` or `hh:mm`, with a fraction of the seconds, in attoseconds.
 fn clock(text: &str, last_hour: u32) -> Option<i128> {
     let mut parts = text.split(':');
-    let (hours, minutes) = (whole(parts.next()?)?, parts.next()?);
+    let hours = whole(parts.next()?)?;
+    let minutes = parts.next()?;
     let secs = parts.next().unwrap_or("0").replace(',', ".");
     let secs = secs.as_str();
     let is_two = |part: &str| part.len() == 2;

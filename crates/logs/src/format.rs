@@ -31,14 +31,20 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
     }
     match first {
         [b'P', b'A', b'R', b'1', ..] => return Ok(Format::Parquet),
-        [b'P', b'K', 3, 4, ..] | [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => return Ok(Format::Numpy),
+        [b'P', b'K', 3, 4, ..] | [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => {
+            return Ok(Format::Numpy);
+        }
         [0x89, b'M', b'C', b'A', b'P', ..] => return Err(in_python(path, "an MCAP file")),
-        [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => return Err(in_python(path, "a bag of ROS 1")),
+        [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => {
+            return Err(in_python(path, "a bag of ROS 1"));
+        }
         [b'S', b'Q', b'L', b'i', b't', b'e', ..] => {
             return Err(in_python(path, "an SQLite file, such as a bag of rosbag2"));
         }
         _ if is_object(first) => return Ok(Format::JsonLines),
-        [0x1f, 0x8b, ..] => return Err(content("the file is compressed with gzip; unpack it with gunzip")),
+        [0x1f, 0x8b, ..] => {
+            return Err(content("the file is compressed with gzip; unpack it with gunzip"));
+        }
         _ => {}
     }
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -62,9 +68,10 @@ fn is_object(first: &[u8]) -> bool {
 
 /// Returns the error for a folder.
 pub(crate) fn of_folder(path: &Path) -> crate::LogError {
-    match path.join("metadata.yaml").is_file() {
-        true => in_python(path, "a folder of rosbag2"),
-        false => content("expected a file, found a folder"),
+    if path.join("metadata.yaml").is_file() {
+        in_python(path, "a folder of rosbag2")
+    } else {
+        content("expected a file, found a folder")
     }
 }
 

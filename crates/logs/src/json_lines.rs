@@ -45,7 +45,8 @@ impl JsonTable {
     pub(crate) fn open(source: Box<dyn Read>, of: &JsonHead<'_>) -> Result<JsonTable> {
         let mut source = BufReader::new(source);
         let mut known = Names::default();
-        let (mut head, mut bytes) = (Vec::new(), 0);
+        let mut head = Vec::new();
+        let mut bytes = 0;
         let mut read = 0;
         while read < of.lines && bytes < HEAD_BYTES {
             let Some(line) = next_line(&mut source, head.len())? else { break };
@@ -151,7 +152,9 @@ fn without_nan(line: &[u8]) -> Cow<'_, [u8]> {
     if !line.windows(3).any(|bytes| bytes == b"NaN" || bytes == b"Inf") {
         return Cow::Borrowed(line);
     }
-    let (mut found, mut rest, mut in_text) = (Vec::with_capacity(line.len() + 8), line, false);
+    let mut found = Vec::with_capacity(line.len() + 8);
+    let mut rest = line;
+    let mut in_text = false;
     while let [first, ..] = rest {
         let word = WORDS.iter().find(|word| !in_text && rest.starts_with(word));
         let length = match (word, first) {

@@ -90,7 +90,8 @@ impl OpenLog {
     /// If a file is not what its format requires, or the choices exclude each other.
     pub fn open(sources: &[Source], options: &Options) -> Result<OpenLog> {
         options.check()?;
-        let (mut tables, mut names) = (Vec::new(), Vec::new());
+        let mut tables = Vec::new();
+        let mut names = Vec::new();
         for Source { topic, path } in sources {
             let plain = |input: Input| match input {
                 Input::Stdin => Box::new(io::stdin()) as Box<dyn Read>,
@@ -299,7 +300,9 @@ impl OpenLog {
         let mut sinks = self.split_sinks(signals, topic_column)?;
         self.take(0).read(&mut sinks)?;
         let Sinks { columns, places, .. } = sinks;
-        let (mut topics, mut times, mut values) = (None, None, Vec::new());
+        let mut topics = None;
+        let mut times = None;
+        let mut values = Vec::new();
         for (_, sink) in columns {
             match sink {
                 Sink::Topics(column) => topics = Some(column),
@@ -350,7 +353,8 @@ impl OpenLog {
 
 impl Topic {
     fn of(name: Option<String>, sinks: Sinks, requested: usize) -> Result<Topic> {
-        let (mut times, mut columns) = (None, Vec::new());
+        let mut times = None;
+        let mut columns = Vec::new();
         for (_, sink) in sinks.columns {
             match sink {
                 Sink::Values(ValueColumn { name, values, .. }) => columns.push(Column { name, values }),
@@ -397,7 +401,8 @@ pub(crate) fn full_name(topic: Option<&str>, name: &str) -> String {
 fn column(table: &dyn Table, name: &str) -> Result<Option<usize>> {
     let names = table.names();
     let mut found = (0..names.len()).filter(|column| names[*column] == name);
-    let (first, second) = (found.next(), found.next());
+    let first = found.next();
+    let second = found.next();
     if let (Some(first), Some(second)) = (first, second) {
         return Err(content(format!(
             "two columns are named `{}`: {} and {}; rename one in the header",

@@ -155,15 +155,14 @@ impl Column {
     /// Reads the cells of the column, first row first.
     fn read(&self, mut source: impl Read, mut push: impl FnMut(Cell<'_>, usize) -> Result<()>) -> Result<()> {
         Header::read(&mut source)?;
-        let (rows, width) = (self.header.shape[0], self.header.shape.get(1).copied().unwrap_or(1));
+        let rows = self.header.shape[0];
+        let width = self.header.shape.get(1).copied().unwrap_or(1);
         let field = &self.header.fields[self.field];
         let size = self.header.item_bytes;
         let is_columns = self.header.is_fortran && width > 1;
         // Bytes before the first cell, and between two of the column.
-        let (before, step) = match is_columns {
-            true => ((self.element * rows) as u64 * size as u64, size),
-            false => (0, size * width),
-        };
+        let (before, step) =
+            if is_columns { ((self.element * rows) as u64 * size as u64, size) } else { (0, size * width) };
         let skipped = std::io::copy(&mut source.by_ref().take(before), &mut std::io::sink())?;
         if skipped < before {
             return Err(truncated());

@@ -58,7 +58,8 @@ impl ParquetTable {
     /// Reads the metadata. A column with this name of times must have a type that is read.
     pub(crate) fn open(path: &Path, time: &str) -> Result<ParquetTable> {
         let reader = SerializedFileReader::new(File::open(path)?).map_err(damaged)?;
-        let (mut names, mut columns) = (Vec::new(), Vec::new());
+        let mut names = Vec::new();
+        let mut columns = Vec::new();
         let schema = reader.metadata().file_metadata().schema_descr();
         for (leaf, column) in schema.columns().iter().enumerate() {
             let parts = column.path().parts();
@@ -112,7 +113,8 @@ fn element_name(parts: &[String], element: usize) -> String {
 
 /// Returns the length of the longest list of a leaf in the first rows.
 fn longest_list(reader: &SerializedFileReader<File>, leaf: Leaf) -> Result<usize> {
-    let (mut longest, mut rows) = (0, 0);
+    let mut longest = 0;
+    let mut rows = 0;
     for group in 0..reader.num_row_groups() {
         let group = reader.get_row_group(group).map_err(damaged)?;
         rows += visit(&*group, leaf, HEAD - rows, &mut |_, element, cell| {
@@ -234,9 +236,12 @@ fn visit(group: &dyn RowGroupReader, leaf: Leaf, limit: usize, each: Visitor<'_>
         }
         ColumnReader::Int32ColumnReader(reader) => {
             let unsigned = matches!(meaning, Meaning::Unsigned);
-            visit_typed(reader, leaf, limit, each, |value| match unsigned {
-                true => Cell::Integer(value.cast_unsigned().into()),
-                false => meaning.cell((*value).into()),
+            visit_typed(reader, leaf, limit, each, |value| {
+                if unsigned {
+                    Cell::Integer(value.cast_unsigned().into())
+                } else {
+                    meaning.cell((*value).into())
+                }
             })
         }
         ColumnReader::Int64ColumnReader(reader) => {
@@ -262,7 +267,9 @@ fn visit_typed<T: DataType>(
     each: Visitor<'_>,
     cell: impl Fn(&T::T) -> Cell<'_>,
 ) -> Result<usize> {
-    let (mut definitions, mut repetitions, mut values) = (Vec::new(), Vec::new(), Vec::new());
+    let mut definitions = Vec::new();
+    let mut repetitions = Vec::new();
+    let mut values = Vec::new();
     let mut rows = 0;
     while rows < limit {
         definitions.clear();
@@ -276,7 +283,8 @@ fn visit_typed<T: DataType>(
             break;
         }
         let mut found = values.iter();
-        let (mut row, mut element) = (rows, 0);
+        let mut row = rows;
+        let mut element = 0;
         for level in 0..levels {
             // Without lists and without optional groups, a column has no levels.
             let continues = repetitions.get(level).is_some_and(|repetition| *repetition > 0);

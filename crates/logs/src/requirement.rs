@@ -95,9 +95,10 @@ impl Log {
             topic.columns.retain(|column| signals.contains(&column.name.as_str()));
         }
         // Without signals, the rows of the first topic count.
-        match signals.is_empty() {
-            true => self.topics.truncate(1),
-            false => self.topics.retain(|topic| !topic.columns.is_empty()),
+        if signals.is_empty() {
+            self.topics.truncate(1);
+        } else {
+            self.topics.retain(|topic| !topic.columns.is_empty());
         }
         self.samples(options)
     }
@@ -197,12 +198,16 @@ pub fn document(
 /// Orders what has verdicts: violated formulas by their severity, satisfied formulas; within each,
 /// the least robustness first.
 pub fn worst_first<T>(found: &mut [T], verdict: impl Fn(&T) -> &LogVerdict) {
-    let class = |verdict: &LogVerdict| match verdict.violated {
-        true => Severity::ALL.iter().position(|severity| *severity == verdict.severity),
-        false => Some(Severity::ALL.len()),
+    let class = |verdict: &LogVerdict| {
+        if verdict.violated {
+            Severity::ALL.iter().position(|severity| *severity == verdict.severity)
+        } else {
+            Some(Severity::ALL.len())
+        }
     };
     found.sort_by(|a, b| {
-        let (a, b) = (verdict(a), verdict(b));
+        let a = verdict(a);
+        let b = verdict(b);
         class(a).cmp(&class(b)).then(a.robustness.0.total_cmp(&b.robustness.0))
     });
 }

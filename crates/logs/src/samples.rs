@@ -114,7 +114,9 @@ impl Log {
     /// Returns even samples: those of one topic, or of several with the same times.
     fn even(mut self, options: &Options) -> Result<Signals> {
         let rest = self.topics.split_off(1.min(self.topics.len()));
-        let Some(mut first) = self.topics.pop() else { return Err(content("the log has no topic")) };
+        let Some(mut first) = self.topics.pop() else {
+            return Err(content("the log has no topic"));
+        };
         for topic in &rest {
             let same = match (&first.times, &topic.times) {
                 (Some(first), Some(other)) => first.secs() == other.secs(),
@@ -255,7 +257,9 @@ impl Topic {
             self.keep(&rows);
         }
         let Some(times) = &self.times else { return Ok(()) };
-        let Some(row) = times.secs().windows(2).position(|pair| pair[0] >= pair[1]) else { return Ok(()) };
+        let Some(row) = times.secs().windows(2).position(|pair| pair[0] >= pair[1]) else {
+            return Ok(());
+        };
         let is_same = |row: usize| row + 1 < times.secs().len() && times.secs()[row] >= times.secs()[row + 1];
         let rows = 0..times.secs().len();
         let kept: Vec<usize> = match options.duplicates {

@@ -227,7 +227,8 @@ impl Times {
 
     /// Removes the last time. What the digits of the times say is kept.
     pub(crate) fn pop(&mut self) -> Option<RowTime> {
-        let (secs, last_digit) = (self.secs.pop()?, self.last_digits.pop()?);
+        let secs = self.secs.pop()?;
+        let last_digit = self.last_digits.pop()?;
         self.places = Places::new(Counted::Lines);
         if !secs.is_nan() {
             self.finest = self.finest.min(last_digit);
@@ -412,7 +413,8 @@ fn largest(values: &[f64]) -> f64 {
 fn exact_text(attoseconds: i128) -> String {
     let sign = if attoseconds < 0 { "-" } else { "" };
     let unit = 10_u128.pow(18);
-    let (whole, rest) = (attoseconds.unsigned_abs() / unit, attoseconds.unsigned_abs() % unit);
+    let whole = attoseconds.unsigned_abs() / unit;
+    let rest = attoseconds.unsigned_abs() % unit;
     let fraction = format!("{:09}", rest / 10_u128.pow(9));
     let fraction = fraction.trim_end_matches('0');
     if fraction.is_empty() { format!("{sign}{whole}") } else { format!("{sign}{whole}.{fraction}") }

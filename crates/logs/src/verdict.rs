@@ -159,9 +159,10 @@ impl Samples {
             Signals::Dense(signals) => {
                 let names: Vec<String> = signals.iter().map(|signal| signal.name().to_owned()).collect();
                 let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
-                let found = match evaluation.strict_horizon {
-                    true => monitor.decided_robustness_signal(signals)?,
-                    false => monitor.robustness_signal(signals)?,
+                let found = if evaluation.strict_horizon {
+                    monitor.decided_robustness_signal(signals)?
+                } else {
+                    monitor.robustness_signal(signals)?
                 };
                 Ok(found.breakpoints().map(|point| (in_secs(point.time), point.at)).collect())
             }
@@ -187,7 +188,9 @@ fn clock(
             let needs = "a bound of the formula is a time, which needs the time between two samples";
             let typed = likely_time.filter(|name| visible(name) == *name);
             let message = match (has_times, typed) {
-                (true, _) => format!("{needs}, but the trace has one sample; pass --period SECONDS"),
+                (true, _) => {
+                    format!("{needs}, but the trace has one sample; pass --period SECONDS")
+                }
                 (false, Some(name)) => format!(
                     "{needs}, but the trace has no column `time`; if the column `{name}` has the times in seconds, pass \
                      --time {}, otherwise --period SECONDS",
@@ -277,7 +280,8 @@ impl Even<'_> {
         let diagnosis = self.diagnosis(formula, &monitor)?;
         let nodes = formula.subformula_nodes(&self.clock)?;
         let texts: Vec<String> = formula.subformulas().collect();
-        let (mut violations, mut worst) = (Vec::new(), None);
+        let mut violations = Vec::new();
+        let mut worst = None;
         for (position, reach) in parts(&nodes) {
             let text = &texts[position];
             let Ok(part) = Formula::parse(text) else { continue };
@@ -316,9 +320,10 @@ impl Even<'_> {
         }
         let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
         let visit = |first: usize, values: &[f64]| found.extend(first, values);
-        match self.evaluation.strict_horizon {
-            true => monitor.visit_decided_robustness(self.trace, samples, visit)?,
-            false => monitor.visit_robustness(self.trace, samples, visit)?,
+        if self.evaluation.strict_horizon {
+            monitor.visit_decided_robustness(self.trace, samples, visit)?;
+        } else {
+            monitor.visit_robustness(self.trace, samples, visit)?;
         }
         Ok(found)
     }
@@ -384,15 +389,16 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     let start = signals.first().map_or(0.0, DenseSignal::start);
     let end = signals.first().map_or(0.0, DenseSignal::end);
     let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
-    let diagnosis = match evaluation.strict_horizon {
-        true => monitor.diagnose_decided(signals)?.ok_or_else(|| {
+    let diagnosis = if evaluation.strict_horizon {
+        monitor.diagnose_decided(signals)?.ok_or_else(|| {
             content(format!(
                 "the windows of the formula are longer than the log, which has {} s; without --strict-horizon, they are \
                  cut at its end",
                 number_text(end - start)
             ))
-        })?,
-        false => monitor.diagnose(signals)?,
+        })?
+    } else {
+        monitor.diagnose(signals)?
     };
     let cuts_windows = !evaluation.strict_horizon && monitor.cuts_windows(signals)?;
     let unit = evaluation.unit.unwrap_or(TimeUnit::Seconds);
@@ -400,16 +406,18 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
         formula.subformula_nodes(&Clock::rtamt(*tick, unit)).ok().map(|nodes| (*tick, nodes))
     });
     let texts: Vec<String> = formula.subformulas().collect();
-    let (mut violations, mut worst) = (Vec::new(), None);
+    let mut violations = Vec::new();
+    let mut worst = None;
     let (tick, found) = nodes.map_or((0.0, vec![(0, (0, Some(0)))]), |(tick, nodes)| (tick, parts(&nodes)));
     for (position, (first, last)) in found {
         let Ok(part) = Formula::parse(&texts[position]) else { continue };
         let monitor = DenseMonitor::new(&part, &names, evaluation.unit)?;
         let from = start + first as f64 * tick;
         let to = last.map_or(end, |last| start + last as f64 * tick);
-        let values = match evaluation.strict_horizon {
-            true => monitor.decided_robustness_within(signals, from, to)?,
-            false => monitor.robustness_within(signals, from, to)?,
+        let values = if evaluation.strict_horizon {
+            monitor.decided_robustness_within(signals, from, to)?
+        } else {
+            monitor.robustness_within(signals, from, to)?
         };
         violations.extend(values.violations().into_iter().map(|found| Interval {
             formula: texts[position].clone(),

@@ -74,7 +74,9 @@ fn followed(
     let watched: Vec<Watched> =
         formulas.iter().map(|formula| Watched { formula: formula.clone(), unit: None }).collect();
     let mut watch = Watch::new(&watched, follow.signals(), options.period, is_strict)?;
-    let (mut samples, mut times, mut known) = (Vec::new(), Vec::new(), Vec::new());
+    let mut samples = Vec::new();
+    let mut times = Vec::new();
+    let mut known = Vec::new();
     loop {
         match follow.next(Duration::from_secs(20))? {
             Next::Waiting => panic!("no end"),
@@ -408,7 +410,8 @@ fn a_sample_waits_for_all_topics_or_for_the_lateness() {
         ..Options::default()
     };
     for lateness in [None, Some(2.5)] {
-        let ((mut arm, first), (mut hand, second)) = (pipe(), pipe());
+        let (mut arm, first) = pipe();
+        let (mut hand, second) = pipe();
         let pipes: Pipes = vec![(Some("arm".to_owned()), first), (Some("hand".to_owned()), second)];
         let following = Following { lateness, idle: None };
         let mut follow = Follow::open_pipes(pipes, &formula, &options, following).expect("open");

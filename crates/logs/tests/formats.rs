@@ -32,16 +32,15 @@ fn npy(descr: &str, shape: &str, data: &[u8]) -> Vec<u8> {
 
 /// A zip archive as `zipfile` of Python writes it for `numpy.savez` or `numpy.savez_compressed`.
 fn npz(entries: &[(&str, Vec<u8>)], is_deflated: bool) -> Vec<u8> {
-    let (mut file, mut directory) = (Vec::new(), Vec::new());
+    let mut file = Vec::new();
+    let mut directory = Vec::new();
     for (name, content) in entries {
-        let stored = match is_deflated {
-            true => {
-                let mut encoder =
-                    flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::default());
-                encoder.write_all(content).expect("memory");
-                encoder.finish().expect("memory")
-            }
-            false => content.clone(),
+        let stored = if is_deflated {
+            let mut encoder = flate2::write::DeflateEncoder::new(Vec::new(), flate2::Compression::default());
+            encoder.write_all(content).expect("memory");
+            encoder.finish().expect("memory")
+        } else {
+            content.clone()
         };
         let method: u16 = if is_deflated { 8 } else { 0 };
         let mut common = Vec::new();
@@ -65,7 +64,8 @@ fn npz(entries: &[(&str, Vec<u8>)], is_deflated: bool) -> Vec<u8> {
         file.extend([0; 16]);
         file.extend(stored);
     }
-    let (start, size) = (file.len() as u32, directory.len() as u32);
+    let start = file.len() as u32;
+    let size = directory.len() as u32;
     file.extend(&directory);
     file.extend(b"PK\x05\x06\0\0\0\0");
     file.extend((entries.len() as u16).to_le_bytes().repeat(2));
@@ -337,7 +337,8 @@ fn lists_of_other_lengths_have_missing_elements() {
     column.close().expect("n");
     let mut column = group.next_column().expect("q").expect("q");
     // [1, 2], [], null, [3], [null, 4]
-    let (definitions, repetitions) = ([3, 3, 1, 0, 3, 2, 3], [0, 1, 0, 0, 0, 0, 1]);
+    let definitions = [3, 3, 1, 0, 3, 2, 3];
+    let repetitions = [0, 1, 0, 0, 0, 0, 1];
     let values = [1.0, 2.0, 3.0, 4.0];
     column
         .typed::<DoubleType>()

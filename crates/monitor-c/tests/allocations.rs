@@ -63,8 +63,11 @@ fn nothing_is_allocated_after_the_creation() {
                     MishandleStatus::InvalidSample
                 );
                 for formula in 0..4 {
-                    let (mut low, mut high, mut verdict) = (0.0, 0.0, MishandleVerdict::Open);
-                    let (mut is_decided, mut sample) = (false, 0);
+                    let mut low = 0.0;
+                    let mut high = 0.0;
+                    let mut verdict = MishandleVerdict::Open;
+                    let mut is_decided = false;
+                    let mut sample = 0;
                     mishandle_monitor_bounds(monitor, formula, &raw mut low, &raw mut high);
                     mishandle_monitor_verdict(monitor, formula, &raw mut verdict);
                     mishandle_monitor_decided(

@@ -70,7 +70,8 @@ fn constant(name: &str) -> String {
 
 #[test]
 fn the_header_declares_every_function_and_no_other() {
-    let (source, header) = (file("src/lib.rs"), spaced(&file("include/mishandle_monitor.h")));
+    let source = file("src/lib.rs");
+    let header = spaced(&file("include/mishandle_monitor.h"));
     let functions: Vec<String> = source.split("extern \"C\" fn ").skip(1).map(declaration).collect();
     for function in &functions {
         assert!(header.contains(function), "the header lacks `{function}`; {UPDATE}");
@@ -80,7 +81,8 @@ fn the_header_declares_every_function_and_no_other() {
 
 #[test]
 fn the_header_has_every_value_of_an_enumeration() {
-    let (source, header) = (file("src/lib.rs"), spaced(&file("include/mishandle_monitor.h")));
+    let source = file("src/lib.rs");
+    let header = spaced(&file("include/mishandle_monitor.h"));
     let mut expected = 0;
     for text in source.split("#[repr(C)]").skip(1) {
         let (head, body) =

@@ -35,9 +35,11 @@ fn create(
     let texts = |of: &[&str]| -> Vec<CString> {
         of.iter().map(|text| CString::new(*text).expect("a text without 0")).collect()
     };
-    let (formulas, signals) = (texts(formulas), texts(signals));
+    let formulas = texts(formulas);
+    let signals = texts(signals);
     let pointers = |of: &[CString]| -> Vec<*const c_char> { of.iter().map(|text| text.as_ptr()).collect() };
-    let (formulas, signals) = (pointers(&formulas), pointers(&signals));
+    let formulas = pointers(&formulas);
+    let signals = pointers(&signals);
     let mut monitor = null_mut();
     // SAFETY: the pointers are valid for the numbers of elements.
     let status = unsafe {
@@ -62,7 +64,8 @@ impl Owned {
     }
 
     fn bounds(&self, formula: usize) -> (f64, f64) {
-        let (mut low, mut high) = (f64::NAN, f64::NAN);
+        let mut low = f64::NAN;
+        let mut high = f64::NAN;
         // SAFETY: all pointers are valid.
         let status = unsafe { mishandle_monitor_bounds(self.0, formula, &raw mut low, &raw mut high) };
         assert_eq!(status, MishandleStatus::Ok);
@@ -78,7 +81,9 @@ impl Owned {
     }
 
     fn decided(&self, formula: usize) -> Option<(usize, f64)> {
-        let (mut is_decided, mut sample, mut robustness) = (false, 0, 0.0);
+        let mut is_decided = false;
+        let mut sample = 0;
+        let mut robustness = 0.0;
         // SAFETY: all pointers are valid.
         let status = unsafe {
             mishandle_monitor_decided(
@@ -121,8 +126,10 @@ fn null_is_an_error_of_each_function() {
     let texts = [text.as_ptr()];
     let missing = [null::<c_char>()];
     let mut created = null_mut();
-    let (mut number, mut verdict) = (0.0, MishandleVerdict::Open);
-    let (mut is_decided, mut index) = (false, 0);
+    let mut number = 0.0;
+    let mut verdict = MishandleVerdict::Open;
+    let mut is_decided = false;
+    let mut index = 0;
     // SAFETY: each pointer is null or valid.
     let statuses = unsafe {
         [

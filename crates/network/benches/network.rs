@@ -58,7 +58,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("  forward, {rows:4} rows: {:8.2} us", time * 1e6);
         }
         let count = network.parameter_count();
-        let (mut gradient, mut adam) = (vec![0.0; count], Adam::new(count, 1e-4));
+        let mut gradient = vec![0.0; count];
+        let mut adam = Adam::new(count, 1e-4);
         for threads in [1, rayon::current_num_threads()] {
             let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
             let mut pool = ChunkPool::<f32, (Workspace<f32>, Vec<f32>)>::new(CHUNK_ROWS);

@@ -96,8 +96,10 @@ impl<T: Scalar> Adam<T> {
         let steps = i32::try_from(self.steps).unwrap_or(i32::MAX);
         let step_length = T::from_f64(self.learning_rate / (1.0 - BETA_1.powi(steps)));
         let root_of_correction = T::from_f64((1.0 - BETA_2.powi(steps)).sqrt());
-        let (first_weight, second_decay) = (T::from_f64(1.0 - BETA_1), T::from_f64(BETA_2));
-        let (second_weight, epsilon) = (T::from_f64(1.0 - BETA_2), T::from_f64(EPSILON));
+        let first_weight = T::from_f64(1.0 - BETA_1);
+        let second_decay = T::from_f64(BETA_2);
+        let second_weight = T::from_f64(1.0 - BETA_2);
+        let epsilon = T::from_f64(EPSILON);
         let moments = self.first_moments.iter_mut().zip(&mut self.second_moments);
         for ((parameter, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
             *m = first_weight.mul_add(*g - *m, *m);

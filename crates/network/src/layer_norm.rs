@@ -78,14 +78,16 @@ pub(crate) fn times_derivative<T: Scalar>(
     let rows = scales.len();
     let weight = T::from_f64(1.0 / columns as f64);
     for (r, scale) in scales.iter().enumerate() {
-        let (mut sum, mut along) = (Lanes::ZERO, Lanes::ZERO);
+        let mut sum = Lanes::ZERO;
+        let mut along = Lanes::ZERO;
         for (gradient, y) in gradient[r..].iter().step_by(rows).zip(values[r..].iter().step_by(rows)) {
             zip(&mut sum, gradient, |sum, f| sum + f);
             for ((along, f), y) in along.0.iter_mut().zip(&gradient.0).zip(&y.0) {
                 *along = f.mul_add(*y, *along);
             }
         }
-        let (mean, along) = (total(&sum) * weight, total(&along) * weight);
+        let mean = total(&sum) * weight;
+        let along = total(&along) * weight;
         let panels = gradient[r..].iter_mut().step_by(rows).zip(values[r..].iter().step_by(rows));
         for (p, (gradient, y)) in panels.enumerate() {
             zip(gradient, y, |f, y| *scale * (-along).mul_add(y, f - mean));

@@ -88,7 +88,8 @@ impl<T: Scalar> Mlp<T> {
         matmul::pack(inputs, columns, rows, &mut workspace.values[0]);
         for (l, layer) in self.packed.iter().enumerate() {
             let (before, after) = workspace.values.split_at_mut(l + 1);
-            let (activation, after) = (self.activation(l), &mut after[0]);
+            let activation = self.activation(l);
+            let after = &mut after[0];
             let is_standardized = self.is_standardized(l);
             let epilogue = if is_standardized { Epilogue::None } else { Epilogue::Activate(activation) };
             T::product(rows, &before[l], &layer.weight, Some(&layer.bias), after, epilogue);

@@ -32,7 +32,8 @@ fn outputs_by_loops(network: &Mlp<f64>, inputs: &[f64]) -> Vec<f64> {
             tensors.chunks(2).enumerate().fold(row.to_vec(), |x, (l, layer)| {
                 let last = l + 1 == layers;
                 let activation = if last { network.output_activation() } else { network.hidden_activation() };
-                let (weight, bias) = (layer[0].values, layer[1].values);
+                let weight = layer[0].values;
+                let bias = layer[1].values;
                 let rows = weight.chunks(x.len()).zip(bias);
                 let mut z: Vec<f64> =
                     rows.map(|(w, b)| w.iter().zip(&x).map(|(w, x)| w * x).sum::<f64>() + b).collect();
@@ -152,8 +153,8 @@ fn gradients_equal_finite_differences() {
 }
 
 fn gradients(network: &Mlp<f64>, inputs: &[f64], output_gradient: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let (mut gradient, mut input_gradient) =
-        (vec![0.0; network.parameter_count()], vec![f64::NAN; inputs.len()]);
+    let mut gradient = vec![0.0; network.parameter_count()];
+    let mut input_gradient = vec![f64::NAN; inputs.len()];
     let mut workspace = Workspace::default();
     network.forward(inputs, &mut workspace);
     network.backward(output_gradient, &mut workspace, Some(&mut gradient), Some(&mut input_gradient));
@@ -168,13 +169,14 @@ fn tangents_and_gradients_are_adjoint() {
         let network = network::<f64>(case, &mut random);
         let inputs: Vec<f64> = random.normals(ROWS * network.input_size());
         let u: Vec<f64> = random.normals(ROWS * network.output_size());
-        let (v_parameters, v_inputs) =
-            (random.normals(network.parameter_count()), random.normals(inputs.len()));
+        let v_parameters = random.normals(network.parameter_count());
+        let v_inputs = random.normals(inputs.len());
         let mut workspace = Workspace::default();
         network.forward(&inputs, &mut workspace);
         let forwards = dot(&u, network.tangent(Some(&v_parameters), Some(&v_inputs), &mut workspace));
         // The workspace keeps the forward pass, so a backward pass may follow a tangent.
-        let (mut gradient, mut input_gradient) = (vec![0.0; v_parameters.len()], vec![0.0; v_inputs.len()]);
+        let mut gradient = vec![0.0; v_parameters.len()];
+        let mut input_gradient = vec![0.0; v_inputs.len()];
         network.backward(&u, &mut workspace, Some(&mut gradient), Some(&mut input_gradient));
         let backwards = dot(&gradient, &v_parameters) + dot(&input_gradient, &v_inputs);
         close("uᵀ J v", &[forwards], &[backwards], 1e-12);

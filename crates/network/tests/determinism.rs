@@ -18,7 +18,8 @@ fn a_row_does_not_depend_on_other_rows() {
     let mut random = Random(1);
     for case in CASES {
         let network = network::<f32>(case, &mut random);
-        let (ins, outs) = (network.input_size(), network.output_size());
+        let ins = network.input_size();
+        let outs = network.output_size();
         let inputs: Vec<f32> = random.normals(ROWS * ins);
         let output_gradient: Vec<f32> = random.normals(ROWS * outs);
         let parameter_direction: Vec<f32> = random.normals(network.parameter_count());

@@ -44,7 +44,8 @@ fn merged_moments_equal_the_moments_of_all_rows() {
 fn two_updates_equal_one_update_with_all_rows() {
     let mut random = Random(2);
     let rows: Vec<f32> = random.normals(4 * 100);
-    let (mut once, mut twice) = (RunningNormalizer::new(4), RunningNormalizer::new(4));
+    let mut once = RunningNormalizer::new(4);
+    let mut twice = RunningNormalizer::new(4);
     once.update(&rows);
     twice.update(&rows[..4 * 30]);
     twice.update(&rows[4 * 30..]);
@@ -109,7 +110,8 @@ fn a_restored_normalizer_continues_like_the_original() {
     let rows: Vec<f64> = random.normals(3 * 50);
     let mut normalizer = RunningNormalizer::new(3);
     normalizer.update(&rows);
-    let (mean, variance) = (normalizer.mean().to_vec(), normalizer.variance());
+    let mean = normalizer.mean().to_vec();
+    let variance = normalizer.variance();
     let mut resumed = RunningNormalizer::resume(mean, &variance, normalizer.count()).expect("valid");
     for one in [&mut normalizer, &mut resumed] {
         one.update(&rows[..30]);
@@ -159,7 +161,8 @@ fn a_floor_below_all_deviations_changes_no_bit_and_survives_a_restoration() {
     // The columns have standard deviations of 0.7, 1.4 and 2.1.
     let mut floored = RunningNormalizer::new(3).with_floor(1.0);
     floored.update(&rows);
-    let (expected, found) = (plain.variance(), floored.variance());
+    let expected = plain.variance();
+    let found = floored.variance();
     assert_eq!([found[1], found[2]].map(f64::to_bits), [expected[1], expected[2]].map(f64::to_bits));
     assert_eq!((found[0], floored.moments()), (1.0, plain.moments()));
     let mut restored = RunningNormalizer::new(3).with_floor(1.0);

@@ -94,7 +94,8 @@ fn orthogonal_weights_scale_lengths_by_the_gain() {
         Mlp::<f64>::new(&[30, 64, 64, 9], Activation::Elu, Activation::Identity).expect("a network");
     network.initialize_orthogonal(&[2.0, 1.0, 0.01], || random.normal()).expect("a gain for each layer");
     for (tensor, gain) in network.tensors().iter().step_by(2).zip([2.0, 1.0, 0.01]) {
-        let (rows, columns) = (tensor.shape[0], tensor.shape[1]);
+        let rows = tensor.shape[0];
+        let columns = tensor.shape[1];
         let at = |r: usize, c: usize| tensor.values[r * columns + c];
         // W Wᵀ or Wᵀ W, whichever is smaller, is gain² times the identity matrix.
         for i in 0..rows.min(columns) {
@@ -152,11 +153,14 @@ fn two_steps_of_adam_equal_values_computed_by_hand() {
 fn a_restored_adam_continues_bit_for_bit() {
     let mut random = Random(5);
     let gradients: Vec<Vec<f32>> = (0..6).map(|_| random.normals(20)).collect();
-    let (mut whole, mut parameters) = (Adam::new(20, 1e-3), vec![0.5; 20]);
-    let (mut resumed, mut again) = (Adam::new(20, 1e-3), vec![0.5; 20]);
+    let mut whole = Adam::new(20, 1e-3);
+    let mut parameters = vec![0.5; 20];
+    let mut resumed = Adam::new(20, 1e-3);
+    let mut again = vec![0.5; 20];
     for gradient in &gradients {
         whole.step(&mut parameters, gradient);
-        let (m, v) = (resumed.first_moments().to_vec(), resumed.second_moments().to_vec());
+        let m = resumed.first_moments().to_vec();
+        let v = resumed.second_moments().to_vec();
         resumed = Adam::resume(1e-3, m, v, resumed.steps()).expect("valid moments");
         resumed.step(&mut again, gradient);
     }

@@ -29,7 +29,8 @@ fn activation(case: &Value, key: &str) -> Activation {
 
 fn network<T: Scalar>(case: &Value) -> Mlp<T> {
     let sizes: Vec<usize> = numbers::<f64>(case, "sizes").iter().map(|size| *size as usize).collect();
-    let (hidden, output) = (activation(case, "hidden_activation"), activation(case, "output_activation"));
+    let hidden = activation(case, "hidden_activation");
+    let output = activation(case, "output_activation");
     let mut network = Mlp::new(&sizes, hidden, output).expect("a network");
     network.update(|parameters| parameters.copy_from_slice(&numbers(case, "parameters")));
     network
@@ -49,7 +50,8 @@ fn check_passes<T: Scalar>(tolerance: f64) {
         close(case, "parameter_gradient", &gradient, tolerance);
         close(case, "input_gradient", &input_gradient, tolerance);
 
-        let (parameters, inputs) = (numbers(case, "parameter_direction"), numbers(case, "input_direction"));
+        let parameters = numbers(case, "parameter_direction");
+        let inputs = numbers(case, "input_direction");
         close(case, "tangent", network.tangent(Some(&parameters), Some(&inputs), &mut workspace), tolerance);
     }
 }
@@ -69,7 +71,8 @@ fn check_adam<T: Scalar>(tolerance: f64) {
     let constant = |key: &str| document[key].as_f64().expect("a number");
     for case in document["networks"].as_array().expect("cases") {
         let mut network = network::<T>(case);
-        let (inputs, targets) = (numbers::<T>(case, "inputs"), numbers::<T>(case, "output_gradient"));
+        let inputs = numbers::<T>(case, "inputs");
+        let targets = numbers::<T>(case, "output_gradient");
         let mut adam = Adam::new(network.parameter_count(), constant("learning_rate"));
         let mut workspace = Workspace::default();
         let mut norms = Vec::new();

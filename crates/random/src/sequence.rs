@@ -22,7 +22,8 @@ impl Sequence {
         if let Some(bits) = self.spare.take() {
             return bits;
         }
-        let ([low, high], [s_low, s_high]) = (halves(self.next_block), halves(self.stream));
+        let [low, high] = halves(self.next_block);
+        let [s_low, s_high] = halves(self.stream);
         let word = philox4x32([low, high, s_low, s_high], self.key);
         self.next_block += 1;
         self.spare = Some(joined(word[2], word[3]));

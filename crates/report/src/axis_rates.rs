@@ -224,10 +224,12 @@ fn heat_map(pair: &PairRate, rates: &AxisRates) -> String {
 
 /// Returns the class of a rate: four shades below the rate of all simulations and four above it.
 fn shade(value: f64, all: f64) -> String {
-    let (name, share) = match value < all {
-        true => ("below", (all - value) / all),
-        false if all >= 1.0 => ("above", 1.0),
-        false => ("above", (value - all) / (1.0 - all)),
+    let (name, share) = if value < all {
+        ("below", (all - value) / all)
+    } else if all >= 1.0 {
+        ("above", 1.0)
+    } else {
+        ("above", (value - all) / (1.0 - all))
     };
     format!("{name}{}", ((4.0 * share) as usize).min(3))
 }

@@ -81,14 +81,15 @@ pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String
         found.tested.len(),
         plural(found.candidates.len() as u64, "candidate"),
         plural(found.simulations, "simulation"),
-        match found.tested.len() < found.candidates.len() {
-            true => "; a box with a number alone is not tested",
-            false => "",
+        if found.tested.len() < found.candidates.len() {
+            "; a box with a number alone is not tested"
+        } else {
+            ""
         },
-        match has_rates {
-            true =>
-                " Intervals of rates hold at any time (95 %); no correction is made for several candidates.",
-            false => "",
+        if has_rates {
+            " Intervals of rates hold at any time (95 %); no correction is made for several candidates."
+        } else {
+            ""
         }
     );
     body += &format!("<h3>Run it again</h3>\n<pre>{}</pre>\n</section>\n", lines(&commands(found)));
@@ -137,11 +138,12 @@ fn strip(found: &Bisection) -> String {
 fn candidates(found: &Bisection, evidence: &BisectionEvidence) -> String {
     let address = |candidate: &BisectedCandidate| {
         let name = Some(&candidate.name);
-        match evidence.reports.is_empty() {
-            true => (!candidate.violated.is_empty() && name == found.first_bad.as_ref())
-                .then_some("#counterexamples"),
-            false if name == found.last_good.as_ref() => Some("#r1"),
-            false => (name == found.first_bad.as_ref()).then_some("#r2"),
+        if evidence.reports.is_empty() {
+            (!candidate.violated.is_empty() && name == found.first_bad.as_ref()).then_some("#counterexamples")
+        } else if name == found.last_good.as_ref() {
+            Some("#r1")
+        } else {
+            (name == found.first_bad.as_ref()).then_some("#r2")
         }
     };
     let row = |candidate: &BisectedCandidate| {

@@ -83,17 +83,17 @@ impl Verdict {
 
     /// Returns the verdict of an evaluation or falsification.
     fn of_counts(report: &RunReport) -> Verdict {
-        let ((failing, all), name) = match report.is_evaluation() {
-            true => (words::evaluated(report), "scenarios fail"),
-            false => {
-                let (failing, all) = words::falsified(report);
-                ((failing as u64, all as u64), "trials falsified")
-            }
+        let ((failing, all), name) = if report.is_evaluation() {
+            (words::evaluated(report), "scenarios fail")
+        } else {
+            let (failing, all) = words::falsified(report);
+            ((failing as u64, all as u64), "trials falsified")
         };
         let rate = wilson(failing, all);
-        let interval = match report.is_evaluation() {
-            true => words::failure_interval(report, failing, all),
-            false => rate.low.zip(rate.high).map(<[f64; 2]>::from),
+        let interval = if report.is_evaluation() {
+            words::failure_interval(report, failing, all)
+        } else {
+            rate.low.zip(rate.high).map(<[f64; 2]>::from)
         };
         Verdict {
             text: format!("{failing} of {all} {name}"),
@@ -196,10 +196,8 @@ pub fn table(runs: &[RunSummary], names_say_it: bool) -> String {
         .filter(|column| rows[0][**column] != "–")
         .map(|column| format!("{} {}", COLUMNS[*column], rows[0][*column]))
         .collect();
-    let facts = match facts.is_empty() {
-        true => String::new(),
-        false => format!("<p>All runs: {}.</p>\n", facts.join(", ")),
-    };
+    let facts =
+        if facts.is_empty() { String::new() } else { format!("<p>All runs: {}.</p>\n", facts.join(", ")) };
     let head: Vec<&str> = shown.iter().map(|column| COLUMNS[*column]).collect();
     let rows: Vec<Vec<String>> =
         rows.iter().map(|row| shown.iter().map(|column| row[*column].clone()).collect()).collect();

@@ -12,12 +12,11 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
     let at = format!("--trial {trial} --simulation {number}");
     let explain = format!("mishandle explain {run} {at}");
     let replay = replay_command(&report.header, &report.path, trial, number);
-    let mut lines = match is_python(&report.header.target.kind) {
-        true => {
-            let comment = "# in Python, with the same system, formula and space as the run:".to_string();
-            vec![explain, comment, replay]
-        }
-        false => vec![replay, explain],
+    let mut lines = if is_python(&report.header.target.kind) {
+        let comment = "# in Python, with the same system, formula and space as the run:".to_string();
+        vec![explain, comment, replay]
+    } else {
+        vec![replay, explain]
     };
     if has_scene(&report.header.target.kind) {
         lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));

@@ -1,12 +1,12 @@
 //! The page of a comparison: what the second controller breaks and fixes, and where.
 
+use crate::charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 use mishandle::evaluation::{Corners, Estimate};
 use mishandle::inspect::{ComparedPair, Comparison};
 use mishandle::results::{ComparedRun, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
 use mishandle::run::{has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
-use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 use mishandle_text::plural;
 
 use crate::commands::replay_command;
@@ -164,10 +164,7 @@ fn tiles(found: &Comparison) -> String {
 
 /// Returns the table of the paired differences.
 fn differences(found: &Comparison) -> String {
-    let signed = |value: f64| match value > 0.0 {
-        true => format!("+{}", number(value)),
-        false => number(value),
-    };
+    let signed = |value: f64| if value > 0.0 { format!("+{}", number(value)) } else { number(value) };
     let points = |value: f64| signed((1e4 * value).round() / 100.0);
     let row =
         |name: &str, cells: [String; 2], difference: &Estimate, show: &dyn Fn(f64) -> String, p: f64| {
@@ -220,13 +217,12 @@ fn differences(found: &Comparison) -> String {
             }
             (false, _) => "",
         }
-        + match found.at_any_time {
-            true => "",
-            false => {
-                "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
+        + if found.at_any_time {
+            ""
+        } else {
+            "<p class=\"notes\">Rates: Newcombe's interval for pairs and the exact McNemar test. Means: paired bootstrap and the exact \
            sign test, which asks whether B is as often above A as below it. Tests are two-sided and not corrected for their \
            number.</p>\n"
-            }
         }
 }
 
@@ -339,7 +335,7 @@ impl View<'_> {
 
     fn chart(
         &self,
-        [x, y]: [mishandle_charts::ChartAxis; 2],
+        [x, y]: [crate::charts::ChartAxis; 2],
         areas: Vec<Area>,
         mut series: Vec<Series>,
         at: &dyn Fn(&ComparedPair) -> Option<[f64; 2]>,
@@ -383,7 +379,9 @@ impl View<'_> {
             count(Outcome::BothFail)
         );
         let panel = Panel { title: String::new(), x, y, areas, series, marks };
-        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        let title = String::new();
+        let caption = String::new();
+        let legend = Vec::new();
         let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
         chart.figure(&visible(&label))
     }
@@ -487,7 +485,8 @@ fn row_id(list: &str, pair: &ComparedPair) -> String {
 fn facts(found: &Comparison, header: &RunHeader) -> String {
     let code = |value: &str| format!("<code>{}</code>", text(value));
     let optional = |value: &Option<String>| value.as_deref().map_or("–".to_string(), code);
-    let (a, b) = (&found.first, &found.second);
+    let a = &found.first;
+    let b = &found.second;
     let hash = |hash: &str| code(&short(hash, 20));
     let optional_hash = |value: &Option<String>| value.as_deref().map_or("–".to_string(), hash);
     let row = |name: &str, a: String, b: String| vec![name.to_string(), a, b];

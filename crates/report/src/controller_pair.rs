@@ -45,7 +45,8 @@ impl ControllerPair {
         names: [ControllerName; 2],
         failing: usize,
     ) -> (ControllerPair, Option<PictureError>) {
-        let (mut outcomes, mut states) = (Vec::new(), Vec::new());
+        let mut outcomes = Vec::new();
+        let mut states = Vec::new();
         for ExampleSimulation { episode, trajectory, explained } in simulated {
             let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
             let end = mishandle::run::end_text(episode.end, &signals);
@@ -70,7 +71,8 @@ impl ControllerPair {
             .iter()
             .filter_map(|index| {
                 let (header, found) = outcomes[*index].explained.as_ref()?;
-                let (states, explanation) = (states[*index].as_slice(), &found.explanation);
+                let states = states[*index].as_slice();
+                let explanation = &found.explanation;
                 Some(Instant { header, states, explanation, sample: sample(*index) })
             })
             .collect();
@@ -114,7 +116,9 @@ impl Outcome {
 
     /// Returns the result in words.
     fn words(&self) -> String {
-        let Some((_, explained)) = &self.explained else { return format!("no verdict: {}", text(&self.end)) };
+        let Some((_, explained)) = &self.explained else {
+            return format!("no verdict: {}", text(&self.end));
+        };
         let unit = text(&short(&explained.explanation.unit, 20));
         let robustness = explained.recorded.robustness.map_or(String::new(), |found| with_unit(found, &unit));
         let verdict = if self.fails() { "fails" } else { "succeeds" };

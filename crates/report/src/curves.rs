@@ -1,7 +1,7 @@
 //! Charts over the simulations of the trials: progress of the search, distribution of the
 //! robustness.
 
-use mishandle_charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
+use crate::charts::{Area, Chart, ChartAxis, Mark, Panel, Series};
 
 use crate::color;
 use crate::html::{figure, visible};
@@ -20,20 +20,21 @@ const BARS: f64 = 30.0;
 
 /// Returns the charts of a run as HTML.
 pub fn figures(report: &RunReport) -> String {
-    let charts = match report.is_evaluation() {
-        true => distribution(report),
-        false => {
-            let line = SurvivalLine { name: "", lifetimes: report.lifetimes() };
-            let survival = survival_figure("Survival.", SURVIVAL, &[line], longest(report) as u32, SIZE);
-            format!("{}{survival}", progress(report))
-        }
+    let charts = if report.is_evaluation() {
+        distribution(report)
+    } else {
+        let line = SurvivalLine { name: "", lifetimes: report.lifetimes() };
+        let survival = survival_figure("Survival.", SURVIVAL, &[line], longest(report) as u32, SIZE);
+        format!("{}{survival}", progress(report))
     };
     format!("<div class=\"grid\">{charts}</div>\n")
 }
 
 fn chart(x: ChartAxis, y: ChartAxis, areas: Vec<Area>, series: Vec<Series>, text: &str) -> String {
     let panel = Panel { title: String::new(), x, y, areas, series, marks: Vec::new() };
-    let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+    let title = String::new();
+    let caption = String::new();
+    let legend = Vec::new();
     let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
     chart.figure(&visible(text))
 }
@@ -70,9 +71,10 @@ fn progress(report: &RunReport) -> String {
     let series: Vec<Series> = std::iter::once(limit).chain(lines).collect();
     let falsified = trials.iter().filter(|trial| trial.first_failure.is_some()).count();
     let text = format!("Lowest robustness so far of {} trials; {falsified} of them go below 0", trials.len());
-    let areas = match range[0] < 0.0 {
-        true => vec![Area { x: x.range, y: [range[0], 0.0], color: color::SHADE }],
-        false => Vec::new(),
+    let areas = if range[0] < 0.0 {
+        vec![Area { x: x.range, y: [range[0], 0.0], color: color::SHADE }]
+    } else {
+        Vec::new()
     };
     let svg = chart(x, linear("lowest robustness so far", range), areas, series, &text);
     let caption = "One line for each trial: the lowest robustness it has found so far. A thick line goes to a failure, in the \

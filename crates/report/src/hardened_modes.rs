@@ -139,7 +139,9 @@ fn card(
 ) -> (Card, Option<PictureError>) {
     let scenario = simulated[0].episode.request.scenario.clone();
     let (pair, missing) = ControllerPair::draw(simulated, CONTROLLERS, mode.failing());
-    let (mode, axes, controller) = (mode.clone(), axes.to_vec(), controller.to_string());
+    let mode = mode.clone();
+    let axes = axes.to_vec();
+    let controller = controller.to_string();
     (Card { mode, source, scenario, axes, controller, pair }, missing)
 }
 

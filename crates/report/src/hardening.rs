@@ -194,7 +194,9 @@ fn others(found: &Hardening) -> String {
     let margin = |margin: Option<&HardenedMargin>| match margin {
         None => "–".to_string(),
         Some(HardenedMargin { amplitude: Some(amplitude), .. }) => number(*amplitude),
-        Some(HardenedMargin { without_failure: Some(level), .. }) => format!("above {}", number(*level)),
+        Some(HardenedMargin { without_failure: Some(level), .. }) => {
+            format!("above {}", number(*level))
+        }
         Some(_) => "none found".to_string(),
     };
     rows.push(row(

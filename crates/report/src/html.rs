@@ -79,9 +79,10 @@ pub fn number(value: f64) -> String {
         _ if size >= 1.0 => format!("{value:.3}"),
         _ => format!("{value:.4}"),
     };
-    let trimmed = match text.contains('.') && !text.contains('e') {
-        true => text.trim_end_matches('0').trim_end_matches('.'),
-        false => &text,
+    let trimmed = if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        &text
     };
     trimmed.replace('-', "−")
 }
@@ -126,9 +127,10 @@ pub fn base64(bytes: &[u8]) -> String {
         let at = |index: usize| u32::from(chunk.get(index).copied().unwrap_or(0));
         let bits = at(0) << 16 | at(1) << 8 | at(2);
         for digit in 0..4 {
-            match digit <= chunk.len() {
-                true => out.push(char::from(DIGITS[(bits >> (18 - 6 * digit) & 63) as usize])),
-                false => out.push('='),
+            if digit <= chunk.len() {
+                out.push(char::from(DIGITS[(bits >> (18 - 6 * digit) & 63) as usize]));
+            } else {
+                out.push('=');
             }
         }
     }

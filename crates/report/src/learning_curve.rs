@@ -1,7 +1,7 @@
 //! The page about the learning curve of a training run.
 
+use crate::charts::{Chart, ChartAxis, LegendEntry, Mark, Panel, Series};
 use mishandle::train::{Curve, CurveRow};
-use mishandle_charts::{Chart, ChartAxis, LegendEntry, Mark, Panel, Series};
 use mishandle_text::plural;
 
 use crate::html::{figure, text, visible};
@@ -106,7 +106,8 @@ fn chart(curve: &Curve, y: ChartAxis, series: Vec<Series>, legend: Vec<LegendEnt
     let steps = curve.rows.last().map_or(1.0, |row| row.environment_steps as f64);
     let x = linear("environment steps", [0.0, steps]);
     let panel = Panel { title: String::new(), x, y, areas: Vec::new(), series, marks: Vec::new() };
-    let (title, caption) = (String::new(), String::new());
+    let title = String::new();
+    let caption = String::new();
     let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
     chart.figure(&visible(says))
 }

@@ -11,7 +11,7 @@
 //! file, [`bisection_page`] that of a bisection, with its [`BisectionEvidence`].
 //!
 //! - `load`, `measure`, `pictures`, `seen`: the facts. `words`: verdict and meaning in sentences.
-//! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by the crate `charts`. A
+//! - `space`, `map`, `curves`, `trace`, `predicate_chart`: charts, drawn by `charts`. A
 //!   style sheet maps their colors to the theme.
 //! - `html`, `section`, `modes`, `hardened_modes`, `controller_pair`, `violated_counterexamples`,
 //!   `log`, `check`, `bisection`, `page`: text. Every name, unit and formula of a run file or log
@@ -22,6 +22,7 @@
 mod axis_rates;
 mod bisection;
 mod campaign;
+pub mod charts;
 mod check;
 mod commands;
 mod comparison;

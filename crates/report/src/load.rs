@@ -141,10 +141,8 @@ impl RunReport {
             .collect();
         let plan = Plan::from_toml(&header.plan).ok();
         let falsify = plan.as_ref().and_then(|plan| plan.falsify.as_ref());
-        let survey = match falsify.is_some_and(|falsify| falsify.keep_going) {
-            true => Some(mode_survey(run)?),
-            false => None,
-        };
+        let survey =
+            if falsify.is_some_and(|falsify| falsify.keep_going) { Some(mode_survey(run)?) } else { None };
         let modes = match &survey {
             Some(survey) => survey.modes.clone(),
             None => failure_modes(run)?,
@@ -163,14 +161,20 @@ impl RunReport {
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
-        let (has_strict, has_careful) = (has("strict"), has("careful"));
+        let has_strict = has("strict");
+        let has_careful = has("careful");
         let parts = recorded_parts(run)?;
         let mut metrics = metric_counter(&header).with_intervals_at_any_time(parts.stops_by_itself);
-        let (mut robustness, mut corners) = (Vec::new(), Vec::new());
-        let (mut points, mut index, mut failures, mut kept) = (Vec::new(), 0_u64, 0_usize, 0_u64);
+        let mut robustness = Vec::new();
+        let mut corners = Vec::new();
+        let mut points = Vec::new();
+        let mut index = 0_u64;
+        let mut failures = 0_usize;
+        let mut kept = 0_u64;
         for simulation in run.simulations() {
             let simulation = simulation?;
-            let (number, rho) = (simulation.number, simulation.robustness);
+            let number = simulation.number;
+            let rho = simulation.robustness;
             let found = trials.binary_search_by_key(&simulation.trial, |trial| trial.summary.trial.number);
             if let (Ok(index), Some(rho)) = (found, rho) {
                 let trial = &mut trials[index];
@@ -222,7 +226,8 @@ impl RunReport {
         let reasons = reasons.iter().map(|found| {
             let simulations = mishandle_text::plural(found.simulations, "simulation");
             let reason = mishandle_text::first_and_last_line(&found.reason);
-            let (trial, number) = (found.trial, found.number);
+            let trial = found.trial;
+            let number = found.number;
             format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
         });
         let notes = preflight.chain(reasons).collect();

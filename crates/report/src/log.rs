@@ -94,10 +94,7 @@ fn overview(sections: &[LogSection]) -> String {
     let has_names = sections.iter().any(|section| section.verdict.name.is_some());
     let row = |(id, LogSection { verdict, .. }): (usize, &LogSection)| {
         let log = text(&verdict.log);
-        let log = match id <= MAX_SECTIONS {
-            true => format!("<a href=\"#l{id}\">{log}</a>"),
-            false => log,
-        };
+        let log = if id <= MAX_SECTIONS { format!("<a href=\"#l{id}\">{log}</a>") } else { log };
         let name = text(verdict.name.as_deref().unwrap_or("–"));
         let first = verdict.violations.first().filter(|_| verdict.violated);
         let cells = [
@@ -187,9 +184,10 @@ fn violations(found: &[LogViolation]) -> String {
     worst.sort_unstable();
     let rows: Vec<Vec<String>> = worst.into_iter().map(|index| row(&found[index])).collect();
     let head = ["part of the formula", "from", "to", "duration", "lowest robustness"];
-    let more = match found.len() > MAX_VIOLATIONS {
-        true => format!("<p>The worst {MAX_VIOLATIONS} of {} times are shown.</p>\n", found.len()),
-        false => String::new(),
+    let more = if found.len() > MAX_VIOLATIONS {
+        format!("<p>The worst {MAX_VIOLATIONS} of {} times are shown.</p>\n", found.len())
+    } else {
+        String::new()
     };
     table("Times of violation", &head, &rows) + &more
 }

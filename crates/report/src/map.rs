@@ -1,9 +1,9 @@
 //! Robustness maps: where in the space simulations fail.
 
+use crate::charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 use mishandle::rollout::Axis;
 use mishandle::run::has_random_rows;
 use mishandle::stl::is_violated;
-use mishandle_charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
 
 use crate::html::{figure, number, short};
 use crate::load::{Point, RunReport};
@@ -50,9 +50,10 @@ impl ColorScale {
 
     fn color(&self, rho: f64) -> &'static str {
         let bin = |share: f64| ((4.0 * share) as usize).min(3);
-        match is_violated(rho) {
-            true => color::NEGATIVE[bin(-rho / self.violation.unwrap_or(1.0))],
-            false => color::POSITIVE[bin(rho / self.margin)],
+        if is_violated(rho) {
+            color::NEGATIVE[bin(-rho / self.violation.unwrap_or(1.0))]
+        } else {
+            color::POSITIVE[bin(rho / self.margin)]
         }
     }
 
@@ -61,8 +62,8 @@ impl ColorScale {
         let cells = |names: &mut dyn Iterator<Item = &&str>| -> String {
             names.map(|name| format!("<i style=\"background:var({})\"></i>", variable(name))).collect()
         };
-        let (negative, positive) =
-            (cells(&mut color::NEGATIVE.iter().rev()), cells(&mut color::POSITIVE.iter()));
+        let negative = cells(&mut color::NEGATIVE.iter().rev());
+        let positive = cells(&mut color::POSITIVE.iter());
         let margin = number(self.margin);
         let Some(violation) = self.violation else {
             return format!(
@@ -97,7 +98,9 @@ pub fn figures(report: &RunReport, id: usize) -> String {
     let scale = ColorScale::new(&decided);
     let count = report.counts.simulations;
     let shown = match decided.len() as u64 {
-        shown if shown < count => format!(" {shown} of {count} simulations are shown, failures first."),
+        shown if shown < count => {
+            format!(" {shown} of {count} simulations are shown, failures first.")
+        }
         _ => String::new(),
     };
     match axes[..] {
@@ -196,18 +199,20 @@ impl Drawing<'_> {
                 (at[0].is_finite() && at[1].is_finite()).then_some((at, rho))
             })
             .collect();
-        let (columns, rows) = (cells(&axes[x], CELLS), cells(&axes[y], CELLS));
+        let columns = cells(&axes[x], CELLS);
+        let rows = cells(&axes[y], CELLS);
         let field = |column: usize, row: usize| {
             let center = [(column as f64 + 0.5) / columns as f64, (row as f64 + 0.5) / rows as f64];
             interpolated(&places, center)
         };
-        self.cells_chart(x, y, (columns, rows), scale, &field)
+        self.cells_chart(x, y, columns, rows, scale, &field)
     }
 
     /// Draws a map of two of the axes: the lowest robustness in each cell.
     fn projection(&self, x: usize, y: usize, scale: &ColorScale) -> String {
         let axes = &self.report.axes;
-        let (columns, rows) = (cells(&axes[x], PROJECTED_CELLS), cells(&axes[y], PROJECTED_CELLS));
+        let columns = cells(&axes[x], PROJECTED_CELLS);
+        let rows = cells(&axes[y], PROJECTED_CELLS);
         let mut least: Vec<Option<f64>> = vec![None; columns * rows];
         for point in self.points {
             let cell = |axis: usize, cells: usize| {
@@ -220,19 +225,21 @@ impl Drawing<'_> {
                 *known = Some(known.map_or(rho, |known| known.min(rho)));
             }
         }
-        self.cells_chart(x, y, (columns, rows), scale, &|column, row| least[row * columns + column])
+        self.cells_chart(x, y, columns, rows, scale, &|column, row| least[row * columns + column])
     }
 
     fn cells_chart(
         &self,
         x: usize,
         y: usize,
-        (columns, rows): (usize, usize),
+        columns: usize,
+        rows: usize,
         scale: &ColorScale,
         field: &dyn Fn(usize, usize) -> Option<f64>,
     ) -> String {
         let axes = &self.report.axes;
-        let (x_edges, y_edges) = (edges(&axes[x], columns), edges(&axes[y], rows));
+        let x_edges = edges(&axes[x], columns);
+        let y_edges = edges(&axes[y], rows);
         let values: Vec<Option<f64>> =
             (0..rows).flat_map(|row| (0..columns).map(move |column| field(column, row))).collect();
         let mut areas = Vec::new();
@@ -260,7 +267,8 @@ impl Drawing<'_> {
         let mut border = Vec::new();
         for row in 0..=rows {
             for column in 0..=columns {
-                let (left, below) = (column.checked_sub(1), row.checked_sub(1));
+                let left = column.checked_sub(1);
+                let below = row.checked_sub(1);
                 if row < rows && fails(Some(column), Some(row)) != fails(left, Some(row)) {
                     border.extend([[x_edges[column], y_edges[row]], [x_edges[column], y_edges[row + 1]]]);
                 }
@@ -285,7 +293,9 @@ impl Drawing<'_> {
         let failing = self.points.iter().filter(|point| point.fails()).count();
         let text = format!("{what}: {failing} of {} shown simulations fail", self.points.len());
         let panels = vec![panel];
-        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        let title = String::new();
+        let caption = String::new();
+        let legend = Vec::new();
         let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels };
         chart.figure(&crate::html::visible(&text))
     }
@@ -350,7 +360,9 @@ impl Drawing<'_> {
 /// Shepard, "A two-dimensional interpolation function for irregularly-spaced data", ACM National
 /// Conference 1968.
 fn interpolated(places: &[([f64; 2], f64)], center: [f64; 2]) -> Option<f64> {
-    let (mut sum, mut weights, mut nearest) = (0.0, 0.0, f64::INFINITY);
+    let mut sum = 0.0;
+    let mut weights = 0.0;
+    let mut nearest = f64::INFINITY;
     for ([x, y], rho) in places {
         let square = (x - center[0]).powi(2) + (y - center[1]).powi(2);
         let weight = 1.0 / (square * square + 1e-12);

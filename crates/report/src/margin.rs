@@ -1,10 +1,10 @@
 //! The answer of a margin: the verdict, the amplitudes that were tried, and the witness.
 
+use crate::charts::{Chart, Mark, Panel, Series};
 use mishandle::falsification::norms;
 use mishandle::results::{CategoryMargin, Level, Margin, Named, Witness};
 use mishandle::rollout::{Scenario, Space};
 use mishandle::stl::is_violated;
-use mishandle_charts::{Chart, Mark, Panel, Series};
 use mishandle_text::plural;
 
 use crate::html::{figure, number, percent, short, table, text, visible, with_code};
@@ -118,7 +118,9 @@ pub fn section(report: &RunReport, found: &Margin, id: usize) -> String {
 
 /// Draws the robustness of the simulations against the amplitudes of their disturbances.
 fn chart(report: &RunReport, found: &Margin) -> String {
-    let Ok(space) = Space::new(&report.header.space, report.axes.clone()) else { return String::new() };
+    let Ok(space) = Space::new(&report.header.space, report.axes.clone()) else {
+        return String::new();
+    };
     let place = |point: &crate::load::Point| {
         let rho = point.robustness.filter(|rho| rho.is_finite())?;
         Some([norms(&space, &Scenario::new(point.scenario.clone())).amplitude, rho])
@@ -154,7 +156,9 @@ fn chart(report: &RunReport, found: &Margin) -> String {
         series,
         marks: Vec::new(),
     };
-    let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+    let title = String::new();
+    let caption = String::new();
+    let legend = Vec::new();
     let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
     let dashed = if found.witness.is_some() {
         " The dashed line is at the smallest amplitude with a violation."
@@ -269,9 +273,10 @@ fn disturbed(report: &RunReport, scenario: &[Option<f64>]) -> String {
             cells.iter().map(|cell| text(cell)).collect()
         })
         .collect();
-    let more = match shown.len() > MAX_AXES {
-        true => format!("<p class=\"notes\">{MAX_AXES} of {} axes are shown.</p>\n", shown.len()),
-        false => String::new(),
+    let more = if shown.len() > MAX_AXES {
+        format!("<p class=\"notes\">{MAX_AXES} of {} axes are shown.</p>\n", shown.len())
+    } else {
+        String::new()
     };
     table("Scenario of the witness", &["axis", "value", "nominal", "range"], &rows) + &more
 }

@@ -115,7 +115,8 @@ impl RunReport {
     pub fn measure_with(
         &mut self,
         run: &RunFile,
-        (resolved, painter): (&ResolvedPlan, Option<&mut dyn Painter>),
+        resolved: &ResolvedPlan,
+        painter: Option<&mut dyn Painter>,
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
@@ -131,7 +132,8 @@ impl RunReport {
         samples: Samples,
         watch: impl FnMut(u64, u64) -> ControlFlow<()>,
     ) -> Result<Measurement, MishandleError> {
-        let (then, now) = (&run.header().target, &resolved.target.identity);
+        let then = &run.header().target;
+        let now = &resolved.target.identity;
         if then.kind != now.kind || then.hash != now.hash {
             let reason = format!("the target {} is not the one of the run any more", then.name);
             return Ok(Measurement::Skipped { reason });
@@ -152,10 +154,8 @@ impl RunReport {
         let axes = resolved.space.axes();
         let seed = Seed(self.header.seed).child(u64::MAX);
         let depends_on_seed = mishandle::resolve::space_depends_on_seed(resolved);
-        let corners = match self.is_evaluation() {
-            true => None,
-            false => Corners::new(&resolved.space, depends_on_seed, seed),
-        };
+        let corners =
+            if self.is_evaluation() { None } else { Corners::new(&resolved.space, depends_on_seed, seed) };
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
@@ -163,7 +163,8 @@ impl RunReport {
             + noise
             + sensitivity::simulations(&resolved.space, sensitivity)
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
-        let (mut done, is_interrupted) = (0, Cell::new(false));
+        let mut done = 0;
+        let is_interrupted = Cell::new(false);
         let mut count = |_: &Episode| {
             done += 1;
             let flow = watch(done, total);
@@ -224,7 +225,7 @@ impl RunReport {
         let mut strips = |simulations: &[ExplainedSimulation]| match &mut drawn {
             Drawn::Scene(controller) => pictures::strips(run, simulations, *controller, &mut must_end),
             Drawn::Painted(painter) => {
-                pictures::painted_strips(run, simulations, (resolved, &mut **painter), &mut must_end)
+                pictures::painted_strips(run, simulations, resolved, &mut **painter, &mut must_end)
             }
         };
         match strips(&self.representatives).and_then(|modes| Ok((modes, strips(witness)?))) {
@@ -281,7 +282,8 @@ fn patch(
     let requests: Vec<Request> = (1..=probes)
         .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
         .collect();
-    let (mut failing, mut decided) = (0, 0);
+    let mut failing = 0;
+    let mut decided = 0;
     let mut is_interrupted = false;
     for batch in requests.chunks(BATCH) {
         if is_interrupted {

@@ -3,8 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::charts::{Chart, Mark, Panel, Series};
 use mishandle::results::{BrokenPair, Metamorphic, MetamorphicRelation, Named, PairCase, SmallestChange};
-use mishandle_charts::{Chart, Mark, Panel, Series};
 use mishandle_text::plural;
 
 use crate::html::{figure, number, percent, short, table, text, visible};
@@ -179,7 +179,9 @@ fn chart(report: &RunReport, relation: &MetamorphicRelation, index: u32) -> Stri
         series,
         marks: Vec::new(),
     };
-    let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+    let title = String::new();
+    let caption = String::new();
+    let legend = Vec::new();
     let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
     let name = short(&relation.name, 40);
     figure(
@@ -217,9 +219,10 @@ fn pairs(found: &Metamorphic, relation: &MetamorphicRelation) -> String {
     };
     let rows: Vec<Vec<String>> = relation.worst.iter().take(MAX_PAIRS).map(row).collect();
     let head = ["pair", "source case", "follow-up case", "difference", "source scenario"];
-    let more = match relation.broken as usize > rows.len() {
-        true => format!("<p class=\"notes\">{} of {} pairs are shown.</p>\n", rows.len(), relation.broken),
-        false => String::new(),
+    let more = if relation.broken as usize > rows.len() {
+        format!("<p class=\"notes\">{} of {} pairs are shown.</p>\n", rows.len(), relation.broken)
+    } else {
+        String::new()
     };
     table("Broken pairs, the largest difference first", &head, &rows) + &more
 }

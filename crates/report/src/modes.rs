@@ -63,12 +63,14 @@ fn card(
 ) -> String {
     let header = &report.header;
     let representative = mode.representative();
-    let (trial, number_of) = (representative.trial, representative.number);
+    let trial = representative.trial;
+    let number_of = representative.number;
     let time = |sample: usize| mishandle_text::instant(sample, header.control_dt);
     let (first, last) = mode.samples;
-    let when = match first == last {
-        true => format!("From {} on", time(first)),
-        false => format!("From an instant between {} and {} on", time(first), time(last)),
+    let when = if first == last {
+        format!("From {} on", time(first))
+    } else {
+        format!("From an instant between {} and {} on", time(first), time(last))
     };
     let predicate = match representative.predicate.as_str() {
         "" => "the whole formula".to_string(),
@@ -183,11 +185,15 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let all = 0..report.axes.len();
     let order: Vec<usize> = all.clone().filter(matters).chain(all.filter(|axis| !matters(axis))).collect();
     let rows = order.iter().take(MAX_AXES).map(|index| {
-        let (axis, value) = (&report.axes[*index], scenario.get(*index).copied().flatten());
+        let axis = &report.axes[*index];
+        let value = scenario.get(*index).copied().flatten();
         let region = mode.region.get(*index).copied().flatten();
-        let region = region.map_or("random".to_string(), |(low, high)| match low == high {
-            true => value_text(axis, Some(low)),
-            false => format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high))),
+        let region = region.map_or("random".to_string(), |(low, high)| {
+            if low == high {
+                value_text(axis, Some(low))
+            } else {
+                format!("{} to {}", value_text(axis, Some(low)), value_text(axis, Some(high)))
+            }
         });
         let name = text(&short(&axis.name, 40));
         let name = if matters(index) && !has_all { format!("<b>{name}</b>") } else { name };
@@ -228,9 +234,10 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     if report.axes.len() > MAX_AXES {
         notes.push(format!("{MAX_AXES} of {} axes are shown.", report.axes.len()));
     }
-    let notes = match notes.is_empty() {
-        true => String::new(),
-        false => format!("<p class=\"notes\">{}</p>\n", notes.join(" ")),
+    let notes = if notes.is_empty() {
+        String::new()
+    } else {
+        format!("<p class=\"notes\">{}</p>\n", notes.join(" "))
     };
     table("Where it fails", &["axis", "failures of this mode", "closest to nominal", "nominal"], &rows)
         + &notes
@@ -251,11 +258,10 @@ pub fn frames(header: &RunHeader, pictures: &Pictures, explained: &ExplainedSimu
     };
     let frames: String = pictures.frames.iter().map(frame).collect();
     let film = pictures.film.as_ref().map_or(String::new(), |found| film(found, header.control_dt));
-    let source = match mishandle::resolve::is_python(&header.target.kind) {
-        true => {
-            "<p class=\"notes\">The system drew these pictures while the simulation was repeated, with the recorded trace.</p>\n"
-        }
-        false => "",
+    let source = if mishandle::resolve::is_python(&header.target.kind) {
+        "<p class=\"notes\">The system drew these pictures while the simulation was repeated, with the recorded trace.</p>\n"
+    } else {
+        ""
     };
     let seen = pictures.seen.as_ref().map_or(String::new(), |seen| seen.html(header));
     format!("<div class=\"strip\">{frames}</div>\n{source}{film}{seen}")

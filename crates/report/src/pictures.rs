@@ -107,7 +107,8 @@ pub fn strips(
 pub fn painted_strips(
     run: &RunFile,
     simulations: &[ExplainedSimulation],
-    (resolved, painter): (&ResolvedPlan, &mut dyn Painter),
+    resolved: &ResolvedPlan,
+    painter: &mut dyn Painter,
     must_end: MustEnd<'_>,
 ) -> Result<Vec<Pictures>, PictureError> {
     let mut strips = Vec::new();
@@ -134,7 +135,8 @@ fn painted_strip(
     samples.sort_unstable();
     samples.dedup();
     painter.begin(&samples);
-    let (trial, number) = (explained.recorded.trial, explained.recorded.number);
+    let trial = explained.recorded.trial;
+    let number = explained.recorded.number;
     let replayed = mishandle::replay::replay_with(run, trial, number, resolved);
     let pictures = painter.take();
     let replayed = replayed?;
@@ -155,10 +157,11 @@ fn painted_strip(
         }
     }
     let picture = |sample: &usize| {
-        let (width, height) = (PICTURE.0 as usize, PICTURE.1 as usize);
+        let width = PICTURE.0 as usize;
+        let height = PICTURE.1 as usize;
         let mut picture = Picture::new(width, height, [u8::MAX; 3]);
         if let Some(pixels) = of(sample) {
-            picture.paste((0, 0), width, pixels);
+            picture.paste(0, 0, width, pixels);
         }
         picture
     };
@@ -179,7 +182,8 @@ fn strip(
     explained: &ExplainedSimulation,
     (controller, must_end): (Option<&str>, MustEnd<'_>),
 ) -> Result<Pictures, PictureError> {
-    let (trial, number) = (explained.recorded.trial, explained.recorded.number);
+    let trial = explained.recorded.trial;
+    let number = explained.recorded.number;
     let (replayed, trajectory) = mishandle::picture::replay_states(run, trial, number, controller)?;
     if !replayed.differences.is_empty() {
         return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
@@ -265,8 +269,10 @@ impl<'a> Shown<'a> {
     }
 
     fn renderer(&self, model: &PictureModel, size: Size) -> Result<FrameRenderer, PictureError> {
-        let (header, last) = (self.header, self.states.len().saturating_sub(1));
-        let (explanation, event) = (Some(self.explanation), self.event.as_ref());
+        let header = self.header;
+        let last = self.states.len().saturating_sub(1);
+        let explanation = Some(self.explanation);
+        let event = self.event.as_ref();
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
         Ok(FrameRenderer::new(model, size, Drawing::Rays, (&CAMERAS[..1], None), Some(captions))?)
     }

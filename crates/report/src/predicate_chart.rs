@@ -1,7 +1,7 @@
 //! Chart of a predicate: its two sides over time, with the threshold and the violation.
 
+use crate::charts::{Area, Chart, Mark, Panel, Series};
 use mishandle::stl::{Clock, Formula};
-use mishandle_charts::{Area, Chart, Mark, Panel, Series};
 
 use crate::color;
 use crate::html::{figure, short, text, visible};
@@ -76,7 +76,9 @@ impl PredicateChart<'_> {
             series,
             marks: Vec::new(),
         };
-        let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+        let title = String::new();
+        let caption = String::new();
+        let legend = Vec::new();
         let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
         let says = format!("{label} over time, for the predicate {}", self.predicate);
         let svg = chart.figure(&visible(&says));

@@ -134,7 +134,8 @@ fn grouped(mut pairs: Vec<(f64, f64)>, levels: Option<usize>) -> Vec<Vec<f64>> {
     let n = pairs.len();
     let is_small = levels.is_some_and(|levels| levels <= MAX_LEVELS);
     let mut groups: Vec<Vec<f64>> = Vec::new();
-    let (mut done, mut last) = (0, None);
+    let mut done = 0;
+    let mut last = None;
     for equal in pairs.chunk_by(|a, b| a.0 == b.0) {
         let interval = (2 * done + equal.len()) * GROUPS / (2 * n);
         if is_small || last != Some(interval) {

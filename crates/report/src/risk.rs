@@ -178,9 +178,10 @@ fn distribution(report: &RunReport, found: &Risk) -> String {
             .collect()
     };
     let rows: Vec<Vec<String>> = varying.iter().take(MAX_AXES).map(row).collect();
-    let more = match varying.len() > MAX_AXES {
-        true => format!("<p class=\"notes\">{MAX_AXES} of {} axes are shown.</p>\n", varying.len()),
-        false => String::new(),
+    let more = if varying.len() > MAX_AXES {
+        format!("<p class=\"notes\">{MAX_AXES} of {} axes are shown.</p>\n", varying.len())
+    } else {
+        String::new()
     };
     table("Axes that are drawn at random", &["axis", "distribution", "truncated to"], &rows) + &more
 }

@@ -124,7 +124,8 @@ fn heat_map(image: &Image, rgb: &[u8], found: &PatchChanges, most: f64) -> Vec<u
     // The patch that covers a pixel: the last one that begins at it or before.
     let patch = |at: usize, count: usize, side: usize| ((at + 1) * count - 1) / side;
     let pixel = |index: usize| {
-        let (x, y) = (index % image.width, index / image.width);
+        let x = index % image.width;
+        let y = index / image.width;
         let change = changes[patch(y, *down, image.height) * across + patch(x, *across, image.width)];
         let share = if most > 0.0 { MOST * change / most } else { 0.0 };
         let [red, green, blue] = [0, 1, 2].map(|channel| f64::from(rgb[3 * index + channel]));
@@ -197,7 +198,8 @@ impl Seen {
         let camera = |camera: &Camera| {
             let heat = camera.heat.as_ref()?;
             let [across, down] = heat.patches;
-            let (name, most) = (text(&camera.image.camera), decimal(heat.most, 4));
+            let name = text(&camera.image.camera);
+            let most = decimal(heat.most, 4);
             Some(format!("up to {most} through <code>{name}</code> ({across} x {down} patches)"))
         };
         let cameras: Vec<String> = self.cameras.iter().filter_map(camera).collect();

@@ -63,7 +63,8 @@ pub fn measure(
         let mut requests = Vec::new();
         for row in rows {
             // A value without an effect for the own kind of a fault may have one for another kind.
-            let (drawn, other) = (space.draw(seed, row.into()), space.draw(seed.child(1), row.into()));
+            let drawn = space.draw(seed, row.into());
+            let other = space.draw(seed.child(1), row.into());
             let own = space.canonical(drawn.clone());
             let moved = axes.iter().map(|axis| {
                 let mut values = drawn.values().to_vec();

@@ -1,7 +1,7 @@
 //! Axes of a scenario space as axes of a chart.
 
+use crate::charts::ChartAxis;
 use mishandle::rollout::{Axis, AxisValues};
-use mishandle_charts::ChartAxis;
 
 use crate::html::{number, short};
 
@@ -53,10 +53,12 @@ fn ends(axis: &Axis) -> [f64; 2] {
 
 /// Returns the axis of a chart.
 pub fn chart_axis(axis: &Axis) -> ChartAxis {
-    let (label, [low, high]) = (label(axis), ends(axis));
+    let label = label(axis);
+    let [low, high] = ends(axis);
     match (&axis.values, axis.levels()) {
         (AxisValues::Logarithmic, _) if low > 0.0 => {
-            let (first, last) = (low.log10().floor() as i32, high.log10().ceil() as i32);
+            let first = low.log10().floor() as i32;
+            let last = high.log10().ceil() as i32;
             let powers = (first..=last).flat_map(|power| {
                 let factors: &[f64] = if last - first > 3 { &[1.0] } else { &[1.0, 2.0, 5.0] };
                 factors.iter().map(move |factor| factor * 10.0_f64.powi(power))

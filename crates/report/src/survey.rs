@@ -1,9 +1,9 @@
 //! Findings of trials that keep going: modes against simulations, estimates of unseen modes,
 //! coverage of the space.
 
+use crate::charts::{Chart, Mark, Panel, Series};
 use mishandle::inspect::ModeSurvey;
 use mishandle::results::{Coverage, UnseenModes};
-use mishandle_charts::{Chart, Mark, Panel, Series};
 
 use crate::color;
 use crate::html::{figure, number, percent, table, visible};
@@ -50,7 +50,9 @@ fn curve(report: &RunReport, survey: &ModeSurvey) -> String {
         series: lines.collect(),
         marks: Vec::new(),
     };
-    let (title, caption, legend) = (String::new(), String::new(), Vec::new());
+    let title = String::new();
+    let caption = String::new();
+    let legend = Vec::new();
     let chart = Chart { title, caption, legend, columns: 1, panel_size: SIZE, panels: vec![panel] };
     let text = format!("Failure modes against simulations of {} trials", trials.len());
     let caption = "One line for each trial: the failure modes that it has found so far.";
@@ -72,7 +74,8 @@ fn unseen_text(unseen: &UnseenModes) -> String {
 }
 
 fn coverage_text(coverage: &Coverage) -> Option<String> {
-    let (visited, failing) = (coverage.visited_fraction()?, coverage.failing_fraction()?);
+    let visited = coverage.visited_fraction()?;
+    let failing = coverage.failing_fraction()?;
     Some(format!(
         "Pairwise coverage: the simulations visited {} of the {} cells of {} with 10 bins for each axis, and failed in {} of the \
          visited ones. This says nothing about the rest of a cell, or about three axes together.",

@@ -1,7 +1,7 @@
 //! Survival curves: the share of trials without a failure over their simulations.
 
+use crate::charts::{Chart, ChartAxis, Mark, Panel, Series};
 use mishandle::evaluation::{Lifetime, SurvivalCurve, SurvivalStep};
-use mishandle_charts::{Chart, ChartAxis, Mark, Panel, Series};
 
 use crate::color;
 use crate::html::{figure, percent, text, visible};
@@ -39,7 +39,9 @@ pub fn survival_figure(
 ) -> String {
     let curves: Vec<SurvivalCurve> = lines.iter().map(|line| SurvivalCurve::new(&line.lifetimes)).collect();
     let end = curves.iter().map(|curve| curve.last).fold(end, u32::max);
-    let (mut series, mut texts, mut keys) = (Vec::new(), Vec::new(), String::new());
+    let mut series = Vec::new();
+    let mut texts = Vec::new();
+    let mut keys = String::new();
     for (index, (line, curve)) in lines.iter().zip(&curves).enumerate() {
         let (color, mark, dashes) = match lines {
             [_] => (color::FAIL, Mark::Step, ""),
@@ -60,7 +62,8 @@ pub fn survival_figure(
         censored.sort_unstable();
         censored.dedup();
         let ticks = censored.iter().flat_map(|number| {
-            let (x, y) = (f64::from(*number), curve.at(*number));
+            let x = f64::from(*number);
+            let y = curve.at(*number);
             [[x, y - TICK], [x, y + TICK]]
         });
         let tick_color = if lines.len() == 1 { color::PASS } else { color };
@@ -85,7 +88,9 @@ pub fn survival_figure(
         series,
         marks: Vec::new(),
     };
-    let (heading, note, legend) = (String::new(), String::new(), Vec::new());
+    let heading = String::new();
+    let note = String::new();
+    let legend = Vec::new();
     let chart =
         Chart { title: heading, caption: note, legend, columns: 1, panel_size: size, panels: vec![panel] };
     let keys = if lines.len() > 1 { keys } else { String::new() };

@@ -27,9 +27,10 @@ pub fn row_id(run: usize, trial: u32, simulation: u32) -> String {
 /// Returns a link to a simulation: to its row, if the page has it.
 pub fn link(report: &RunReport, run: usize, trial: u32, simulation: u32) -> String {
     let is_it = |point: &&Point| (point.trial, point.number) == (trial, simulation);
-    match report.points.iter().find(is_it).is_some_and(|point| point.is_linked) {
-        true => format!("<a href=\"#{}\">{simulation}</a>", row_id(run, trial, simulation)),
-        false => simulation.to_string(),
+    if report.points.iter().find(is_it).is_some_and(|point| point.is_linked) {
+        format!("<a href=\"#{}\">{simulation}</a>", row_id(run, trial, simulation))
+    } else {
+        simulation.to_string()
     }
 }
 
@@ -45,9 +46,10 @@ pub fn requirements(report: &RunReport) -> String {
     };
     let rows: Vec<Vec<String>> = report.requirements.iter().map(row).collect();
     let head = ["requirement", "formula", "violated", "lowest robustness"];
-    match rows.is_empty() {
-        true => String::new(),
-        false => table("Requirements, each with a verdict of its own", &head, &rows),
+    if rows.is_empty() {
+        String::new()
+    } else {
+        table("Requirements, each with a verdict of its own", &head, &rows)
     }
 }
 
@@ -161,10 +163,7 @@ pub fn rate_notes(report: &RunReport) -> Vec<String> {
 
 /// Says that a table is cut.
 fn more(count: usize, shown: usize, what: &str) -> String {
-    match count > shown {
-        true => format!("<p>{shown} of {count} {what} are shown.</p>\n"),
-        false => String::new(),
-    }
+    if count > shown { format!("<p>{shown} of {count} {what} are shown.</p>\n") } else { String::new() }
 }
 
 /// Returns the table of the simulations that marks of the charts lead to.
@@ -186,9 +185,12 @@ pub fn simulations(report: &RunReport, run: usize) -> String {
             (false, Some(_)) => "<b class=\"pass\">•</b>",
             (false, None) => "–",
         };
-        let mode = mode_of(point).map_or(String::new(), |index| match index < report.representatives.len() {
-            true => format!("<a href=\"#{}\">{}</a>", mode_id(run, index), index + 1),
-            false => (index + 1).to_string(),
+        let mode = mode_of(point).map_or(String::new(), |index| {
+            if index < report.representatives.len() {
+                format!("<a href=\"#{}\">{}</a>", mode_id(run, index), index + 1)
+            } else {
+                (index + 1).to_string()
+            }
         });
         let values: String = report
             .axes
@@ -214,9 +216,10 @@ pub fn simulations(report: &RunReport, run: usize) -> String {
         .take(columns)
         .map(|axis| format!("<th scope=\"col\">{}</th>", text(&crate::html::short(&axis.name, 30))))
         .collect();
-    let shown = match (points.len() as u64) < report.counts.simulations {
-        true => format!("{} of {}, failures first", points.len(), report.counts.simulations),
-        false => "all".to_string(),
+    let shown = if (points.len() as u64) < report.counts.simulations {
+        format!("{} of {}, failures first", points.len(), report.counts.simulations)
+    } else {
+        "all".to_string()
     };
     let rest = if report.axes.len() > columns {
         format!("<p>The first {columns} of {} axes are shown.</p>\n", report.axes.len())
@@ -267,7 +270,8 @@ fn manner(report: &RunReport, simulations: &[&CornerSimulation]) -> String {
     let sentence = |(name, holds): (&str, Holds)| {
         let mut corners: Vec<(&[Option<f64>], bool)> = Vec::new();
         for simulation in simulations.iter().filter(|found| !is_center(report, &found.point.scenario)) {
-            let (scenario, holds) = (&simulation.point.scenario[..], holds(simulation)?);
+            let scenario = &simulation.point.scenario[..];
+            let holds = holds(simulation)?;
             match corners.iter_mut().find(|(known, _)| *known == scenario) {
                 Some((_, all)) => *all &= holds,
                 None => corners.push((scenario, holds)),
@@ -289,9 +293,10 @@ fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
 /// Returns what happens at the corners and the center of the initial box; `None` if they were not
 /// simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
-    let recorded: Vec<&CornerSimulation> = match report.is_evaluation() {
-        true => report.corners.iter().collect(),
-        false => report.measured.iter().flat_map(|measured| &measured.corners).collect(),
+    let recorded: Vec<&CornerSimulation> = if report.is_evaluation() {
+        report.corners.iter().collect()
+    } else {
+        report.measured.iter().flat_map(|measured| &measured.corners).collect()
     };
     // Points with their numbers of failing, decided and all simulations.
     let mut places: Vec<(&Point, [u32; 3])> = Vec::new();
@@ -329,13 +334,12 @@ pub fn corners(report: &RunReport) -> Option<String> {
         0 => String::new(),
         n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
     };
-    let (what, manner) = match is_tested {
-        true => {
-            let what =
-                format!("{failing_corners} of the {} corners of the initial box {verb}{each}", corners.len());
-            (what, manner(report, &recorded))
-        }
-        false => ("No simulation at the corners of the initial box has a verdict".to_string(), String::new()),
+    let (what, manner) = if is_tested {
+        let what =
+            format!("{failing_corners} of the {} corners of the initial box {verb}{each}", corners.len());
+        (what, manner(report, &recorded))
+    } else {
+        ("No simulation at the corners of the initial box has a verdict".to_string(), String::new())
     };
     let intro = format!(
         "<p>{what}; its center {center}.{rest}{manner} Random scenarios hardly ever meet a corner.</p>\n"
@@ -369,8 +373,9 @@ pub fn corners(report: &RunReport) -> Option<String> {
             ]
         })
         .collect();
-    Some(match rows.is_empty() {
-        true => intro,
-        false => intro + &table("Failing corners", &["place", "failures"], &rows),
+    Some(if rows.is_empty() {
+        intro
+    } else {
+        intro + &table("Failing corners", &["place", "failures"], &rows)
     })
 }

@@ -48,11 +48,10 @@ fn predicate_figure(
         window: history.map(|history| [history.window.0, history.window.1].map(|sample| time(sample as f64))),
         violated,
         decisive: decided.map(|decided| time(decided.sample as f64)),
-        caption: match is_decisive {
-            true => {
-                "Dashed: threshold. Gray: time that the formula reads. Orange: violated there. Vertical line: decisive instant."
-            }
-            false => "Dashed: threshold.",
+        caption: if is_decisive {
+            "Dashed: threshold. Gray: time that the formula reads. Orange: violated there. Vertical line: decisive instant."
+        } else {
+            "Dashed: threshold."
         },
     };
     let curve = |formula: &Formula| -> Option<Curve> {

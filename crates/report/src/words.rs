@@ -192,7 +192,9 @@ fn random_rate(report: &RunReport) -> Option<String> {
         return Some(format!("<strong>All {decided} simulations fail.</strong>"));
     }
     let rate = wilson(failing, decided);
-    let (Some(value), Some(low), Some(high)) = (rate.value, rate.low, rate.high) else { return None };
+    let (Some(value), Some(low), Some(high)) = (rate.value, rate.low, rate.high) else {
+        return None;
+    };
     (report.header.search == "random").then(|| {
         format!(
             "Of the {decided} random simulations of this run, {failing} fail: <strong>{}</strong> ({} to {}, 95 % interval).",
@@ -245,22 +247,20 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
         });
     }
     if let Some(worst) = worst {
-        sentences.push(match worst < 0.0 {
-            true => format!(
+        sentences.push(if worst < 0.0 { format!(
                 "The worst violation has robustness {}. Robustness is the distance to the border between satisfied and \
                  violated; it is negative if the requirement is violated.",
                 number(worst)
-            ),
-            false => format!("The closest simulation has robustness {}; a violation would be below 0.", number(worst)),
-        });
+            ) } else { format!("The closest simulation has robustness {}; a violation would be below 0.", number(worst)) });
     }
     let repeats: Vec<_> =
         report.measured.iter().flat_map(|measured| measured.repeats.iter().flatten()).collect();
     if let Some(least) = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).reduce(f64::min) {
         let most = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).fold(least, f64::max);
-        let share = match percent(least) == percent(most) {
-            true => percent(least),
-            false => format!("{} to {}", percent(least), percent(most)),
+        let share = if percent(least) == percent(most) {
+            percent(least)
+        } else {
+            format!("{} to {}", percent(least), percent(most))
         };
         sentences.push(format!(
             "The target is random: with other seeds, the failing scenarios shown below fail in {share} of repeats."

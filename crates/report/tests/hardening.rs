@@ -57,7 +57,8 @@ fn file(prefix: &Path, name: &str) -> PathBuf {
 fn folder(home: &Path) -> PathBuf {
     let folder = home.join("better.harden");
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../controllers/point-reaching");
-    let (before, after) = (folder.join("before.safetensors"), folder.join("round-1/controller.safetensors"));
+    let before = folder.join("before.safetensors");
+    let after = folder.join("round-1/controller.safetensors");
     fs::create_dir_all(folder.join("round-1")).unwrap();
     fs::copy(shipped.join("ppo.safetensors"), &before).unwrap();
     fs::copy(shipped.join("trpo.safetensors"), &after).unwrap();
@@ -148,8 +149,8 @@ fn the_commands_of_a_failure_name_files_as_the_user_named_the_folder() {
 fn each_mode_has_a_failure_that_both_controllers_run() {
     let home = tempfile::tempdir().unwrap();
     let folder = folder(home.path());
-    let (before, after) =
-        (first_mode(&folder, "final/before-search"), first_mode(&folder, "final/after-search"));
+    let before = first_mode(&folder, "final/before-search");
+    let after = first_mode(&folder, "final/after-search");
     let modes = vec![named(&before, [6, 0]), named(&after, [0, 4])];
     let found = hardening(&folder, modes.clone());
 
@@ -193,7 +194,8 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
 
     let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None);
-    let (appeared, vanished) = (html.find("<h4>Appeared: ").unwrap(), html.find("<h4>Vanished: ").unwrap());
+    let appeared = html.find("<h4>Appeared: ").unwrap();
+    let vanished = html.find("<h4>Vanished: ").unwrap();
     assert!(appeared < vanished);
     for part in ["1 mode appeared, 0 stayed, 1 vanished.", "<b>Before</b>: fails, robustness −"] {
         assert!(html.contains(part), "{part}: {html}");

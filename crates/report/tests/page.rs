@@ -151,7 +151,8 @@ fn hostile_names_are_text_in_tables_of_rates_and_in_markdown() {
     let header = RunHeader { kind: RunKind::Evaluate, plan: plan.into(), ..header(3, HOSTILE) };
     write(&path, &header, &[(300, true)]);
     let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite").unwrap();
-    let (html, text) = (page(std::slice::from_ref(&report)), markdown(&[report]));
+    let html = page(std::slice::from_ref(&report));
+    let text = markdown(&[report]);
     assert!(html.contains("Which axes matter</h3>"), "{html}");
     assert!(text.contains("### Success over the range of the axes"), "{text}");
     for part in ["<script", "<img", "\u{202e}", "\u{1b}"] {

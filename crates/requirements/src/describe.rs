@@ -70,9 +70,10 @@ pub fn describe_formula(formula: &Formula, context: &Context) -> Result<FormulaD
     };
     let is_short = tree.nodes.len() <= MAX_WORDS;
     // A bound between two samples is a trap; its words are those of the text.
-    let words = match is_short {
-        true => words(context.clock()).or_else(|_| words(Context::clock_without_period(context.unit)))?,
-        false => Vec::new(),
+    let words = if is_short {
+        words(context.clock()).or_else(|_| words(Context::clock_without_period(context.unit)))?
+    } else {
+        Vec::new()
     };
     let signals = formula.signals().into_iter();
     let mut traps: Vec<FormulaTrap> = traps::find(&tree, context);

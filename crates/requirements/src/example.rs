@@ -113,10 +113,7 @@ impl<'a> Search<'a> {
         let needed = needed(clock)?;
         let is_open = Monitor::new(formula, &names, clock).ok()?.horizon().is_none();
         // A window without an end contains some samples more than its operands need.
-        let samples = match is_open {
-            true => needed.saturating_mul(2).max(2 * FEW),
-            false => needed.max(FEW),
-        };
+        let samples = if is_open { needed.saturating_mul(2).max(2 * FEW) } else { needed.max(FEW) };
         if samples > MOST {
             return None;
         }
@@ -141,13 +138,12 @@ impl<'a> Search<'a> {
             }
             values
         };
-        match signals.is_empty() {
-            true => {
-                let mut trace = Trace::new(Arc::clone(&self.names));
-                (0..self.samples).for_each(|_| trace.push(&[]));
-                trace
-            }
-            false => Trace::from_columns(Arc::clone(&self.names), signals.iter().map(column).collect()),
+        if signals.is_empty() {
+            let mut trace = Trace::new(Arc::clone(&self.names));
+            (0..self.samples).for_each(|_| trace.push(&[]));
+            trace
+        } else {
+            Trace::from_columns(Arc::clone(&self.names), signals.iter().map(column).collect())
         }
     }
 
@@ -158,10 +154,7 @@ impl<'a> Search<'a> {
         let Ok(robustness) = formula.robustness(trace) else { return f64::NEG_INFINITY };
         // A window that is cut at the end would make a poor example.
         let decided = formula.decided_robustness(trace).ok().flatten().unwrap_or(robustness);
-        let mut least = match goal.violates {
-            true => -robustness.max(decided),
-            false => robustness.min(decided),
-        };
+        let mut least = if goal.violates { -robustness.max(decided) } else { robustness.min(decided) };
         for condition in conditions.iter_mut().filter(|_| goal.conditions != Conditions::Any) {
             let Ok(values) = condition.robustness_signal(trace) else { return f64::NEG_INFINITY };
             let ends = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {

@@ -158,7 +158,8 @@ pub(crate) fn analyze(tree: &Tree<'_>) -> Option<Analysis> {
             SyntaxKind::Operator("not") => (found.fails[operand(0)].clone(), found.holds[operand(0)].clone()),
             SyntaxKind::Operator(name @ ("and" | "or" | "implies")) => {
                 let [a, b] = [operand(0), operand(1)];
-                let (holds, fails) = (&found.holds, &found.fails);
+                let holds = &found.holds;
+                let fails = &found.fails;
                 match name {
                     "and" => (holds[a].and(&holds[b]), fails[a].or(&fails[b])),
                     "or" => (holds[a].or(&holds[b]), fails[a].and(&fails[b])),
@@ -283,9 +284,10 @@ fn compared(operator: &str, a: &Linear, b: &Linear) -> (Possible, Possible) {
                     low_is_open: limited.high_is_open,
                     high_is_open: limited.low_is_open,
                 };
-                match limited.low == 0.0 && !limited.low_is_open {
-                    true => vec![Range { low: negative.low, low_is_open: negative.low_is_open, ..limited }],
-                    false => vec![negative, limited],
+                if limited.low == 0.0 && !limited.low_is_open {
+                    vec![Range { low: negative.low, low_is_open: negative.low_is_open, ..limited }]
+                } else {
+                    vec![negative, limited]
                 }
             };
             Possible::of(inside, &ranges.iter().flat_map(mirrored).collect::<Vec<_>>())

@@ -56,7 +56,8 @@ fn formula(random: &mut Sequence, depth: u32) -> String {
         return format!("({term} {comparison} {})", random.below(5) as f64 - 2.0);
     }
     let mut part = || formula(random, depth - 1);
-    let (a, b) = (part(), part());
+    let a = part();
+    let b = part();
     match random.below(12) {
         0 => format!("(not {a})"),
         1 => format!("(always[0:3] {a})"),
@@ -111,7 +112,8 @@ fn constant_parts_are_constant_on_random_traces() {
 #[test]
 fn examples_have_the_verdict_of_the_monitor() {
     let mut random = Sequence::new(4, 0);
-    let (mut satisfied, mut violated) = (0, 0);
+    let mut satisfied = 0;
+    let mut violated = 0;
     for _ in 0..150 {
         let text = formula(&mut random, 3);
         let formula = Formula::parse(&text).expect("a formula");

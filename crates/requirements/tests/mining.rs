@@ -186,9 +186,10 @@ fn fronts_are_those_of_the_whole_grid() {
         for _ in 0..12 {
             let mut values = || (0..6).map(|_| (random.below(9) as f64 - 4.0) / 2.0).collect::<Vec<f64>>();
             let traces = [log("a", &values(), &values()), log("b", &values(), &values())];
-            let first = match is_bound(formula) {
-                true => ParameterRange { resolution: None, ..range("a", 0.0, 5.0) },
-                false => ParameterRange { resolution: Some(0.25), ..range("a", -3.0, 3.0) },
+            let first = if is_bound(formula) {
+                ParameterRange { resolution: None, ..range("a", 0.0, 5.0) }
+            } else {
+                ParameterRange { resolution: Some(0.25), ..range("a", -3.0, 3.0) }
             };
             let second = ParameterRange { resolution: Some(0.25), ..range("b", -3.0, 3.0) };
             let parameters = [first, second];

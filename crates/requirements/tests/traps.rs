@@ -79,7 +79,9 @@ fn windows_beyond_the_end_respect_negation() {
         let why = why(text);
         assert!(parts.iter().all(|part| why.contains(part)), "{text}: {why}");
     };
-    let (fails, misses, both) = ("would come after", "is not seen", "either direction");
+    let fails = "would come after";
+    let misses = "is not seen";
+    let both = "either direction";
     check("always(p >= 1 implies eventually[0:2s](q >= 1))", ["last 2 s", fails]);
     check("always(p >= 1 implies always[0:2s](q >= 1))", ["last 2 s", misses]);
     check("always(not eventually[0:2s](q >= 1))", ["last 2 s", misses]);

@@ -258,9 +258,10 @@ impl Check {
     /// Returns the exit code of the command: 2 if a requirement that counts was not checked, 1 if
     /// one is violated, otherwise 0.
     pub fn exit_code(&self) -> u8 {
-        match self.cells.iter().any(|cell| self.is_open(cell)) {
-            true => 2,
-            false => u8::from(self.cells.iter().any(|cell| self.fails(cell))),
+        if self.cells.iter().any(|cell| self.is_open(cell)) {
+            2
+        } else {
+            u8::from(self.cells.iter().any(|cell| self.fails(cell)))
         }
     }
 

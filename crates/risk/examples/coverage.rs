@@ -19,7 +19,8 @@ use systems::{Known, systems};
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize, default| arguments.get(index).map_or(default, |text| text.parse().unwrap());
-    let (replications, simulations) = (number(0, 200), number(1, 20_000));
+    let replications = number(0, 200);
+    let simulations = number(1, 20_000);
     let method = arguments.get(2).map_or(Method::Auto, |name| name.parse().unwrap());
     println!(
         "{replications} replications of {simulations} simulations, method {}\n\n\

@@ -27,7 +27,9 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize, default| arguments.get(index).map_or(default, |text| text.parse().unwrap());
     let method = arguments.first().map_or(Method::Sequence, |name| name.parse().unwrap());
-    let (simulations, first, replications) = (number(1, 20_000), number(2, 1), number(3, 100));
+    let simulations = number(1, 20_000);
+    let first = number(2, 1);
+    let replications = number(3, 100);
     let part = arguments.get(4).map_or("", String::as_str);
     println!(
         "method {}, {simulations} simulations, seeds {first} to {}\n\n\

@@ -93,9 +93,12 @@ impl Answer {
         let importance = importance.filter(|_| all_valid);
         let bounds = bounds(monte_carlo, importance);
         let weighted = importance.and_then(|importance| weighted(importance, monte_carlo, bounds));
-        let splitting = splitting.map(|splitting| match all_valid {
-            true => checked(splitting, monte_carlo, importance, weighted.map(|(estimate, _)| estimate)),
-            false => Err(Refusal::InvalidStarts),
+        let splitting = splitting.map(|splitting| {
+            if all_valid {
+                checked(splitting, monte_carlo, importance, weighted.map(|(estimate, _)| estimate))
+            } else {
+                Err(Refusal::InvalidStarts)
+            }
         });
         let (accepted, splitting_refusal) = match splitting {
             Some(Ok(estimate)) => (Some(estimate), None),

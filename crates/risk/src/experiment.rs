@@ -65,7 +65,8 @@ impl<'a> Experiment<'a> {
         (budget, batch): (u64, usize),
         watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
     ) -> Experiment<'a> {
-        let (batch, failures) = (batch.max(1), Vec::new());
+        let batch = batch.max(1);
+        let failures = Vec::new();
         Experiment { system, scenarios, batch, budget, done: 0, failures, watch, is_interrupted: false }
     }
 

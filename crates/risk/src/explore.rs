@@ -91,7 +91,8 @@ fn search(experiment: &mut Experiment<'_>, seed: Seed, budget: u64) -> Result<Ve
     let most = PER_COORDINATE * (experiment.scenarios.dimension() as u64 + 1);
     for trial in 0.. {
         let before = experiment.done();
-        let (own, n) = (seed.child(RESTARTS).child(trial), most.min(end.saturating_sub(before)));
+        let own = seed.child(RESTARTS).child(trial);
+        let n = most.min(end.saturating_sub(before));
         found.extend(search_once(experiment, RESTARTED, own, n, Until::Failure)?);
         if experiment.done() == before {
             break;

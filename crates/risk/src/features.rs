@@ -71,7 +71,9 @@ impl Layout {
         let mut channels: Vec<(usize, Vec<usize>)> = Vec::new();
         let mut slots = Vec::new();
         for SteeredAxis { axis, step, channel } in &steerable.axes {
-            let Some(latent) = latent(*axis).filter(|_| scenarios.is_independent(*axis)) else { continue };
+            let Some(latent) = latent(*axis).filter(|_| scenarios.is_independent(*axis)) else {
+                continue;
+            };
             let number = channels.iter().position(|(own, _)| own == channel).unwrap_or_else(|| {
                 channels.push((*channel, Vec::new()));
                 channels.len() - 1
@@ -165,10 +167,7 @@ impl Layout {
     pub(crate) fn decided<'a>(&self, memory: &'a [f64], robustness: f64) -> &'a [f64] {
         let rest = &memory[self.sums() + self.slots.len()..];
         // Either nothing was decided before the end, or the last sample decided more.
-        match rest[0] == 0.0 || drop_of(robustness) > rest[0] {
-            true => &memory[..self.sums()],
-            false => &rest[1..],
-        }
+        if rest[0] == 0.0 || drop_of(robustness) > rest[0] { &memory[..self.sums()] } else { &rest[1..] }
     }
 
     fn group_size(&self) -> usize {
@@ -233,7 +232,9 @@ pub(crate) fn packed(n: usize) -> usize {
 fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let n = pairs.clone().count() as f64;
     let (a, b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
-    let (mut xx, mut yy, mut xy) = (0.0, 0.0, 0.0);
+    let mut xx = 0.0;
+    let mut yy = 0.0;
+    let mut xy = 0.0;
     for (x, y) in pairs {
         xx += (x - a) * (x - a);
         yy += (y - b) * (y - b);
@@ -329,7 +330,8 @@ impl Steering for Chooser<'_> {
             if is_violated {
                 continue;
             }
-            let (group_size, channel_size) = (layout.group_size(), layout.channel_size());
+            let group_size = layout.group_size();
+            let channel_size = layout.channel_size();
             let group = layout.groups[channel];
             if !std::mem::replace(&mut counted[group], true) {
                 let own = &mut sums[group * group_size..][..group_size];

@@ -28,7 +28,8 @@ impl Gaussian {
     /// and enlarged by 1 + 1/d, because a proposal that is too wide costs less than one that is too
     /// narrow. Returns `None` if no weight is positive.
     pub(crate) fn fit<'a>(points: impl Iterator<Item = (&'a [f64], f64)> + Clone) -> Option<Gaussian> {
-        let (mut total, mut squares) = (0.0, 0.0);
+        let mut total = 0.0;
+        let mut squares = 0.0;
         let mut mean: Vec<f64> = Vec::new();
         for (point, weight) in points.clone() {
             mean.resize(point.len(), 0.0);
@@ -40,7 +41,8 @@ impl Gaussian {
             return None;
         }
         mean.iter_mut().for_each(|sum| *sum /= total);
-        let (d, effective) = (mean.len(), total * total / squares);
+        let d = mean.len();
+        let effective = total * total / squares;
         let is_diagonal = effective < POINTS_PER_DIMENSION * d as f64;
         let mut covariance: Vec<Vec<f64>> = (0..d).map(|i| vec![0.0; i + 1]).collect();
         for (point, weight) in points {
@@ -124,7 +126,8 @@ mod tests {
         let mut factor = vec![vec![4.0], vec![1.0, 2.0]];
         cholesky(&mut factor);
         let gaussian = Gaussian { mean: vec![1.0, -1.0], factor };
-        let (a, b) = (0.5 - 1.0, 2.0 + 1.0);
+        let a = 0.5 - 1.0;
+        let b = 2.0 + 1.0;
         let quadratic = (2.0 * a * a - 2.0 * a * b + 4.0 * b * b) / 7.0;
         let expected = -0.5 * quadratic - 0.5 * 7.0_f64.ln() + 0.5 * (0.5 * 0.5 + 2.0 * 2.0);
         assert!((gaussian.log_ratio(&[0.5, 2.0]) - expected).abs() < 1e-12);

@@ -220,7 +220,9 @@ impl Marginal {
             Marginal::Normal { mean, std } => truncated_normal(*mean, *std, [a, b], u),
             Marginal::Triangular { mode } => triangular(*mode, [a, b], u),
             Marginal::Weights(weights) => return axis.low + level(weights, u) as f64,
-            Marginal::PerHour { .. } => return axis.low + level(&self.kind_weights(axis), u) as f64,
+            Marginal::PerHour { .. } => {
+                return axis.low + level(&self.kind_weights(axis), u) as f64;
+            }
         };
         let value = if axis.levels().is_some() { value.round() } else { value };
         value.clamp(axis.low, axis.high)
@@ -269,7 +271,8 @@ fn axis_uniform(axis: &Axis, u: f64) -> f64 {
 }
 
 fn mass(mean: &f64, std: &f64, [a, b]: [f64; 2]) -> f64 {
-    let (a, b) = ((a - mean) / std, (b - mean) / std);
+    let a = (a - mean) / std;
+    let b = (b - mean) / std;
     // Differences are exact in the lower tail.
     if a > 0.0 { normal::cdf(-a) - normal::cdf(-b) } else { normal::cdf(b) - normal::cdf(a) }
 }
@@ -341,7 +344,8 @@ mod tests {
         let marginal = Marginal::Normal { mean: 0.0, std: 1.0 };
         // The truncation removes 1e-19 of the tail, which is 6e-16 beyond 8 and 3e-7 beyond 5.
         for (z, tolerance) in [(0.0, 1e-15), (2.0, 1e-12), (5.0, 1e-11), (8.0, 1e-4)] {
-            let (upper, lower) = (marginal.value(&axis, z), marginal.value(&axis, -z));
+            let upper = marginal.value(&axis, z);
+            let lower = marginal.value(&axis, -z);
             assert!((upper - z).abs() < tolerance && lower == -upper, "{z}: {upper}, {lower}");
         }
         // Bounds far on one side of the mean.

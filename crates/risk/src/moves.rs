@@ -51,7 +51,8 @@ impl Walk {
         if n > 0 {
             let beta = (self.step * VARIATION.powf(2.0 * random.uniform() - 1.0)).min(1.0);
             let keep = (1.0 - beta * beta).sqrt();
-            let (kind, always) = (random.below(4), random.below(n) as usize);
+            let kind = random.below(4);
+            let always = random.below(n) as usize;
             for (i, z) in latent.iter_mut().enumerate() {
                 let is_moved = match kind {
                     0 => i == always,

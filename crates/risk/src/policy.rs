@@ -94,7 +94,8 @@ fn cholesky(matrix: &mut [f64], size: usize) -> f64 {
     let mut log_determinant = 0.0;
     for i in 0..size {
         for j in 0..=i {
-            let (a, b) = (packed(i), packed(j));
+            let a = packed(i);
+            let b = packed(j);
             let sum: f64 = (0..j).map(|k| matrix[a + k] * matrix[b + k]).sum();
             let rest = matrix[a + j] - sum;
             // The diagonal is positive except for rounding errors.
@@ -147,7 +148,8 @@ mod tests {
         let mut random = Sequence::new(3, 0);
         let draws: Vec<(Vec<f64>, f64)> = (0..5000)
             .map(|_| {
-                let ((x, other), (noise, _)) = (random.normal_pair(), random.normal_pair());
+                let (x, other) = random.normal_pair();
+                let (noise, _) = random.normal_pair();
                 (vec![1.0, x, other], 0.3 - 0.5 * x + noise)
             })
             .collect();

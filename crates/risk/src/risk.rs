@@ -139,7 +139,8 @@ impl Parts {
         let mut random = Sequence::new(seed.child(0).0, 0);
         self.monte_carlo.run(experiment, &mut random, of(shares.monte_carlo))?;
         if !self.monte_carlo.decide() {
-            let (fitting, failed) = (of(shares.fitting), self.monte_carlo.failed.clone());
+            let fitting = of(shares.fitting);
+            let failed = self.monte_carlo.failed.clone();
             if method == Method::Sequence {
                 self.importance = sequence(experiment, seed.child(4), fitting, &failed)?;
             } else {

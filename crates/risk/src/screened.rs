@@ -53,9 +53,10 @@ impl ScreenedReport {
     pub fn estimate(&self) -> Estimate {
         let [flagged, sampled] = self.invalid_starts;
         let counts = self.counts.without(flagged, sampled);
-        match self.without_verdict < counts.flagged + counts.sampled {
-            true => counts.estimate(CONFIDENCE),
-            false => Estimate { n: counts.trials, ..Estimate::default() },
+        if self.without_verdict < counts.flagged + counts.sampled {
+            counts.estimate(CONFIDENCE)
+        } else {
+            Estimate { n: counts.trials, ..Estimate::default() }
         }
     }
 
@@ -85,17 +86,22 @@ pub fn screened_risk(
     let watch = Mutex::new(watch);
     let call = |progress: ScreenedProgress| watch.lock().is_ok_and(|mut watch| watch(progress).is_continue());
     let mut counts = TwoPhase::default();
-    let (mut screened_without_verdict, mut overflows, mut without_verdict) = (0, 0, 0);
+    let mut screened_without_verdict = 0;
+    let mut overflows = 0;
+    let mut without_verdict = 0;
     let mut invalid_starts = [0; 2];
     // The stream of the draws is that of Monte Carlo.
-    let (mut random, mut sample) = (Sequence::new(seed.child(0).0, 0), Sequence::new(seed.child(0).0, 1));
+    let mut random = Sequence::new(seed.child(0).0, 0);
+    let mut sample = Sequence::new(seed.child(0).0, 1);
     let mut confirmed = 0;
     let screened = std::cell::Cell::new(0);
-    let mut on_confirmed =
-        |done: u64| match call(ScreenedProgress { screened: screened.get(), confirmed: done }) {
-            true => ControlFlow::Continue(()),
-            false => ControlFlow::Break(()),
-        };
+    let mut on_confirmed = |done: u64| {
+        if call(ScreenedProgress { screened: screened.get(), confirmed: done }) {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
+    };
     let mut experiment = Experiment::new(system, scenarios, (u64::MAX, batch), &mut on_confirmed);
     let mut is_complete = true;
     while counts.trials < simulations && is_complete {
@@ -110,7 +116,8 @@ pub fn screened_risk(
             screening,
             &requests,
             ScreenedEpisode::is_violated,
-            (sample_rate, &mut sample),
+            sample_rate,
+            &mut sample,
             &on_screened,
         )?;
         drop(requests);
@@ -120,7 +127,8 @@ pub fn screened_risk(
         };
         let chosen =
             |indices: &[usize]| indices.iter().map(|index| draws[*index].clone()).collect::<Vec<Draw>>();
-        let (flagged, sampled) = (chosen(&selection.flagged), chosen(&selection.sampled));
+        let flagged = chosen(&selection.flagged);
+        let sampled = chosen(&selection.sampled);
         screened.set(base + count);
         let mut undecided_by_system = 0;
         // The numbers of violations and of invalid starts.
@@ -135,8 +143,8 @@ pub fn screened_risk(
                 count(|outcome| !outcome.is_valid),
             ])
         };
-        let ([flagged_events, flagged_invalid], [sampled_events, sampled_invalid]) =
-            (simulate(&flagged)?, simulate(&sampled)?);
+        let [flagged_events, flagged_invalid] = simulate(&flagged)?;
+        let [sampled_events, sampled_invalid] = simulate(&sampled)?;
         // A part of a chunk would be biased: its flagged trials are repeated first.
         if !is_complete {
             break;

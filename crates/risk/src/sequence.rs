@@ -74,16 +74,17 @@ pub(crate) fn sequence(
     let mut draws: Vec<Draw> = (0..pilot).map(|_| experiment.scenarios.draw(&mut random)).collect();
     let pilot_outcomes = experiment.steered(&mut draws, &Pilot::new(&layout), |_, _| ())?;
     let layout = layout.with_columns(&pilot_outcomes);
-    let Some((proposal, largest)) = fit(experiment, seed, &layout, fitting - pilot)? else { return Ok(None) };
+    let Some((proposal, largest)) = fit(experiment, seed, &layout, fitting - pilot)? else {
+        return Ok(None);
+    };
     let monte_carlo = given(experiment, &layout, failed)?;
     let monte_carlo: Vec<f64> =
         monte_carlo.iter().map(|sample| 1.0 / proposal.ratio(&layout, sample)).collect();
     let fitting = experiment.done() - before;
     let n = experiment.left();
     let mut random = Sequence::new(seed.0, ROUNDS + 1);
-    let weight = |sample: &Sample| match is_violated(sample.robustness) {
-        true => 1.0 / proposal.ratio(&layout, sample),
-        false => 0.0,
+    let weight = |sample: &Sample| {
+        if is_violated(sample.robustness) { 1.0 / proposal.ratio(&layout, sample) } else { 0.0 }
     };
     let mut all = Vec::with_capacity(n as usize);
     while experiment.left() > 0 {

@@ -121,12 +121,10 @@ impl SequenceProposal {
 
     /// Returns the density of a simulation divided by that of the distribution.
     pub(crate) fn ratio(&self, layout: &Layout, sample: &Sample) -> f64 {
-        match self.components.is_empty() {
-            true => 1.0,
-            false => {
-                NOMINAL
-                    + (1.0 - NOMINAL) * log_sum(&self.log_terms(layout, &sample.others, &sample.sums)).exp()
-            }
+        if self.components.is_empty() {
+            1.0
+        } else {
+            NOMINAL + (1.0 - NOMINAL) * log_sum(&self.log_terms(layout, &sample.others, &sample.sums)).exp()
         }
     }
 

@@ -110,7 +110,8 @@ impl Splitting {
         let complete = self.chains.iter().filter(|chain| chain.is_complete).count();
         let extinct = self.chains.iter().filter(|chain| chain.probability == 0.0).count();
         let values: Vec<f64> = self.chains.iter().map(|chain| chain.probability).collect();
-        let (low, high) = (fold(&values, f64::min), fold(&values, f64::max));
+        let low = fold(&values, f64::min);
+        let high = fold(&values, f64::max);
         if extinct > 0 {
             return Err(Disagreement::Extinct { extinct });
         } else if complete < self.chains.len() {
@@ -364,7 +365,8 @@ mod tests {
     #[test]
     fn intervals_contain_the_mean_of_log_normal_chains() {
         let mut random = Sequence::new(3, 0);
-        let (mut stated, mut hits) = (0, 0);
+        let mut stated = 0;
+        let mut hits = 0;
         for _ in 0..20_000 {
             let chain = |z: f64| Chain {
                 level: 0.0,

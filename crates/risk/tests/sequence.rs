@@ -27,7 +27,9 @@ fn settings(simulations: u64, seed: u64) -> Settings {
 fn check(name: &str, simulations: u64) {
     let process = process(name);
     let p = process.probability;
-    let (mut hits, mut sum, mut variance) = (0, 0.0, 0.0);
+    let mut hits = 0;
+    let mut sum = 0.0;
+    let mut variance = 0.0;
     let seeds = 501..505;
     for seed in seeds.clone() {
         let report = report(&process, settings(simulations, seed));

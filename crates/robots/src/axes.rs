@@ -231,7 +231,8 @@ impl Axes {
     fn check_overlap(&self, description: &Description) -> Result<(), Problem> {
         let mut seen: Vec<(ModelField, usize)> = Vec::new();
         let mut seen_by_slips = Vec::new();
-        let (mut changes, mut events) = (self.changes.iter(), self.events.iter());
+        let mut changes = self.changes.iter();
+        let mut events = self.events.iter();
         for named in &description.axes {
             let (change, is_after) = match &named.value.effect {
                 AxisEffect::Model { .. } => (changes.next(), false),

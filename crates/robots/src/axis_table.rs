@@ -82,7 +82,9 @@ fn expressions(texts: Vec<Text>) -> Result<Vec<Expression>, Problem> {
 
 /// Reads an axis of the kind "event", whose kind has been read.
 fn event(key: &Key, table: &Table, fields: &mut Fields<'_>) -> Result<AxisTable, Problem> {
-    let (body, jump, slip) = (fields.text("body")?, fields.text("jump")?, fields.texts("slip")?);
+    let body = fields.text("body")?;
+    let jump = fields.text("jump")?;
+    let slip = fields.texts("slip")?;
     let mut along = || Ok::<Ranges, Problem>([fields.range("x")?, fields.range("y")?, fields.range("z")?]);
     let kind = match (body, jump, slip.is_empty()) {
         (Some(body), None, true) => EventKind::Push { body, force: along()? },

@@ -104,7 +104,8 @@ impl ScenarioBatch for RobotBatch {
             .collect();
         parts.into_par_iter().enumerate().for_each(|(index, (parts, pending))| {
             let (((((inputs, active), mocap), forces), tails), outputs) = parts;
-            let (shared, first_row) = (&*shared, index * GROUP_ROWS);
+            let shared = &*shared;
+            let first_row = index * GROUP_ROWS;
             let make = || Ok::<_, Infallible>(Thread::new(shared));
             let Ok(()) = shared.threads.with(make, |thread| {
                 let mut group = RobotRows {
@@ -185,8 +186,8 @@ struct RobotRows<'a> {
 impl RobotRows<'_> {
     /// Sets the worker's world to a row.
     fn load(&mut self, row: usize) {
-        let (Sizes { inputs, mocap, tail, .. }, Thread { worker, output, .. }) =
-            (self.sizes, &mut *self.thread);
+        let Sizes { inputs, mocap, tail, .. } = self.sizes;
+        let Thread { worker, output, .. } = &mut *self.thread;
         self.outputs.read(row, output);
         worker.load(
             &self.tails[row * tail..][..tail],
@@ -198,7 +199,8 @@ impl RobotRows<'_> {
 
     /// Writes the controls and the mocap poses of the worker's world to a row.
     fn write_inputs(&mut self, row: usize) {
-        let (Sizes { inputs, mocap, .. }, world) = (self.sizes, self.thread.worker.world());
+        let Sizes { inputs, mocap, .. } = self.sizes;
+        let world = self.thread.worker.world();
         self.inputs[row * inputs..][..inputs].copy_from_slice(world.ctrl());
         world.write_mocap_poses(&mut self.mocap[row * mocap..][..mocap]);
     }
@@ -211,7 +213,8 @@ impl ScenarioRows for RobotRows<'_> {
         if status != StepStatus::Running {
             return status;
         }
-        let (layout, world) = (&self.shared.layout, worker.world());
+        let layout = &self.shared.layout;
+        let world = worker.world();
         layout.write(world, output);
         self.outputs.write(row, output);
         self.active[row * layout.constraints..][..layout.constraints].copy_from_slice(world.active());
@@ -247,11 +250,13 @@ impl ScenarioRows for RobotRows<'_> {
     fn command(&mut self, row: usize, action: &[f64], has_arrived: bool) {
         self.load(row);
         let Sizes { forces, tail, .. } = self.sizes;
-        let (robot, tail) = (&*self.shared.environment.robot, &mut self.tails[row * tail..][..tail]);
+        let robot = &*self.shared.environment.robot;
+        let tail = &mut self.tails[row * tail..][..tail];
         // Controls that are not finite end the episode with its next sample.
         self.thread.worker.begin_step(action, has_arrived, tail);
         if let Some(body) = self.shared.pushed {
-            let (events, start) = (robot.model_parts(tail).events, tail[0] * robot.control_dt);
+            let events = robot.model_parts(tail).events;
+            let start = tail[0] * robot.control_dt;
             let own = self.forces[row * forces..][..forces].as_chunks_mut::<3>().0;
             for (substep, force) in own.iter_mut().enumerate() {
                 let now = start + substep as f64 * robot.model.timestep();

@@ -1,8 +1,8 @@
 //! The cameras of a file, and what they see.
 
+use mishandle_camera::sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View};
 use mishandle_camera::{Camera, Size, focal_length};
 use mishandle_rollout::{Axis, Image, RolloutError, Space};
-use mishandle_sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View};
 use mishandle_world::{Body, CAMERAS, CameraMount, ElementKind, GeomKind, Model, PictureModel};
 
 use crate::description::{Control, Description, Named};
@@ -68,7 +68,9 @@ pub(crate) fn camera(key: &Key, item: &Item) -> Result<CameraTable, Problem> {
     }
     let body = fields.text("body")?;
     let position = vector(fields.need("position")?, "position")?;
-    let (look_at, up, quaternion) = (fields.get("look_at"), fields.get("up"), fields.get("quaternion"));
+    let look_at = fields.get("look_at");
+    let up = fields.get("up");
+    let quaternion = fields.get("quaternion");
     let direction = match (look_at, up, quaternion) {
         (Some(look_at), up, None) => {
             let point = vector(look_at, "look_at")?;
@@ -94,7 +96,8 @@ pub(crate) fn camera(key: &Key, item: &Item) -> Result<CameraTable, Problem> {
     let fovy = fields.get("fovy");
     let fovy_deg = fovy.map_or(Ok(FOVY_DEG), |item| item.number("fovy"))?;
     if let (Some(item), false) = (fovy, FOVY_RANGE_DEG.contains(&fovy_deg)) {
-        let (low, high) = (FOVY_RANGE_DEG.start(), FOVY_RANGE_DEG.end());
+        let low = FOVY_RANGE_DEG.start();
+        let high = FOVY_RANGE_DEG.end();
         let message = format!("`fovy` must be the vertical field of view, from {low} to {high} degrees");
         return Err(Problem::new(&item.span, message));
     }
@@ -179,22 +182,23 @@ fn placed(table: &CameraTable, model: &Model) -> Result<Camera, Problem> {
                 Problem::new(&name.span, missing("camera", &name.text, &known))
             })?;
             let mount = model.camera_at(index);
-            match mount.is_plain && FOVY_RANGE_DEG.contains(&mount.fovy_deg) {
-                true => Ok(Camera::of_model(&mount, no_size())),
-                false => {
-                    let (low, high) = (FOVY_RANGE_DEG.start(), FOVY_RANGE_DEG.end());
-                    let message = format!(
-                        "the camera `{}` of the model cannot be drawn: it needs the mode `fixed`, and a perspective with a `fovy` \
+            if mount.is_plain && FOVY_RANGE_DEG.contains(&mount.fovy_deg) {
+                Ok(Camera::of_model(&mount, no_size()))
+            } else {
+                let low = FOVY_RANGE_DEG.start();
+                let high = FOVY_RANGE_DEG.end();
+                let message = format!(
+                    "the camera `{}` of the model cannot be drawn: it needs the mode `fixed`, and a perspective with a `fovy` \
                          from {low} to {high} degrees",
-                        name.text
-                    );
-                    Err(Problem::new(&name.span, message))
-                }
+                    name.text
+                );
+                Err(Problem::new(&name.span, message))
             }
         }
         CameraTable::Placed { body, direction, position, fovy_deg } => {
             let body = body.as_ref().map_or(Ok(Body::WORLD), |name| body_of(name, model))?;
-            let (position, fovy_deg) = (*position, *fovy_deg);
+            let position = *position;
+            let fovy_deg = *fovy_deg;
             Ok(match *direction {
                 Direction::LookAt { point, up } => {
                     let points = [position, point, up].map(|point| point.map(|v| v as f32));

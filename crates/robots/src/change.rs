@@ -1,6 +1,6 @@
 //! Changes of numbers of the model by the values of axes.
 
-use mishandle_expression::{Argument, NodeKind};
+use crate::expression::{Argument, NodeKind};
 use mishandle_world::{Change, FieldOperation, Model, ModelField};
 
 use crate::axis_table::{AxisTable, ModelOperation};
@@ -107,7 +107,7 @@ fn model_numbers(
                 .to_string(),
         )
     };
-    let index = |node: &mishandle_expression::Node| match node.kind {
+    let index = |node: &crate::expression::Node| match node.kind {
         NodeKind::Number(value) if value.fract() == 0.0 && value >= 0.0 => Ok(value as usize),
         _ => Err(form()),
     };

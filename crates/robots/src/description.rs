@@ -1,6 +1,6 @@
 //! Content of a target file, before it is compared with the model.
 
-use mishandle_expression::{Node, parse};
+use crate::expression::{Node, parse};
 
 use crate::axis_table::{AxisTable, axis};
 use crate::cameras::{CameraTable, camera};
@@ -386,9 +386,10 @@ fn servos(item: &Item) -> Result<Servos, Problem> {
     let mut positive = |key: &'static str| {
         let item = fields.need(key)?;
         let numbers = item.numbers(key)?;
-        match !numbers.is_empty() && numbers.iter().all(|number| *number > 0.0) {
-            true => Ok(numbers),
-            false => Err(Problem::new(&item.span, format!("`{key}` must be numbers greater than 0"))),
+        if !numbers.is_empty() && numbers.iter().all(|number| *number > 0.0) {
+            Ok(numbers)
+        } else {
+            Err(Problem::new(&item.span, format!("`{key}` must be numbers greater than 0")))
         }
     };
     let servos = Servos {
@@ -427,9 +428,10 @@ fn fraction(text: &str) -> Option<f64> {
 
 fn whole(item: &Item, what: &str, most: f64) -> Result<usize, Problem> {
     let number = item.number(what)?;
-    match number.fract() == 0.0 && (1.0..=most).contains(&number) {
-        true => Ok(number as usize),
-        false => Err(Problem::new(&item.span, format!("`{what}` must be a whole number from 1 to {most}"))),
+    if number.fract() == 0.0 && (1.0..=most).contains(&number) {
+        Ok(number as usize)
+    } else {
+        Err(Problem::new(&item.span, format!("`{what}` must be a whole number from 1 to {most}")))
     }
 }
 

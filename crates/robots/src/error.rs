@@ -1,7 +1,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use mishandle_expression::ExpressionError;
+use crate::expression::ExpressionError;
 
 /// Errors of a target in a file.
 #[derive(Debug, thiserror::Error)]

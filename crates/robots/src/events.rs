@@ -1,6 +1,6 @@
 //! Events: pushes, jumps and slips, which happen at a point in time.
 
-use mishandle_expression::Argument;
+use crate::expression::Argument;
 use mishandle_rollout::{Axis, AxisKind};
 use mishandle_world::{Body, ElementKind, Joint, JointKind, Mocap, World};
 
@@ -211,7 +211,8 @@ fn one_body(body: &Text, library: &Library<'_>, rule: &str) -> Result<usize, Pro
 }
 
 fn jumping(body: &Text, library: &Library<'_>) -> Result<Jumping, Problem> {
-    let (model, index) = (library.model, one_body(body, library, "a jump displaces one")?);
+    let model = library.model;
+    let index = one_body(body, library, "a jump displaces one")?;
     if let Ok(mocap) = model.mocap(&model.names(ElementKind::Body)[index]) {
         return Ok(Jumping::Mocap(mocap));
     }

@@ -10,6 +10,7 @@
 //! robot with a controller in the loop, `cameras` what its cameras see, and `training` what a
 //! training run needs. `contract` checks
 //! a policy before the first episode, and `init` writes a first file for a policy of another tool.
+//! [`expression`] checks and evaluates expressions, and [`mjcf`] reads and edits the model as text.
 
 mod axes;
 mod axis_table;
@@ -23,9 +24,11 @@ mod document;
 mod environment;
 mod error;
 mod events;
+pub mod expression;
 mod init;
 mod inside;
 mod library;
+pub mod mjcf;
 mod model;
 mod pattern;
 mod phase;
@@ -36,6 +39,7 @@ mod task_space;
 mod training;
 mod worker;
 
+pub use crate::expression::functions;
 pub use batch::RobotBatch;
 pub use controlled::ControlledRobot;
 pub use environment::RobotEnvironment;
@@ -43,6 +47,5 @@ pub use error::RobotError;
 pub use init::{FirstFile, Paths, PolicyFacts, PolicySizes, first_file, isaac_facts, mjlab_facts};
 pub use inside::check_inside;
 pub use library::{QUANTITY_FUNCTIONS, QuantityFunction};
-pub use mishandle_expression::functions;
 pub use target::{DeviceRobot, FILE_ROLES, KIND, RobotFile, RobotPolicy};
 pub use training::{RobotBatches, RobotTraining};

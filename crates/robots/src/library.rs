@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mishandle_expression::{Argument, Meaning, Names, Node, NodeKind, Reading, Size};
+use crate::expression::{Argument, Meaning, Names, Node, NodeKind, Reading, Size};
 use mishandle_stl::nearest;
 use mishandle_world::{Body, ElementKind, Model};
 
@@ -201,9 +201,10 @@ impl Library<'_> {
     }
 
     fn limits(&self, argument: Option<&Argument>, index: usize) -> Result<Vec<f64>, String> {
-        let limit = |joint: usize| match self.model.joint_is_limited(joint) {
-            true => Ok([self.model.joint_at(joint).low, self.model.joint_at(joint).high][index]),
-            false => {
+        let limit = |joint: usize| {
+            if self.model.joint_is_limited(joint) {
+                Ok([self.model.joint_at(joint).low, self.model.joint_at(joint).high][index])
+            } else {
                 Err(format!("the joint `{}` has no limits", self.model.names(ElementKind::Joint)[joint]))
             }
         };

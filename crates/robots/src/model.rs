@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use mishandle_mjcf::{Edit, Select, Source};
+use crate::mjcf::{Edit, Select, Source};
 use mishandle_world::{Model, PictureModel, WorldError};
 use sha2::{Digest, Sha256};
 
@@ -197,7 +197,9 @@ fn set(table: &Table) -> Result<Edit, Problem> {
                 return Err(Problem::new(&selected.span, message));
             }
         },
-        _ => return Err(Problem::new(&selected.span, "write a name or a pattern in quotation marks")),
+        _ => {
+            return Err(Problem::new(&selected.span, "write a name or a pattern in quotation marks"));
+        }
     };
     let others = table.entries.iter().filter(|(key, _)| !is_kind(&key.name));
     let attributes = others.map(|(key, item)| Ok((key.name.clone(), attribute(item, &key.name)?)));

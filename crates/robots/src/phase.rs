@@ -1,6 +1,6 @@
 //! Expressions that are evaluated at the same time.
 
-use mishandle_expression::{Compiler, Place, Program, value};
+use crate::expression::{Compiler, Place, Program, value};
 
 use crate::description::{Expression, Over};
 use crate::error::Problem;
@@ -68,7 +68,8 @@ impl<'a> PhaseBuilder<'a> {
     pub(crate) fn finish(self) -> Phase {
         let program = self.compiler.program();
         let reads = |currency| program.reads().any(|what| what.currency() == currency);
-        let (reads_poses, reads_forces) = (reads(Currency::Pose), reads(Currency::Dynamic));
+        let reads_poses = reads(Currency::Pose);
+        let reads_forces = reads(Currency::Dynamic);
         let reads_external_forces = program.reads().any(|what| matches!(what, Quantity::ExternalForces(_)));
         Phase { program, places: self.places, reads_poses, reads_forces, reads_external_forces }
     }

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_expression::{
-    Argument, Compiler, Meaning, Names, Place, Program, Reader, Reading, Size, value,
-};
+use crate::expression::{Argument, Compiler, Meaning, Names, Place, Program, Reader, Reading, Size, value};
 use mishandle_rollout::{Controller, ControllerWorker, Seed};
 
 use crate::axes::{ObservedPart, observed};
@@ -139,7 +137,8 @@ impl ControllerWorker for Worker {
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let (size, action_size) = (observations.len() / rows.max(1), self.place.size());
+        let size = observations.len() / rows.max(1);
+        let action_size = self.place.size();
         for row in 0..rows {
             let numbers = &observations[row * size..][..size];
             let mut reader = Observation { numbers, time: states[row] * self.control_dt };

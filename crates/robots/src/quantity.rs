@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mishandle_expression::Reader;
+use crate::expression::Reader;
 use mishandle_world::{Body, Site, World};
 
 /// A quantity of a simulation.

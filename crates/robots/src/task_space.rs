@@ -14,7 +14,7 @@
 
 use std::sync::Arc;
 
-use mishandle_expression::{Compiler, Place, Program, value};
+use crate::expression::{Compiler, Place, Program, value};
 use mishandle_rollout::{Controller, ControllerWorker, Seed};
 use mishandle_world::{Arm, ElementKind, Joint, JointKind, Model, World};
 
@@ -118,7 +118,8 @@ impl Controller for TaskSpacePolicy {
         let names: Vec<&str> = self.joints.iter().map(String::as_str).collect();
         // The names were looked up when the policy was made.
         let arm = Arm::new(&self.model, &names, &self.settings.site.text).expect("joints and site exist");
-        let (count, size) = (names.len(), self.model.qvel_size());
+        let count = names.len();
+        let size = self.model.qvel_size();
         Box::new(Worker {
             settings: self.settings.clone(),
             joints: arm.joints().to_vec(),
@@ -179,7 +180,8 @@ impl Worker {
     /// Writes the torques that drive the joints to their reference.
     fn torques(&mut self, [position, velocity]: [&[f32]; 2], reference: &[f64], torques: &mut [f32]) {
         for (index, joint) in self.joints.iter().enumerate() {
-            let (q, v) = (f64::from(position[index]), f64::from(velocity[index]));
+            let q = f64::from(position[index]);
+            let v = f64::from(velocity[index]);
             self.world.qpos_mut()[joint.qpos] = q;
             self.world.qvel_mut()[joint.dof] = v;
             self.acceleration[index] = self.settings.kp * (reference[index] - q) - self.settings.kd * v;
@@ -202,7 +204,8 @@ impl ControllerWorker for Worker {
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let (size, count) = (observations.len() / rows.max(1), self.joints.len());
+        let size = observations.len() / rows.max(1);
+        let count = self.joints.len();
         for row in 0..rows {
             let numbers = &observations[row * size..][..size];
             let parts = self.first.map(|first| &numbers[first..][..count]);

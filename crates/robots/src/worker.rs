@@ -140,7 +140,7 @@ impl RobotWorker {
 
     /// Evaluates the signals with a reduction after a physics step; `count` is the number of steps
     /// before.
-    fn measure(&mut self, time: f64, (values, memory, action): (&[f64], &[f64], &[f64]), count: usize) {
+    fn measure(&mut self, time: f64, values: &[f64], memory: &[f64], action: &[f64], count: usize) {
         let robot = &*self.robot;
         if robot.measured.is_empty() {
             return;
@@ -215,9 +215,10 @@ impl EnvironmentWorker for RobotWorker {
         let places = robot.start_positions.iter().chain(&robot.start_velocities).enumerate();
         for (index, indices) in places {
             let value = robot.start.value(&self.start, index);
-            let state = match index < robot.start_positions.len() {
-                true => self.world.qpos_mut(),
-                false => self.world.qvel_mut(),
+            let state = if index < robot.start_positions.len() {
+                self.world.qpos_mut()
+            } else {
+                self.world.qvel_mut()
             };
             for (place, index) in indices.iter().enumerate() {
                 state[*index] = value[if value.len() == 1 { 0 } else { place }];
@@ -241,10 +242,10 @@ impl EnvironmentWorker for RobotWorker {
         if [&robot.sample, &robot.measured, &robot.invalid].iter().any(|phase| phase.reads_forces()) {
             self.world.refresh_sensors();
         }
-        if self.is_invalid((values, memory, action)) {
+        if self.is_invalid(values, memory, action) {
             return StepStatus::InvalidStart;
         }
-        self.measure(0.0, (values, memory, action), 0);
+        self.measure(0.0, values, memory, action, 0);
         self.write_sample(tail, &mut sample);
         self.write_reduced(1, &mut sample);
         sample.rewards.fill(0.0);
@@ -287,7 +288,7 @@ impl RobotWorker {
                 self.world.push(body, robot.force_on(body, model.events, now));
             }
             self.physics_step();
-            self.measure(now + timestep, (values, memory, action), substep);
+            self.measure(now + timestep, values, memory, action, substep);
         }
         if self.world.take_divergence() {
             return StepStatus::Diverged;
@@ -418,7 +419,7 @@ impl RobotWorker {
     }
 
     /// Returns whether no episode starts from the current state. Forces are up to date.
-    fn is_invalid(&mut self, (values, memory, action): (&[f64], &[f64], &[f64])) -> bool {
+    fn is_invalid(&mut self, values: &[f64], memory: &[f64], action: &[f64]) -> bool {
         let robot = &*self.robot;
         if robot.invalid.is_empty() {
             return false;

@@ -4,13 +4,13 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
+use mishandle_camera::sight::{SIGHT_SPACES, Sight, Sighting, View};
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_robots::{RobotFile, RobotPolicy};
 use mishandle_rollout::{
     Component, Controller, ControllerWorker, Environment, Image, Noise, Request, Sample, Scenario, Seed,
     Space, Specification, System, Target,
 };
-use mishandle_sight::{SIGHT_SPACES, Sight, Sighting, View};
 
 const MODEL: &str = r#"<mujoco>
   <worldbody>
@@ -64,7 +64,8 @@ fn target(file: &RobotFile) -> Target {
 /// The states of the first and the tenth control step.
 fn states(file: &RobotFile) -> [Vec<f64>; 2] {
     let environment = file.starts().unwrap();
-    let (mut worker, mut state) = (environment.worker(), vec![0.0; environment.state_size()]);
+    let mut worker = environment.worker();
+    let mut state = vec![0.0; environment.state_size()];
     let mut sizes =
         [environment.observation_size(), environment.signals().len(), environment.reward_terms().len()]
             .map(|size| vec![0.0; size]);
@@ -91,14 +92,16 @@ struct Eyes {
 impl Eyes {
     fn new(file: &RobotFile, size: Size) -> (Eyes, View) {
         let (model, view) = file.view(size).unwrap().unwrap();
-        let (mut reader, mut poses) = (PoseReader::new(&model), [Poses::default(), Poses::default()]);
+        let mut reader = PoseReader::new(&model);
+        let mut poses = [Poses::default(), Poses::default()];
         states(file).iter().zip(&mut poses).for_each(|(state, poses)| reader.read(state, poses));
         (Eyes { renderer: Renderer::new(), poses }, view)
     }
 
     fn image(&mut self, view: &View, camera: usize) -> (Vec<u8>, Vec<u16>) {
         let camera = &view.cameras[camera];
-        let (mut rgb, mut segments) = (vec![0; 3 * camera.size.pixels()], vec![0; camera.size.pixels()]);
+        let mut rgb = vec![0; 3 * camera.size.pixels()];
+        let mut segments = vec![0; camera.size.pixels()];
         let [before, poses] = &self.poses;
         let shot = Shot { scene: &view.scene, poses, before: Some(before), camera, seed: Seed(3), step: 4 };
         self.renderer
@@ -150,7 +153,8 @@ fn axes_of_sight_change_images_and_neither_nominal_images_nor_physics() {
     let target = target(&file);
     let space = target.space(&SIGHT_SPACES.join("+")).unwrap();
     let (mut eyes, view) = Eyes::new(&file, Size::new(64, 64).unwrap());
-    let (nominal, start) = (eyes.images(&view), eyes.poses[0].clone());
+    let nominal = eyes.images(&view);
+    let start = eyes.poses[0].clone();
     assert_eq!(eyes.images(&view.under(&space, &space.nominal(), &start)), nominal);
     let mut unchanged = Vec::new();
     for (index, axis) in space.axes().iter().enumerate() {
@@ -323,15 +327,18 @@ fn a_controller_sees_what_the_cameras_of_the_file_show() {
     let space = target.space(name).unwrap();
     let environment = file.starts().unwrap().with_own_axes(&space).unwrap();
     for index in 0..2 {
-        let (scenario, seed) = (space.sample(Seed(5), index), Seed(4 + index));
+        let scenario = space.sample(Seed(5), index);
+        let seed = Seed(4 + index);
         watcher.log.lock().unwrap().clear();
         let request = Request::new(scenario.clone(), seed);
         let episode = system(&target, name).rollout(&[request]).unwrap().remove(0);
         let log = watcher.log.lock().unwrap();
         assert_eq!((log.len(), episode.steps), (50, 50));
         // The states again, from the actions alone.
-        let (mut worker, mut state) = (environment.worker(), vec![0.0; environment.state_size()]);
-        let (mut observation, mut signals) = ([0.0_f32], [0.0]);
+        let mut worker = environment.worker();
+        let mut state = vec![0.0; environment.state_size()];
+        let mut observation = [0.0_f32];
+        let mut signals = [0.0];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
         macro_rules! sample {
             () => {
@@ -393,8 +400,8 @@ fn the_axes_of_all_are_those_of_what_the_controller_sees() {
     let folder = tempfile::tempdir().unwrap();
     let file = read(folder.path(), FILE).unwrap();
     let names = |target: &Target| target.axes.iter().map(|axis| axis.name.clone()).collect::<Vec<_>>();
-    let (blind, seeing) =
-        (names(&target(&file)), names(&Watcher::new(["hand", "hand"]).target(&file).unwrap()));
+    let blind = names(&target(&file));
+    let seeing = names(&Watcher::new(["hand", "hand"]).target(&file).unwrap());
     let has = |names: &[String], name: &str| names.iter().any(|own| own == name);
     for (axis, expected) in [
         ("lamp_x", [false, true]),

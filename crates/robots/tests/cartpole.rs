@@ -125,8 +125,8 @@ fn traces_are_those_of_a_loop_by_hand_bit_for_bit() {
     ];
     // More rows than one thread steps together, in another order.
     let many: Vec<Vec<f64>> = (0..40).map(|row| scenarios[row * 7 % 4].clone()).collect();
-    let (alone, together) =
-        (simulate(&target, "scenarios", &scenarios), simulate(&target, "scenarios", &many));
+    let alone = simulate(&target, "scenarios", &scenarios);
+    let together = simulate(&target, "scenarios", &many);
     for (row, episode) in together.iter().enumerate() {
         assert_eq!(episode.trace, alone[row * 7 % 4].trace, "row {row}");
     }
@@ -259,7 +259,8 @@ fn an_axis_may_bias_all_numbers_of_a_part_or_each() {
     let names = |target: &Target| -> Vec<String> {
         target.space("sensing").unwrap().axes().iter().map(|axis| axis.name.clone()).collect()
     };
-    let (all, each) = (bias(""), bias(", each = true"));
+    let all = bias("");
+    let each = bias(", each = true");
     assert_eq!(names(&all), ["error", "noise_state"]);
     assert_eq!(names(&each), ["error_1", "error_2", "error_3", "error_4", "noise_state"]);
     let [one, four] = [(&all, vec![0.02, 0.0]), (&each, vec![0.02, 0.02, 0.02, 0.02, 0.0])]
@@ -329,8 +330,10 @@ fn a_condition_of_the_file_ends_training_episodes_and_no_evaluated_ones() {
     let robot = read(folder.path(), TRAINED).unwrap();
     let environment = robot.training().unwrap().environment;
     assert_eq!(environment.space().axes().len(), 1, "only axes of the start");
-    let (mut state, mut observation) = (vec![0.0; environment.state_size()], vec![0.0; 2]);
-    let (mut signals, mut rewards) = ([0.0; 2], [0.0; 2]);
+    let mut state = vec![0.0; environment.state_size()];
+    let mut observation = vec![0.0; 2];
+    let mut signals = [0.0; 2];
+    let mut rewards = [0.0; 2];
     let mut worker = environment.worker();
     let mut angles = Vec::new();
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };

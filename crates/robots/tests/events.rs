@@ -141,7 +141,8 @@ fn by_hand(events: &Events) -> Vec<[f64; 4]> {
                 changes.push(geom("shell", FieldOperation::Scale, factor));
             }
             if let Some((value, ..)) = events.stuck.filter(|(_, first, end)| (*first..*end).contains(&now)) {
-                let (field, entries) = (ModelField::DofDamping, vec![slide.dof]);
+                let field = ModelField::DofDamping;
+                let entries = vec![slide.dof];
                 changes.push(Change::Field { field, entries, operation: FieldOperation::Set, value });
             }
             world.set_model(&model.changed(&changes));

@@ -209,7 +209,9 @@ fn wrong_descriptors_say_what_is_wrong() {
         let result = isaac_facts(text, "io.yaml").map_err(|error| error.to_string());
         match message {
             "" => assert!(result.is_ok(), "one offset stands for all joints"),
-            message => assert!(result.as_ref().is_err_and(|error| error.contains(message)), "{result:?}"),
+            message => {
+                assert!(result.as_ref().is_err_and(|error| error.contains(message)), "{result:?}");
+            }
         }
     }
 }

@@ -137,8 +137,10 @@ fn a_training_episode_draws_from_its_seed_as_an_evaluated_one() {
     let training = read(folder.path(), &file).unwrap().training().unwrap();
     let environment = training.environment;
     assert_eq!(environment.space().axes().len(), 1);
-    let (mut state, mut observation) = (vec![0.0; environment.state_size()], vec![0.0; 2]);
-    let (mut signals, mut rewards) = ([0.0; 2], [0.0]);
+    let mut state = vec![0.0; environment.state_size()];
+    let mut observation = vec![0.0; 2];
+    let mut signals = [0.0; 2];
+    let mut rewards = [0.0];
     for seed in 0..5 {
         let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
         environment.worker().reset(&Scenario::from([0.0]), Seed(seed), &mut state, sample);

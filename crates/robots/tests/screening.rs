@@ -110,7 +110,8 @@ fn specification(target: &Target) -> Specification {
 /// Compares screened simulations of random scenarios with episodes, and returns how these ended.
 fn compare(file: &str, space: impl Fn(&Target) -> Space) -> Vec<(EpisodeEnd, bool)> {
     let (robot, controlled, target) = robot(file);
-    let (space, specification) = (space(&target), specification(&target));
+    let space = space(&target);
+    let specification = specification(&target);
     let requests: Vec<Request> =
         (0..60).map(|i| Request::new(space.sample(Seed(3), i), Seed(100 + i))).collect();
     let environment = Arc::new(controlled.environment(&space).unwrap());

@@ -136,7 +136,9 @@ fn settling_has_the_controls_of_hold_and_the_model_of_the_scenario() {
         std::fs::write(&path, text.replace("[policy]\n", &format!("[policy]\nhold = \"{hold}\"\n"))).unwrap();
         let robot = RobotFile::read(&path).unwrap();
         let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
-        let (role, name, hash) = ("controller".to_string(), "e".to_string(), "h".to_string());
+        let role = "controller".to_string();
+        let name = "e".to_string();
+        let hash = "h".to_string();
         let component = Component { role, name, hash, file_hash: String::new() };
         robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
     };
@@ -151,10 +153,12 @@ fn settling_has_the_controls_of_hold_and_the_model_of_the_scenario() {
 #[test]
 fn an_invalid_start_is_an_episode_without_verdict_and_no_other_one_changes() {
     let conditions = "invalid = [\"geom_pos('shell')[2] < 0.099\", \"sum(contact_forces('shell')) > 0.5\"]";
-    let (free, limited) = (target(""), target(conditions));
+    let free = target("");
+    let limited = target(conditions);
     assert!(!free.can_fail && limited.can_fail);
     let scenarios: Vec<Vec<f64>> = [-0.25, 0.1, -0.2005, 0.0, 0.3].map(|height| vec![height]).to_vec();
-    let (all, found) = (simulate(&free, "starts", &scenarios), simulate(&limited, "starts", &scenarios));
+    let all = simulate(&free, "starts", &scenarios);
+    let found = simulate(&limited, "starts", &scenarios);
     for (index, is_invalid) in [true, false, true, false, false].into_iter().enumerate() {
         if !is_invalid {
             assert_eq!(found[index], all[index]);
@@ -195,7 +199,8 @@ fn physics_that_diverge_while_they_settle_end_the_episode_at_its_reset() {
         .unwrap();
     let robot = RobotFile::read(&path).unwrap();
     let environment = robot.starts().unwrap();
-    let (mut state, mut observation) = (vec![0.0; environment.state_size()], vec![0.0; 2]);
+    let mut state = vec![0.0; environment.state_size()];
+    let mut observation = vec![0.0; 2];
     let mut signals = [0.0; 6];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut [] };
     let status = environment.worker().reset(&Scenario::from([0.0]), Seed(0), &mut state, sample);

@@ -178,7 +178,8 @@ impl<E: Environment + ?Sized> CpuBatch<E> {
     ) {
         let state_size = self.environment.state_size();
         let observation_size = self.environment.observation_size();
-        let (signals, rewards) = (self.environment.signals().len(), self.environment.reward_terms().len());
+        let signals = self.environment.signals().len();
+        let rewards = self.environment.reward_terms().len();
         assert_eq!(o.len(), self.rows * observation_size, "length of the observations");
         assert_eq!(s.len(), self.rows * signals, "length of the signals");
         assert_eq!(r.len(), self.rows * rewards, "length of the reward terms");

@@ -46,7 +46,8 @@ impl ControlLoop {
     /// Returns a bias of each number of the observation, and white noise of each part. `has` says
     /// whether a part has the bias (`false`) or the noise (`true`).
     pub fn sensing(&self, has: impl Fn(&LoopPart, bool) -> bool) -> Vec<Disturbance> {
-        let (mut all, mut first) = (Vec::new(), 0);
+        let mut all = Vec::new();
+        let mut first = 0;
         for part in &self.observation {
             let [bias, noise] = sensor_errors(&part.unit);
             let entries = first..first + part.size;

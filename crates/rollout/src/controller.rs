@@ -79,9 +79,6 @@ pub struct ControllerFailure {
 impl ControllerFailure {
     /// Returns the end of a simulation whose controller failed in control step `step`.
     pub fn end(&self, step: usize) -> EpisodeEnd {
-        match self.is_timeout {
-            true => EpisodeEnd::TimedOut { step },
-            false => EpisodeEnd::Crashed { step },
-        }
+        if self.is_timeout { EpisodeEnd::TimedOut { step } } else { EpisodeEnd::Crashed { step } }
     }
 }

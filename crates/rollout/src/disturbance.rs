@@ -282,8 +282,10 @@ impl ActiveDisturbances {
             let Some(value) = scenario.get(*place) else { continue };
             match effect {
                 Effect::ActionDraw { entry, steps } => {
-                    let shift = draw_shift(seed, *entry, steps, (value, action_size));
-                    let (place, entry, steps) = (*place, *entry, steps.clone());
+                    let shift = draw_shift(seed, *entry, steps, value, action_size);
+                    let place = *place;
+                    let entry = *entry;
+                    let steps = steps.clone();
                     disturbed.draws.push(Shift { place, entry, steps, shift });
                 }
                 Effect::Fault { site, parameter } => {
@@ -296,12 +298,16 @@ impl ActiveDisturbances {
                 }
                 // An offset of 0 may be replaced while the simulation runs.
                 Effect::Action { entry, profile } => {
-                    let (place, entry, profile) = (*place, *entry, profile.clone());
+                    let place = *place;
+                    let entry = *entry;
+                    let profile = profile.clone();
                     disturbed.action.push(Offset { place, entry, profile, value });
                 }
                 _ if value == 0.0 => {}
                 Effect::Observation { entry, factor, profile } => {
-                    let (place, entry, profile) = (*place, *entry, profile.clone());
+                    let place = *place;
+                    let entry = *entry;
+                    let profile = profile.clone();
                     disturbed.observation.push(Offset { place, entry, profile, value: factor * value });
                 }
                 Effect::ObservationNoise { entries } => {
@@ -328,7 +334,7 @@ impl ActiveDisturbances {
         let offsets = self.action.iter_mut().filter(|offset| offset.place == place);
         offsets.for_each(|offset| offset.value = value);
         for Shift { entry, steps, shift, .. } in self.draws.iter_mut().filter(|draw| draw.place == place) {
-            *shift = draw_shift(self.seed, *entry, steps, (value, action_size));
+            *shift = draw_shift(self.seed, *entry, steps, value, action_size);
         }
     }
 
@@ -336,7 +342,8 @@ impl ActiveDisturbances {
     /// without faults.
     pub(crate) fn observe<T: Real>(&mut self, step: usize, observation: &mut [T]) {
         if !self.observation_lateness.is_none() {
-            let (line, lateness) = (&mut self.past_observations, &self.observation_lateness);
+            let line = &mut self.past_observations;
+            let lateness = &self.observation_lateness;
             line.push(lateness, observation.iter().map(|value| value.to_f64()));
             let arrival = lateness.arrival(step, self.seed, LATE_OBSERVATIONS);
             let late = if line.show(arrival).is_some() { line.show(arrival) } else { line.oldest() };
@@ -446,7 +453,7 @@ pub(crate) fn command(
 
 /// Returns what is added to the action noise's standard normal draws of one entry over some control
 /// steps, so that their mean is `value` standard deviations of a mean.
-fn draw_shift(seed: Seed, entry: usize, steps: &Range<usize>, (value, action_size): (f64, usize)) -> f64 {
+fn draw_shift(seed: Seed, entry: usize, steps: &Range<usize>, value: f64, action_size: usize) -> f64 {
     let count = steps.len() as f64;
     value / count.sqrt() - mean_draw(seed, entry, steps, action_size)
 }
@@ -540,7 +547,8 @@ mod tests {
     fn a_value_that_is_set_later_is_that_of_the_scenario() {
         let profile = TimeProfile::Constant(10..19);
         for effect in [Effect::ActionDraw { entry: 1, steps: 10..19 }, Effect::Action { entry: 1, profile }] {
-            let (mut set, given) = (disturbed(effect.clone(), 0.0), disturbed(effect.clone(), 1.5));
+            let mut set = disturbed(effect.clone(), 0.0);
+            let given = disturbed(effect.clone(), 1.5);
             set.set(0, 1.5, 2);
             assert_eq!((&set.action, &set.draws), (&given.action, &given.draws), "{effect:?}");
             assert_eq!(set.disturbs_actions(), given.disturbs_actions());

@@ -48,7 +48,8 @@ impl FromStr for Interval {
         let inner = text.get(1..text.len() - 1).unwrap_or_default();
         let (low, high) = inner.split_once([',', ':']).ok_or(IntervalError)?;
         let number = |text: &str| text.trim().parse::<f64>().map_err(|_| IntervalError);
-        let (low, high) = (number(low)?, number(high)?);
+        let low = number(low)?;
+        let high = number(high)?;
         let low = if from == '(' { low.next_up() } else { low };
         let high = if until == ')' { high.next_down() } else { high };
         Ok(Interval { low, high })

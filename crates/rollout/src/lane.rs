@@ -112,7 +112,8 @@ pub(crate) struct Lane {
 
 impl Lane {
     pub(crate) fn new(rollout: &Rollout) -> Result<Lane, RolloutError> {
-        let (environment, controller) = (&rollout.environment, &rollout.controller);
+        let environment = &rollout.environment;
+        let controller = &rollout.controller;
         let (observation_size, action_size) = rollout.sizes();
         Ok(Lane {
             controller: controller.worker(),
@@ -181,7 +182,9 @@ impl Lane {
         steered: &mut SteeredRow<'_>,
     ) {
         let axes = steered.steerable.beginning(progress.steps);
-        let (Some(disturbed), false) = (&mut rows.disturbances[row], axes.is_empty()) else { return };
+        let (Some(disturbed), false) = (&mut rows.disturbances[row], axes.is_empty()) else {
+            return;
+        };
         let size = self.observations.len() / ROWS;
         let seen = Seen {
             seed: progress.seed,
@@ -270,7 +273,8 @@ impl Lane {
 
     /// Takes back the answers of controllers that a fault pauses, as if they had not been asked.
     fn hold_paused(&mut self, rollout: &Rollout, rows: &mut LaneRows, progress: &[Progress]) {
-        let (action_size, state_size) = (self.action.len(), rollout.controller.state_size());
+        let action_size = self.action.len();
+        let state_size = rollout.controller.state_size();
         let LaneRows { controller_states, disturbances, answers, .. } = rows;
         for (row, ((answer, disturbed), progress)) in
             answers.iter_mut().zip(disturbances).zip(progress).enumerate()
@@ -297,11 +301,13 @@ impl Lane {
         row: usize,
         progress: &Progress,
     ) -> bool {
-        let (action_size, limit) = (self.action.len(), rollout.environment.action_limit());
+        let action_size = self.action.len();
+        let limit = rollout.environment.action_limit();
         for (clipped, action) in self.action.iter_mut().zip(&self.actions[row * action_size..]) {
             *clipped = f64::from(*action).clamp(-limit, limit);
         }
-        let (disturbed, draws) = (rows.disturbances[row].as_mut(), &mut self.draws[..action_size]);
+        let disturbed = rows.disturbances[row].as_mut();
+        let draws = &mut self.draws[..action_size];
         command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws)
     }
 

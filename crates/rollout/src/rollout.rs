@@ -110,9 +110,10 @@ impl Rollout {
 
     /// Returns the part of a request's scenario that the environment sets.
     pub(crate) fn environment_scenario<'a>(&self, request: &'a Request) -> Cow<'a, Scenario> {
-        match self.routing.has_effects() {
-            true => Cow::Owned(self.routing.environment(&request.scenario)),
-            false => Cow::Borrowed(&request.scenario),
+        if self.routing.has_effects() {
+            Cow::Owned(self.routing.environment(&request.scenario))
+        } else {
+            Cow::Borrowed(&request.scenario)
         }
     }
 }
@@ -311,9 +312,10 @@ impl RolloutWorker {
 
     /// Adds the last sample to the requirement of a row that may stop early or is steered.
     fn record(&mut self, row: usize, request: &Request, is_steered: bool) {
-        match is_steered {
-            true => self.lane.record_watched(&mut self.rows, row),
-            false => self.lane.record(&mut self.rows, row, request),
+        if is_steered {
+            self.lane.record_watched(&mut self.rows, row);
+        } else {
+            self.lane.record(&mut self.rows, row, request);
         }
     }
 
@@ -334,9 +336,10 @@ impl RolloutWorker {
         let has_arrived = self.lane.action(rollout, &mut self.rows, row, progress);
         let state = &mut self.states[row * state_size..][..state_size];
         let (action, sample) = self.lane.action_and_sample(row);
-        let status = match has_arrived {
-            true => self.environment.step(action, state, sample),
-            false => self.environment.step_before_actions(action, state, sample),
+        let status = if has_arrived {
+            self.environment.step(action, state, sample)
+        } else {
+            self.environment.step_before_actions(action, state, sample)
         };
         self.lane.complete_sample(rollout, &mut self.rows, row);
         let step = progress.steps + 1;

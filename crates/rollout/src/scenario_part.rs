@@ -150,7 +150,8 @@ mod tests {
 
     #[test]
     fn the_whole_share_has_the_bits_of_the_whole_scenarios() {
-        let (whole, part) = (scenarios(), scenarios().part(1.0));
+        let whole = scenarios();
+        let part = scenarios().part(1.0);
         for index in 0..100 {
             assert!(part.random(Seed(4), index).is_same(&whole.random(Seed(4), index)));
             assert!(part.corner(Seed(4), index).is_same(&whole.corner(Seed(4), index)));
@@ -159,7 +160,8 @@ mod tests {
 
     #[test]
     fn a_category_is_not_nominal_with_the_share_as_its_probability() {
-        let (whole, part) = (scenarios(), scenarios().part(0.3));
+        let whole = scenarios();
+        let part = scenarios().part(0.3);
         let count = 20_000;
         for (what, of_whole) in [("random", 0.75), ("corner", 0.5)] {
             let draw = |index| match what {

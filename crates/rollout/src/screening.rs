@@ -208,7 +208,8 @@ struct Thread {
 
 impl Thread {
     fn new(rollout: &Rollout) -> Result<Thread, RolloutError> {
-        let (signals, samples) = (rollout.signals.clone(), rollout.environment.episode_steps() + 1);
+        let signals = rollout.signals.clone();
+        let samples = rollout.environment.episode_steps() + 1;
         Ok(Thread { lane: Lane::new(rollout)?, trace: Trace::with_capacity(signals, samples) })
     }
 }
@@ -247,10 +248,7 @@ impl Flight {
 
     /// Waits for the physics of the present control step.
     fn wait(&mut self) -> Result<(), RolloutError> {
-        match std::mem::take(&mut self.is_stepping) {
-            true => self.batch.finish_step(),
-            false => Ok(()),
-        }
+        if std::mem::take(&mut self.is_stepping) { self.batch.finish_step() } else { Ok(()) }
     }
 
     /// Ends the present control step, begins the next one, and moves the outcomes of the
@@ -261,7 +259,8 @@ impl Flight {
         outcomes: &mut [Option<ScreenedEpisode>],
     ) -> Result<usize, RolloutError> {
         self.wait()?;
-        let (groups, failure) = (&self.groups, Mutex::new(None));
+        let groups = &self.groups;
+        let failure = Mutex::new(None);
         let take = || shared.take(&self.taken, self.share);
         let [is_running, has_finished] = [AtomicBool::new(false), AtomicBool::new(false)];
         self.batch.visit(&|index, rows| {
@@ -342,7 +341,8 @@ struct Simulation {
 
 impl Group {
     fn new(rollout: &Rollout, rows: usize) -> Group {
-        let (signals, samples) = (rollout.signals.len(), rollout.environment.episode_steps() + 1);
+        let signals = rollout.signals.len();
+        let samples = rollout.environment.episode_steps() + 1;
         Group {
             rows: LaneRows::new(rollout),
             simulations: vec![None; rows],
@@ -395,7 +395,9 @@ impl Group {
         environment: &mut dyn ScenarioRows,
         row: usize,
     ) {
-        let (request, rollout, lane) = (&shared.requests[index], shared.rollout, &mut thread.lane);
+        let request = &shared.requests[index];
+        let rollout = shared.rollout;
+        let lane = &mut thread.lane;
         let scenario = rollout.environment_scenario(request);
         let status = environment.start(row, &scenario, request.seed, lane.sample(row));
         lane.start(rollout, &mut self.rows, row, request);
@@ -425,7 +427,8 @@ impl Group {
         if !progress.is_running() {
             return;
         }
-        let (step, lane) = (progress.steps + 1, &mut thread.lane);
+        let step = progress.steps + 1;
+        let lane = &mut thread.lane;
         let Sample { observation, signals, .. } = lane.sample(row);
         let status = match environment.sample(row, observation, signals) {
             BatchStatus::Step(status) => status,
@@ -452,7 +455,8 @@ impl Group {
     /// Evaluates the simulation in a row, if it has ended, and makes the row idle.
     fn finish(&mut self, shared: &Shared<'_>, thread: &mut Thread, row: usize) -> Result<(), RolloutError> {
         let Some(simulation) = self.simulations[row] else { return Ok(()) };
-        let (steps, mut end) = (self.progress[row].steps, self.progress[row].end);
+        let steps = self.progress[row].steps;
+        let mut end = self.progress[row].end;
         let is_complete = steps == shared.rollout.environment.episode_steps();
         if self.progress[row].is_running() && !is_complete {
             return Ok(());

@@ -335,7 +335,8 @@ impl SpecificationMonitor {
             Some(monitor) => monitor.at_start(trace, samples),
             None => Ok(None),
         };
-        let (success, strict) = (at_start(&mut self.success)?, at_start(&mut self.strict)?);
+        let success = at_start(&mut self.success)?;
+        let strict = at_start(&mut self.strict)?;
         let careful = at_start(&mut self.careful)?;
         let dangerous_steps = match &mut self.safe {
             Some(safe) => Some(
@@ -467,7 +468,8 @@ mod tests {
     #[test]
     fn an_undefined_formula_takes_no_verdict_from_the_other_requirements() {
         // The square root of -1 does not exist; 1 and -0.5 are the distances of d = 1 to 0 and 1.5.
-        let (defined, undefined) = (["d >= 0", "d >= 1.5"], "sqrt(d - 2) <= 1");
+        let defined = ["d >= 0", "d >= 1.5"];
+        let undefined = "sqrt(d - 2) <= 1";
         let signals: Arc<[String]> = Arc::from(["d".to_string()]);
         for (requirement, robustness, expected_end) in [
             ("d <= 3", Some(2.0), EpisodeEnd::Completed),

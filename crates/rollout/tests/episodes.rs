@@ -215,7 +215,8 @@ fn the_bits_of_an_episode_depend_on_neither_batch_nor_threads() {
 fn actions_are_clipped_before_noise_and_not_after() {
     // With a gain of 1000 every clipped action is -1 or 1.
     let quiet = Line::new(1e9);
-    let (received, request) = (quiet.received.clone(), Request::new([0.5], Seed(3)));
+    let received = quiet.received.clone();
+    let request = Request::new([0.5], Seed(3));
     rollout(quiet, 1000.0, Noise::default()).rollout(std::slice::from_ref(&request)).unwrap();
     assert!(received.lock().unwrap().iter().all(|action| *action == 1.0));
 
@@ -235,7 +236,8 @@ fn actions_are_clipped_before_noise_and_not_after() {
 fn a_diverged_simulation_is_undecided_and_does_not_affect_others() {
     let mut system = rollout(Line::new(1.2), 1.0, Noise::default());
     let episodes = system.rollout(&requests(21)).unwrap();
-    let (mut diverged, mut completed) = (0, 0);
+    let mut diverged = 0;
+    let mut completed = 0;
     for episode in &episodes {
         match episode.end {
             EpisodeEnd::Diverged { step } => {
@@ -293,7 +295,8 @@ fn a_stopped_episode_is_the_start_of_the_whole_and_bounds_its_robustness() {
     for (whole, early) in whole_and_stopped("eventually[0:20](x >= 0)", 0.1) {
         let samples = early.trace.len();
         assert_eq!(early.trace.column(0), &whole.trace.column(0)[..samples]);
-        let (rho, bound) = (whole.verdict.robustness.unwrap(), early.verdict.robustness.unwrap());
+        let rho = whole.verdict.robustness.unwrap();
+        let bound = early.verdict.robustness.unwrap();
         match early.end {
             EpisodeEnd::Stopped { step } => {
                 stopped += 1;
@@ -495,7 +498,8 @@ fn a_batch_has_the_same_bits_on_any_number_of_threads_and_after_a_restored_state
 #[test]
 fn a_batch_writes_the_same_bits_into_buffers_of_the_caller() {
     let line = Arc::new(Line::new(9.0));
-    let (mut own, mut other) = (CpuBatch::new(line.clone(), 3), CpuBatch::new(line.clone(), 3));
+    let mut own = CpuBatch::new(line.clone(), 3);
+    let mut other = CpuBatch::new(line.clone(), 3);
     let mut observations = vec![0.0; 3 * line.observation_size()];
     let mut signals = vec![0.0; 3 * line.signals().len()];
     let mut rewards = vec![0.0; 3 * line.reward_terms().len()];
@@ -563,10 +567,8 @@ fn a_nominal_disturbance_changes_no_bit() {
 fn an_offset_of_the_action_moves_the_point_by_its_integral() {
     // With a gain of 0 the action is 0.001 per step, so it is not clipped.
     let effect = Effect::Action { entry: 0, profile: TimeProfile::Constant(5..9) };
-    let (with, without) = (
-        disturbed(effect.clone(), Some(0.25), 0.0, Noise::default()),
-        disturbed(effect, Some(0.0), 0.0, Noise::default()),
-    );
+    let with = disturbed(effect.clone(), Some(0.25), 0.0, Noise::default());
+    let without = disturbed(effect, Some(0.0), 0.0, Noise::default());
     for (step, (a, b)) in positions(&with).iter().zip(positions(&without)).enumerate() {
         // Four control steps move the point by 0.1 * 0.25 each, the first from sample 5 to
         // sample 6.
@@ -578,11 +580,10 @@ fn an_offset_of_the_action_moves_the_point_by_its_integral() {
 #[test]
 fn an_observation_bias_affects_the_controller_but_not_the_trace() {
     let effect = Effect::Observation { entry: 0, factor: 1.0, profile: TimeProfile::Constant(0..20) };
-    let (with, without) = (
-        disturbed(effect.clone(), Some(0.5), -0.1, Noise::default()),
-        disturbed(effect, Some(0.0), -0.1, Noise::default()),
-    );
-    let (with, without) = (positions(&with), positions(&without));
+    let with = disturbed(effect.clone(), Some(0.5), -0.1, Noise::default());
+    let without = disturbed(effect, Some(0.0), -0.1, Noise::default());
+    let with = positions(&with);
+    let without = positions(&without);
     assert_eq!(with[0], without[0]);
     // The action is lower by 0.1 times the bias, and the point moves by a tenth of the action.
     assert!((without[1] - with[1] - 0.1 * 0.1 * 0.5).abs() < 1e-8);
@@ -596,7 +597,8 @@ fn sensor_noise_has_the_deviation_of_its_axis_and_another_draw_in_each_step() {
         let effect = Effect::ObservationNoise { entries: vec![(0, 2.0)] };
         positions(&disturbed(effect, Some(value), -0.1, Noise::default()))
     };
-    let (without, with) = (noise(0.0), noise(0.5));
+    let without = noise(0.0);
+    let with = noise(0.5);
     let mut draws = [0.0];
     Seed(3).normals(Stream::SensorNoise, 0, &mut draws);
     // Value 0.5 times the factor 2 is a standard deviation of 1.
@@ -636,7 +638,8 @@ fn an_action_delay_applies_to_its_own_row() {
         let others = [request(3.0), request(delay), request(1.0)];
         positions(&system.rollout(&others).unwrap()[1])
     };
-    let (prompt, late) = (run(0.0), run(2.0));
+    let prompt = run(0.0);
+    let late = run(2.0);
     assert_eq!(late[..3], [late[0]; 3], "the first two actions are 0");
     // The first action arrives in the third control step and has the same effect as without a
     // delay.

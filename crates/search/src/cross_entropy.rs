@@ -172,7 +172,8 @@ impl RoundBased for CrossEntropy {
 
     fn receive(&mut self, values: &[f64]) {
         let elite = self.elite(values);
-        let (alpha, weight) = (self.options.smoothing, 1.0 / elite.len() as f64);
+        let alpha = self.options.smoothing;
+        let weight = 1.0 / elite.len() as f64;
         for (k, axis) in self.axes.iter_mut().enumerate() {
             let coordinates = || elite.iter().map(|i| self.round[*i][k]);
             match axis {

@@ -164,7 +164,8 @@ impl DifferentialEvolution {
     fn propose_trials(&mut self) {
         let lowest = |best, i: usize| if self.values[i] < self.values[best] { i } else { best };
         let best = (0..self.values.len()).fold(0, lowest);
-        let (low, high) = (self.options.mutation_min, self.options.mutation_max);
+        let low = self.options.mutation_min;
+        let high = self.options.mutation_max;
         let factor = low + (high - low) * self.random.uniform();
         for i in 0..self.members.len() {
             self.set_trial(i, best, factor);

@@ -37,7 +37,8 @@ pub fn sphere(u: &[f64]) -> f64 {
 /// Evaluates Rosenbrock's function Σ 100 (xᵢ₊₁ - xᵢ²)² + (1 - xᵢ)², x = 4u - 2: a curved valley.
 pub fn rosenbrock(u: &[f64]) -> f64 {
     let term = |pair: &[f64]| {
-        let (x, y) = (4.0 * pair[0] - 2.0, 4.0 * pair[1] - 2.0);
+        let x = 4.0 * pair[0] - 2.0;
+        let y = 4.0 * pair[1] - 2.0;
         100.0 * (y - x * x) * (y - x * x) + (1.0 - x) * (1.0 - x)
     };
     u.windows(2).map(term).sum()

@@ -107,9 +107,12 @@ impl SearchOptions {
     /// Returns the same options with points of the free coordinates. Points of another dimension
     /// stay, so that their search refuses them.
     pub(crate) fn projected(&self, coordinates: &[Coordinate]) -> Self {
-        let free = |point: &Vec<f64>| match point.len() == coordinates.len() {
-            true => point.iter().zip(coordinates).filter(|(_, of)| is_free(of)).map(|(x, _)| *x).collect(),
-            false => point.clone(),
+        let free = |point: &Vec<f64>| {
+            if point.len() == coordinates.len() {
+                point.iter().zip(coordinates).filter(|(_, of)| is_free(of)).map(|(x, _)| *x).collect()
+            } else {
+                point.clone()
+            }
         };
         let projected = |value: &OptionValue| match value {
             OptionValue::Point(point) => OptionValue::Point(free(point)),

@@ -80,7 +80,8 @@ pub fn by_name(
     seed: u64,
     options: &SearchOptions,
 ) -> Result<Box<dyn Search>, SearchError> {
-    let (entry, space) = (find_search(name)?, space.into());
+    let entry = find_search(name)?;
+    let space = space.into();
     let all = space.dimension()?;
     let free = space.only(is_free);
     if free.coordinates.len() == all {

@@ -462,7 +462,8 @@ fn a_coordinate_without_levels_is_an_error() {
 #[test]
 fn parts_do_not_change_the_points_of_a_search_that_does_not_need_them() {
     for name in names() {
-        let (mut plain, mut with) = (make(name, 2, 3), make(name, 2, 3));
+        let mut plain = make(name, 2, 3);
+        let mut with = make(name, 2, 3);
         assert!(!plain.needs_parts(), "{name}");
         for i in 0..200 {
             let (Some(u), v) = (plain.ask(), with.ask()) else { break };
@@ -481,11 +482,13 @@ fn parts_do_not_change_the_points_of_a_search_that_does_not_need_them() {
 fn values_above_the_stop_threshold_do_not_change_the_points() {
     for name in names() {
         let mut replaced = 0;
-        let (mut plain, mut bounded) = (make(name, 2, 3), make(name, 2, 3));
+        let mut plain = make(name, 2, 3);
+        let mut bounded = make(name, 2, 3);
         for i in 0..300 {
             let (Some(u), v) = (plain.ask(), bounded.ask()) else { break };
             assert_eq!(Some(&u), v.as_ref(), "{name}, evaluation {i}");
-            let (value, threshold) = (rough(&u), bounded.stop_threshold(&u));
+            let value = rough(&u);
+            let threshold = bounded.stop_threshold(&u);
             assert!(threshold >= 0.0, "{name}");
             let bound = if value > threshold { f64::midpoint(threshold, value) } else { value };
             replaced += u32::from(bound < value);
@@ -638,7 +641,8 @@ fn nelder_mead_restarts_after_convergence_and_spends_its_budget() {
         let mut search = by_name("nelder-mead", &continuous(2), 3, &options(restarts)).expect("valid");
         trace(&mut *search, functions::sphere, 3000, 1)
     };
-    let (one, many) = (points(0), points(1));
+    let one = points(0);
+    let many = points(1);
     assert!(one.len() < many.len() && one == many[..one.len()]);
 }
 
@@ -733,7 +737,8 @@ fn portfolio_stays_where_ripple_decides() {
         };
         (0..SEEDS).map(evaluations).sum::<usize>() as f64 / SEEDS as f64
     };
-    let (with, without) = (mean(true), mean(false));
+    let with = mean(true);
+    let without = mean(false);
     assert!(with < 0.9 * without, "{with} evaluations with ripple, {without} without");
 }
 
@@ -759,6 +764,7 @@ fn cma_es_leaves_a_local_minimum_within_a_trial() {
         };
         (0..SEEDS).filter(is_found).count()
     };
-    let (without, with) = (found(100_000), found(10));
+    let without = found(100_000);
+    let with = found(10);
     assert!(2 * with >= 3 * without, "{with} with patience, {without} without");
 }

@@ -266,7 +266,8 @@ fn kolmogorov_smirnov(a: &[f64], b: &[f64]) -> f64 {
 /// Returns the statistic that two samples of one distribution exceed with probability 1 %
 /// (asymptotically; less with ties).
 fn critical_distance(n: usize, m: usize) -> f64 {
-    let (n, m) = (n as f64, m as f64);
+    let n = n as f64;
+    let m = m as f64;
     (-(0.01_f64 / 2.0).ln() / 2.0 * (n + m) / (n * m)).sqrt()
 }
 
@@ -274,7 +275,8 @@ fn critical_distance(n: usize, m: usize) -> f64 {
 fn check_same_distribution(name: &str, mut ours: Vec<f64>, mut theirs: Vec<f64>) {
     ours.sort_by(f64::total_cmp);
     theirs.sort_by(f64::total_cmp);
-    let (found, most) = (kolmogorov_smirnov(&ours, &theirs), critical_distance(ours.len(), theirs.len()));
+    let found = kolmogorov_smirnov(&ours, &theirs);
+    let most = critical_distance(ours.len(), theirs.len());
     let median = |sample: &[f64]| sample[sample.len() / 2];
     let medians = format!("medians {} and {}", median(&ours), median(&theirs));
     #[expect(clippy::print_stdout, reason = "the distances are shown with --nocapture")]

@@ -51,7 +51,8 @@ fn without_parts_the_points_are_those_of_a_search_without_the_source() {
     let mut search = make(&SearchOptions::new(), &space());
     let mut plain = make(&SearchOptions::new().with("trace", false), &space());
     for _ in 0..150 {
-        let (u, v) = (search.ask().expect("a point"), plain.ask().expect("a point"));
+        let u = search.ask().expect("a point");
+        let v = plain.ask().expect("a point");
         assert_eq!(u, v);
         let robustness = Observation::from(observation(&u, 2.0).robustness);
         search.tell(&u, &robustness).expect("a pending point");
@@ -62,8 +63,8 @@ fn without_parts_the_points_are_those_of_a_search_without_the_source() {
 /// A simulation that ends early may have no parts.
 #[test]
 fn a_search_of_parts_lets_no_simulation_end_early() {
-    let (mut search, mut plain) =
-        (make(&SearchOptions::new(), &space()), make(&SearchOptions::new().with("trace", false), &space()));
+    let mut search = make(&SearchOptions::new(), &space());
+    let mut plain = make(&SearchOptions::new().with("trace", false), &space());
     let mut n_finite = 0;
     for search in [&mut search, &mut plain] {
         for _ in 0..60 {

@@ -9,10 +9,10 @@ use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Instant;
 
-use mishandle_process::Program;
 use mishandle_rollout::{
     Component, Controller, ControllerWorker, Noise, Request, Scenario, Seed, Specification, Target,
 };
+use mishandle_simulators::process::Program;
 use mishandle_simulators::{Simulator, target};
 use mishandle_stl::Formula;
 

@@ -177,7 +177,9 @@ impl<'de> Visitor<'de> for Asked<'_> {
         }
         match id {
             Some(id) if id == self.id => {}
-            Some(id) => return Err(A::Error::custom(format!("it has the id {id} instead of {}", self.id))),
+            Some(id) => {
+                return Err(A::Error::custom(format!("it has the id {id} instead of {}", self.id)));
+            }
             None => return Err(A::Error::missing_field("id")),
         }
         answer.reason = reason.unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mishandle_process::{Failure, Program};
+use crate::process::{Failure, Program};
 use mishandle_results::{ProtocolCheck, ProtocolFinding};
 use mishandle_rollout::{AxisValues, ControlLoop, RolloutError, Scenario, Seed, Space};
 use mishandle_text::first_and_last_line;
@@ -10,9 +10,9 @@ use mishandle_text::first_and_last_line;
 use crate::answer::{Answer, AskedKind, End};
 use crate::description::Description;
 use crate::hello::Mode;
-use crate::process::SimulatorProcess;
 use crate::question::{ScenarioWriter, write_numbers};
 use crate::simulator::{NoProcess, Simulator};
+use crate::worker::SimulatorProcess;
 
 /// Seeds of the questions.
 const SEEDS: [Seed; 2] = [Seed(1), Seed(u64::MAX)];
@@ -163,7 +163,9 @@ impl<'a> Checker<'a> {
     /// Simulates a scenario; an error says how the process failed.
     fn simulate(&mut self, scenario: &Scenario, seed: Seed) -> Result<Recorded, String> {
         self.process()?;
-        let Some(mut process) = self.process.take() else { return Err("there is no process".to_string()) };
+        let Some(mut process) = self.process.take() else {
+            return Err("there is no process".to_string());
+        };
         let recorded = self.ask(&mut process, scenario, seed);
         if recorded.is_ok() {
             self.process = Some(process);
@@ -295,7 +297,8 @@ impl<'a> Checker<'a> {
             }
             scenarios.push((format!("the {side} value of every axis"), values(&|index| at(index, high))));
         }
-        let (mut problems, count) = (Vec::new(), scenarios.len());
+        let mut problems = Vec::new();
+        let count = scenarios.len();
         for (name, scenario) in scenarios {
             let problem = match self.simulate(&scenario, SEEDS[0]) {
                 Err(failure) => Some(failure),
@@ -347,7 +350,8 @@ impl<'a> Checker<'a> {
 
     fn seeds(&mut self, nominal: &Scenario, first: &Recorded) {
         let description = self.description();
-        let (is_seeded, is_deterministic) = (description.depends_on_seed, description.is_deterministic);
+        let is_seeded = description.depends_on_seed;
+        let is_deterministic = description.is_deterministic;
         if !is_deterministic {
             return;
         }
@@ -414,9 +418,10 @@ impl<'a> Checker<'a> {
                 self.process = Some(process);
                 let problem = "a second process has another answer; nothing but scenario and seed may decide it, such as the \
                                time, files that it writes, or the number of threads";
-                match self.description().is_deterministic {
-                    true => self.compare(nominal, SEEDS[0], first, problem),
-                    false => self.simulate(nominal, SEEDS[0]).err().into_iter().collect(),
+                if self.description().is_deterministic {
+                    self.compare(nominal, SEEDS[0], first, problem)
+                } else {
+                    self.simulate(nominal, SEEDS[0]).err().into_iter().collect()
                 }
             }
         };
@@ -441,12 +446,13 @@ impl<'a> Checker<'a> {
     fn end(&mut self) {
         let Ok(_) = self.process() else { return };
         let Some(process) = self.process.take() else { return };
-        let problems = match process.into_peer().close(CLOSING) {
-            true => Vec::new(),
-            false => vec![
+        let problems = if process.into_peer().close(CLOSING) {
+            Vec::new()
+        } else {
+            vec![
                 "it still runs 2 s after its standard input was closed, and is killed; end the loop at the end of the input"
                     .to_string(),
-            ],
+            ]
         };
         self.report("end", "it ends when its standard input is closed", &problems);
     }

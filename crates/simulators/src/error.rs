@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use mishandle_process::Failure;
+use crate::process::Failure;
 
 /// Errors of a simulator before its first simulation.
 #[derive(Debug, thiserror::Error)]

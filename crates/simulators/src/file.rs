@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use mishandle_process::Program;
+use crate::process::Program;
 use serde::Deserialize;
 use toml::Spanned;
 

@@ -13,6 +13,7 @@
 //!
 //! A program can do anything at any time. Each failure ends the simulation, never with a verdict,
 //! and replaces the process; no answer is taken for that to another question.
+//! [`process`] runs the programs, also programs that answer once.
 //!
 //! [`ControlLoop`]: mishandle_rollout::ControlLoop
 
@@ -23,7 +24,7 @@ mod error;
 mod file;
 mod hello;
 mod policy;
-mod process;
+pub mod process;
 mod program;
 mod question;
 mod simulator;
@@ -31,6 +32,7 @@ mod steps;
 mod system;
 mod target;
 mod words;
+mod worker;
 
 pub use check::check;
 pub use description::Description;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use mishandle_process::{Failure, Peer, Program};
+use crate::process::{Failure, Peer, Program};
 use mishandle_rollout::{Controller, ControllerFailure, ControllerWorker, Seed};
 use serde::Deserialize;
 
@@ -101,18 +101,21 @@ impl ProgramPolicy {
         worker.reset(&mut state, Seed(0));
         let observation = vec![0.0; self.observation_size];
         let mut ask = || {
-            let (mut state, mut action) = (state.clone(), vec![0.0; self.action_size]);
+            let mut state = state.clone();
+            let mut action = vec![0.0; self.action_size];
             let answered = worker.ask(&observation, &mut state, &mut action);
             answered.map(|()| (state, action)).map_err(|why| error(why.to_string()))
         };
-        let (first, second) = (ask()?, ask()?);
-        match format!("{first:?}") == format!("{second:?}") {
-            true => Ok(()),
-            false => Err(error(format!(
+        let first = ask()?;
+        let second = ask()?;
+        if format!("{first:?}") == format!("{second:?}") {
+            Ok(())
+        } else {
+            Err(error(format!(
                 "it answers the same question with {:?} and then {:?}; a program answers from its question alone: what it \
                  remembers is the list `state` of its answer, and random numbers follow from `seed` and `time`",
                 first.1, second.1
-            ))),
+            )))
         }
     }
 }
@@ -232,10 +235,7 @@ fn write_numbers(line: &mut String, numbers: impl Iterator<Item = f64>) {
         if index > 0 {
             line.push(',');
         }
-        let _ = match number.is_finite() {
-            true => write!(line, "{number}"),
-            false => write!(line, "null"),
-        };
+        let _ = if number.is_finite() { write!(line, "{number}") } else { write!(line, "null") };
     }
     line.push(']');
 }
@@ -255,12 +255,13 @@ impl ControllerWorker for Worker {
             let action = &mut actions[row * self.action_size..][..self.action_size];
             let state = &mut states[row * state_size..][..state_size];
             // A simulation that failed has ended; its program is not started again for it.
-            let failure = match state[0].is_nan() {
-                true => Some(ControllerFailure { is_timeout: false, reason: String::new() }),
-                false => self.ask(&observations[row * size..][..size], state, action).err().map(|why| {
+            let failure = if state[0].is_nan() {
+                Some(ControllerFailure { is_timeout: false, reason: String::new() })
+            } else {
+                self.ask(&observations[row * size..][..size], state, action).err().map(|why| {
                     let is_timeout = matches!(why, Failure::TimedOut { .. });
                     ControllerFailure { is_timeout, reason: kept(&format!("policy: {why}")) }
-                }),
+                })
             };
             if failure.is_some() {
                 state[0] = f64::NAN;

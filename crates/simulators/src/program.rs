@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use mishandle_process::Program;
+use crate::process::Program;
 use sha2::{Digest, Sha256};
 
 use crate::SimulatorError;
@@ -60,7 +60,9 @@ fn file_hash(path: &Path) -> std::io::Result<[u8; 32]> {
     if !path.is_file() {
         return Err(std::io::Error::other("it is not a file"));
     }
-    let (mut file, mut buffer, mut hash) = (File::open(path)?, vec![0; 1 << 16], Sha256::new());
+    let mut file = File::open(path)?;
+    let mut buffer = vec![0; 1 << 16];
+    let mut hash = Sha256::new();
     loop {
         match file.read(&mut buffer)? {
             0 => return Ok(hash.finalize().into()),

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use mishandle_process::{Failure, Program};
+use crate::process::{Failure, Program};
 use mishandle_rollout::RolloutError;
 use rayon::prelude::*;
 
 use crate::SimulatorError;
 use crate::description::Description;
 use crate::hello::Hello;
-use crate::process::{NoStart, SimulatorProcess};
 use crate::program::{command_text, program_hash, word_files};
+use crate::worker::{NoStart, SimulatorProcess};
 
 /// A simulator that has described itself. Its processes live as long as it does: they are shared by
 /// all systems of its target, and each simulation takes one of them.

@@ -1,13 +1,13 @@
 //! Simulations that Mishandle steps, with a policy, noise and disturbances between its answers.
 
-use mishandle_process::Failure;
+use crate::process::Failure;
 use mishandle_rollout::{ActiveInterface, ControllerWorker, EarlyStop, EpisodeEnd, Request, Scenario};
 use mishandle_stl::Trace;
 
 use crate::answer::{Answer, AskedKind, End};
-use crate::process::SimulatorProcess;
 use crate::question::write_numbers;
 use crate::system::{Controlled, ProcessSystem, Ran};
+use crate::worker::SimulatorProcess;
 
 /// The policy of one thread, with the buffers of a control step.
 pub(crate) struct ControlledWorker {
@@ -26,7 +26,8 @@ pub(crate) struct ControlledWorker {
 impl ControlledWorker {
     pub(crate) fn new(controlled: &Controlled) -> ControlledWorker {
         let controller = &controlled.controller;
-        let (observations, actions) = (controller.observation_size(), controller.action_size());
+        let observations = controller.observation_size();
+        let actions = controller.action_size();
         ControlledWorker {
             controller: controller.worker(),
             state: vec![0.0; controller.state_size()],

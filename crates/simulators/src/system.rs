@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_process::Failure;
+use crate::process::Failure;
 use mishandle_rollout::{
     Controller, Disturbance, EarlyStop, Episode, EpisodeEnd, Interface, Noise, PerThread, Request,
     RolloutError, Scenario, Space, Specification, SpecificationMonitor, System,
@@ -12,10 +12,10 @@ use rayon::prelude::*;
 
 use crate::answer::{Answer, AskedKind, End, kept};
 use crate::hello::Mode;
-use crate::process::SimulatorProcess;
 use crate::question::ScenarioWriter;
 use crate::simulator::{NoProcess, Simulator};
 use crate::steps::ControlledWorker;
+use crate::worker::SimulatorProcess;
 
 /// The policy that Mishandle runs in the loop of a simulator, with noise and disturbances.
 #[derive(Clone)]

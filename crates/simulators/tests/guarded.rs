@@ -3,7 +3,7 @@
 use crate::tank;
 use std::sync::Arc;
 
-use mishandle_guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
+use mishandle_controllers::guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_rollout::EpisodeEnd;
 use mishandle_stl::Formula;
 

@@ -4,5 +4,6 @@
 mod check;
 mod guarded;
 mod hostile;
+mod process;
 mod simulations;
 mod tank;

@@ -68,13 +68,10 @@ fn nanoseconds(monitor: &mut OnlineMonitor, samples: &[[f64; 3]], has_bounds: bo
         let begin = Instant::now();
         for sample in samples {
             monitor.push(black_box(sample)).expect("a finite sample");
-            match has_bounds {
-                true => {
-                    black_box(monitor.bounds(0));
-                }
-                false => {
-                    black_box(monitor.decided(0));
-                }
+            if has_bounds {
+                black_box(monitor.bounds(0));
+            } else {
+                black_box(monitor.decided(0));
             }
         }
         begin.elapsed().as_secs_f64() * 1e9 / samples.len() as f64

@@ -196,7 +196,8 @@ impl Clock {
         let Some(interval) = interval else { return Ok(Window::UNBOUNDED) };
         let samples = |bound: Bound| {
             self.samples(bound).map_err(|samples| {
-                let (operator, bound) = (operator.to_owned(), self.describe(bound));
+                let operator = operator.to_owned();
+                let bound = self.describe(bound);
                 let period_secs = self.time_secs(1);
                 match samples {
                     _ if samples.is_nan() => MonitorError::UnknownPeriod { operator, bound },

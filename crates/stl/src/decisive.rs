@@ -51,7 +51,8 @@ impl<'a> Tree<'a> {
             return Err(MonitorError::EmptyTrace);
         }
         let columns = columns(formula, trace.names())?.into_iter().map(|(column, _)| column).collect();
-        let (mut spans, mut reaches): (_, Vec<Reach>) = (Vec::with_capacity(formula.nodes.len()), Vec::new());
+        let mut spans = Vec::with_capacity(formula.nodes.len());
+        let mut reaches: Vec<Reach> = Vec::new();
         for node in &formula.nodes {
             let mut span =
                 Span { window: Window { begin: 0, end: 0 }, reach: Reach::default(), undecided: 0 };
@@ -230,42 +231,52 @@ impl<'a> Tree<'a> {
         is_backward: bool,
         sign: f64,
     ) -> Result<Held<usize>, MonitorError> {
-        let (mut p, mut q) = (self.monitor(self.starts[node - 1] - 1)?, self.monitor(node - 1)?);
+        let mut p = self.monitor(self.starts[node - 1] - 1)?;
+        let mut q = self.monitor(node - 1)?;
         let length = p.chunk_len().max(q.chunk_len());
-        let (mut held, mut best) = (Least::default(), None);
-        let all = match left.is_empty() {
-            true => right.clone(),
-            false => left.start.min(right.start)..left.end.max(right.end),
+        let mut held = Least::default();
+        let mut best = None;
+        let all = if left.is_empty() {
+            right.clone()
+        } else {
+            left.start.min(right.start)..left.end.max(right.end)
         };
         let mut add = |chunk: Range<usize>| {
             let inside = |of: &Range<usize>| {
                 let start = chunk.start.max(of.start);
                 start..chunk.end.min(of.end).max(start)
             };
-            let (left, right) = (inside(&left), inside(&right));
-            let values = |monitor: &mut Monitor, of: &Range<usize>| match of.is_empty() {
-                true => Ok(Vec::new()),
-                false => monitor.values_at(self.trace, of.clone(), self.windows).map(<[f64]>::to_vec),
+            let left = inside(&left);
+            let right = inside(&right);
+            let values = |monitor: &mut Monitor, of: &Range<usize>| {
+                if of.is_empty() {
+                    Ok(Vec::new())
+                } else {
+                    monitor.values_at(self.trace, of.clone(), self.windows).map(<[f64]>::to_vec)
+                }
             };
-            let (p, q) = (values(&mut p, &left)?, values(&mut q, &right)?);
+            let p = values(&mut p, &left)?;
+            let q = values(&mut q, &right)?;
             let mut add = |sample: usize| {
                 if right.contains(&sample) {
-                    offer(&mut best, held.found, (sign * q[sample - right.start], sample));
+                    offer(&mut best, held.found, sign * q[sample - right.start], sample);
                 }
                 if left.contains(&sample) {
                     held.add(sign * p[sample - left.start], sample);
                 }
             };
-            match is_backward {
-                true => chunk.rev().for_each(&mut add),
-                false => chunk.for_each(&mut add),
+            if is_backward {
+                chunk.rev().for_each(&mut add);
+            } else {
+                chunk.for_each(&mut add);
             }
             Ok(())
         };
         let mut chunks = chunks(all, length);
-        match is_backward {
-            true => chunks.rev().try_for_each(&mut add)?,
-            false => chunks.try_for_each(&mut add)?,
+        if is_backward {
+            chunks.rev().try_for_each(&mut add)?;
+        } else {
+            chunks.try_for_each(&mut add)?;
         }
         Ok((held, best))
     }
@@ -278,7 +289,8 @@ impl Moments for Tree<'_> {
     fn signal(&self, signal: usize, sample: usize) -> Result<f64, MonitorError> {
         let value = self.trace.column(self.columns[signal])[sample];
         if !value.is_finite() {
-            let (signal, time_secs) = (self.formula.signals[signal].clone(), self.clock.time_secs(sample));
+            let signal = self.formula.signals[signal].clone();
+            let time_secs = self.clock.time_secs(sample);
             return Err(MonitorError::NotFinite { signal, value, step: sample, time_secs });
         }
         Ok(value)

@@ -134,10 +134,13 @@ impl Formula {
             positions[node] = position;
         }
         let mut diagnosis = Diagnosis { path: Vec::new(), predicate: None };
-        let (mut node, mut sample, mut is_negated) = (self.nodes.len() - 1, 0, false);
+        let mut node = self.nodes.len() - 1;
+        let mut sample = 0;
+        let mut is_negated = false;
         let mut values = tree.values(node, sample)?;
         loop {
-            let (position, robustness) = (positions[node], values.of(node));
+            let position = positions[node];
+            let robustness = values.of(node);
             let mut found = DecisiveSubformula {
                 position,
                 text: tree.text(node),
@@ -179,7 +182,9 @@ impl Formula {
                 });
                 return Ok(diagnosis);
             }
-            let Some(choice) = values.choice(self, tree.starts(), node) else { return Ok(diagnosis) };
+            let Some(choice) = values.choice(self, tree.starts(), node) else {
+                return Ok(diagnosis);
+            };
             node = operands[choice.operand];
             is_negated ^= choice.is_negated;
             if operator.is_temporal() {

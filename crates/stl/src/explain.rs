@@ -329,8 +329,8 @@ impl AppliedOperator<'_> {
                 Phrase::pair((&head, last), ("unless this held at an earlier step:", first))
             }
             Operator::Unless => {
-                let (every, head) =
-                    (self.up_to_end(), format!("or only before a step {} at which:", self.ahead()));
+                let every = self.up_to_end();
+                let head = format!("or only before a step {} at which:", self.ahead());
                 Phrase::pair((&format!("at every step {every}:"), first), (&head, last))
             }
             Operator::Since => {
@@ -415,7 +415,9 @@ impl AppliedOperator<'_> {
         match end {
             None if begin.is_zero => "up to then".to_string(),
             None => format!("{} or more earlier{}", begin.text, brackets(begin.secs)),
-            Some(end) if begin.is_zero => format!("from {} earlier to then{}", end.text, brackets(end.secs)),
+            Some(end) if begin.is_zero => {
+                format!("from {} earlier to then{}", end.text, brackets(end.secs))
+            }
             Some(end) => {
                 let secs = range(end.secs, begin.secs);
                 format!("from {} to {} earlier{}", end.text, begin.text, brackets(secs))

@@ -32,7 +32,8 @@ impl Extremum for Minimum {
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
         // Both picks differ for two zeros only. The least zero is the one with the sign bit.
-        let (first, last) = (if a < b { a } else { b }, if b < a { b } else { a });
+        let first = if a < b { a } else { b };
+        let last = if b < a { b } else { a };
         f64::from_bits(first.to_bits() | last.to_bits())
     }
 }
@@ -42,7 +43,8 @@ impl Extremum for Maximum {
     type Dual = Minimum;
     #[inline(always)]
     fn pick(a: f64, b: f64) -> f64 {
-        let (first, last) = (if a > b { a } else { b }, if b > a { b } else { a });
+        let first = if a > b { a } else { b };
+        let last = if b > a { b } else { a };
         f64::from_bits(first.to_bits() & last.to_bits())
     }
 }

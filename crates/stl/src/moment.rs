@@ -73,7 +73,8 @@ impl<Time: Copy + Ord> Values<Time> {
     ) -> Result<Values<Time>, M::Error> {
         let nodes = &formula.nodes;
         // The topmost operators over time, by the first node below them.
-        let (mut temporal, mut open) = (HashMap::new(), vec![node]);
+        let mut temporal = HashMap::new();
+        let mut open = vec![node];
         while let Some(node) = open.pop() {
             match nodes[node] {
                 Node::Apply(operator, _) if operator.is_temporal() => {
@@ -117,7 +118,8 @@ impl<Time: Copy + Ord> Values<Time> {
         if operator.is_temporal() {
             return self.choices.get(&node).copied().flatten();
         }
-        let (x, y) = (self.of(formula.operands(node, starts)[0]), self.of(node - 1));
+        let x = self.of(formula.operands(node, starts)[0]);
+        let y = self.of(node - 1);
         let time = self.time;
         Some(match operator {
             Operator::Not => Choice::negated(0, time),
@@ -177,7 +179,8 @@ impl<Time: Copy + Ord> Least<Time> {
 pub(crate) fn offer<Time>(
     best: &mut Option<(f64, Choice<Time>)>,
     held: Option<(f64, Time)>,
-    (value, time): (f64, Time),
+    value: f64,
+    time: Time,
 ) {
     let (value, choice) = match held {
         Some((held, at)) if is_less(held, value) => (held, Choice::at(0, at)),

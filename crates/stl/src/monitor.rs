@@ -186,10 +186,11 @@ impl Monitor {
     /// ```
     pub fn robustness(&mut self, trace: &Trace) -> Result<f64, MonitorError> {
         let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
-        let found = match trace.len() >= needed {
+        let found = if trace.len() >= needed {
             // Without windows that are cut, which could have other errors.
-            true => self.evaluate(&mut Samples::Trace(trace, 0..needed), Windows::Whole),
-            false => self.robustness_signal(trace),
+            self.evaluate(&mut Samples::Trace(trace, 0..needed), Windows::Whole)
+        } else {
+            self.robustness_signal(trace)
         };
         // `evaluate` rejects an empty trace.
         found?.first().copied().ok_or(MonitorError::EmptyTrace)
@@ -448,7 +449,8 @@ impl Monitor {
             }
         };
         not_finite.map_or(Ok(()), |(name, (step, value))| {
-            let (signal, time_secs) = (name.clone(), self.clock.time_secs(step));
+            let signal = name.clone();
+            let time_secs = self.clock.time_secs(step);
             Err(MonitorError::NotFinite { signal, value, step, time_secs })
         })
     }

@@ -68,10 +68,7 @@ pub(crate) fn shown(name: &str) -> String {
 /// Returns a text on one line: control characters are escaped, and the end of a long text is left
 /// out.
 pub(crate) fn one_line(text: &str) -> String {
-    let escaped = |c: char| match c.is_control() {
-        true => c.escape_default().to_string(),
-        false => c.to_string(),
-    };
+    let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     let mut line: String = text.chars().take(SHOWN).map(escaped).collect();
     if text.chars().nth(SHOWN).is_some() {
         line += "...";

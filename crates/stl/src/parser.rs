@@ -163,7 +163,8 @@ impl<'t> Parser<'t> {
 
     fn unexpected<T>(&self, expected: impl Into<String>) -> Result<T, ParseError> {
         let token = self.peek();
-        let (expected, found) = (expected.into(), token.found());
+        let expected = expected.into();
+        let found = token.found();
         Err(ParseError::Unexpected { at: token.at, expected, found, hint: None })
     }
 
@@ -175,7 +176,8 @@ impl<'t> Parser<'t> {
             Kind::Word(word) if is_not_finite(word) => Some(FINITE.into()),
             _ => is_part_of_name.then(|| BACKQUOTES.into()),
         };
-        let (expected, found) = (OPERAND.to_owned(), token.found());
+        let expected = OPERAND.to_owned();
+        let found = token.found();
         Err(ParseError::Unexpected { at: token.at, expected, found, hint })
     }
 
@@ -533,9 +535,12 @@ impl<'t> Parser<'t> {
             _ => None,
         };
         let before = self.next.checked_sub(1).map(|index| &self.tokens[index]);
-        let shapes = |token: &Token<'_>| match token.starts_line {
-            true => [Shape::Prefix, Shape::Call(0), Shape::Infix],
-            false => [Shape::Prefix, Shape::Call(0), Shape::Prefix],
+        let shapes = |token: &Token<'_>| {
+            if token.starts_line {
+                [Shape::Prefix, Shape::Call(0), Shape::Infix]
+            } else {
+                [Shape::Prefix, Shape::Call(0), Shape::Prefix]
+            }
         };
         operator(&self.peek(), &[Shape::Infix])
             .or_else(|| before.and_then(|token| operator(token, &shapes(token))))
@@ -579,7 +584,8 @@ impl<'t> Parser<'t> {
         begin.unit = begin.unit.or(end.unit);
         let interval = Interval { begin, end };
         if interval.is_reversed() {
-            let (begin, end) = (begin.to_string(), end.to_string());
+            let begin = begin.to_string();
+            let end = end.to_string();
             return Err(ParseError::BeginAfterEnd { at, begin, end });
         }
         Ok((Some(interval), [begin_parameter, end_parameter]))

@@ -104,10 +104,8 @@ impl Around {
     /// Returns the window of an operator with the same extremum inside this one.
     fn inside(around: Option<Around>, is_least: bool, window: Window, operand: Reach) -> Around {
         let (first, last) = around.map_or((0, Last::At(0)), |around| (around.first, around.last));
-        let last = match window.is_unbounded() {
-            true => Last::BeforeEnd(operand.ahead),
-            false => last.later(window.end),
-        };
+        let last =
+            if window.is_unbounded() { Last::BeforeEnd(operand.ahead) } else { last.later(window.end) };
         Around { is_least, first: first.saturating_add(window.begin), last }
     }
 }
@@ -147,7 +145,8 @@ impl Splitter<'_> {
                     return if is_least { Composition::Min(operands) } else { Composition::Max(operands) };
                 }
                 Operator::Always | Operator::Eventually if fits(is_least) => {
-                    let (window, operand) = (self.windows[node], self.reaches[last]);
+                    let window = self.windows[node];
+                    let operand = self.reaches[last];
                     let around = Around::inside(around, is_least, window, operand);
                     return self.split(last, is_negated, Some(around), depth - 1);
                 }
@@ -173,9 +172,12 @@ impl Formula {
         most: usize,
     ) -> Result<Decomposition, MonitorError> {
         clock.check()?;
-        let (mut windows, mut reaches, mut operands) = (Vec::new(), Vec::new(), Vec::<Reach>::new());
+        let mut windows = Vec::new();
+        let mut reaches = Vec::new();
+        let mut operands = Vec::<Reach>::new();
         for node in &self.nodes {
-            let (mut window, mut reach) = (Window { begin: 0, end: 0 }, Reach::default());
+            let mut window = Window { begin: 0, end: 0 };
+            let mut reach = Reach::default();
             if let Node::Apply(operator, interval) = *node {
                 let last = operands.pop().unwrap_or_default();
                 let first = if operator.arity() == 2 { operands.pop().unwrap_or_default() } else { last };

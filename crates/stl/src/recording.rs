@@ -103,7 +103,8 @@ impl Recording {
     /// Evaluates the state formulas at the samples of the last tile, if they are kept.
     pub(crate) fn finish(&mut self) {
         let Some(recorded) = &mut self.recorded else { return };
-        let (first, samples) = (recorded.samples, self.trace.len());
+        let first = recorded.samples;
+        let samples = self.trace.len();
         for ((column, _), found) in self.columns.iter().zip(&mut recorded.not_finite) {
             let values = self.trace.column(*column);
             let step = values.iter().position(|value| !value.is_finite()).filter(|_| found.is_none());

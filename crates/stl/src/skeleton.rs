@@ -42,7 +42,8 @@ impl Formula {
                 _ => ends[node] = true,
             }
         }
-        let (mut nodes, mut predicates) = (Vec::new(), Vec::new());
+        let mut nodes = Vec::new();
+        let mut predicates = Vec::new();
         let mut node = 0;
         while node < self.nodes.len() {
             // The outermost predicate that begins here, if any.

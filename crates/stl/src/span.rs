@@ -103,13 +103,15 @@ impl Monitor {
     ) -> Result<&[f64], MonitorError> {
         let reach = self.program.reach;
         let reads_all = self.program.reads_all();
-        let begin = match reads_all || self.program.reads_all_before() {
-            true => 0,
-            false => samples.start.saturating_sub(reach.behind),
+        let begin = if reads_all || self.program.reads_all_before() {
+            0
+        } else {
+            samples.start.saturating_sub(reach.behind)
         };
-        let end = match reads_all || reach.is_unbounded {
-            true => trace.len(),
-            false => samples.end.saturating_add(reach.ahead).min(trace.len()),
+        let end = if reads_all || reach.is_unbounded {
+            trace.len()
+        } else {
+            samples.end.saturating_add(reach.ahead).min(trace.len())
         };
         let values = self.evaluate(&mut Samples::Trace(trace, begin..end), windows)?;
         Ok(&values[samples.start - begin..samples.end - begin])

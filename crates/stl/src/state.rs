@@ -75,7 +75,9 @@ impl State {
         listed: &[Option<usize>],
     ) -> State {
         let mut state = State { steps: Vec::new(), result: Source::Constant(f64::NAN), listed: Vec::new() };
-        let (mut stack, mut free, mut buffers) = (Vec::new(), Vec::new(), 0);
+        let mut stack = Vec::new();
+        let mut free = Vec::new();
+        let mut buffers = 0;
         for node in nodes {
             let source = match formula.nodes[node] {
                 Node::Constant(value) => Source::Constant(value),

@@ -173,7 +173,8 @@ impl Formula {
     /// ```
     pub fn subformula_nodes(&self, clock: &Clock) -> Result<Vec<SubformulaNode>, MonitorError> {
         clock.check()?;
-        let (starts, listed) = (self.starts(), self.listed_nodes());
+        let starts = self.starts();
+        let listed = self.listed_nodes();
         let mut positions = vec![None; self.nodes.len()];
         for (position, node) in listed.iter().enumerate() {
             positions[*node] = Some(position);
@@ -187,12 +188,11 @@ impl Formula {
             };
             let last = node - 1;
             let operands = if operator.arity() == 2 { vec![starts[last] - 1, last] } else { vec![last] };
-            let window = match operator.takes_interval() {
-                true => {
-                    let window = clock.window(operator.name(), interval)?;
-                    Some((window.begin, (!window.is_unbounded()).then_some(window.end)))
-                }
-                false => None,
+            let window = if operator.takes_interval() {
+                let window = clock.window(operator.name(), interval)?;
+                Some((window.begin, (!window.is_unbounded()).then_some(window.end)))
+            } else {
+                None
             };
             Ok(SubformulaNode {
                 operator: Some(operator.name()),
@@ -207,7 +207,9 @@ impl Formula {
     /// Returns the formula that the node multiplies or divides by a positive number: the scale
     /// changes the size of the robustness and no verdict.
     pub(crate) fn scaled(&self, node: usize, starts: &[usize]) -> Option<usize> {
-        let Node::Apply(Operator::Multiply | Operator::Divide, _) = self.nodes[node] else { return None };
+        let Node::Apply(Operator::Multiply | Operator::Divide, _) = self.nodes[node] else {
+            return None;
+        };
         let left = starts[node - 1] - 1;
         let is_positive =
             matches!(self.nodes[node - 1], Node::Constant(scale) if scale > 0.0 && scale.is_finite());

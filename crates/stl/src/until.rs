@@ -90,7 +90,8 @@ fn from_now<E: Extremum>(p: &[f64], q: &mut [f64], length: usize, scratch: &mut 
 
 /// Computes the `q` of the pairs of the first prefixes of a block.
 fn prefixes<E: Extremum>(p: &[f64], q: &[f64], reached: &mut [f64]) {
-    let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
+    let mut best = E::NEUTRAL;
+    let mut hold = E::Dual::NEUTRAL;
     for ((reached, p), q) in reached.iter_mut().zip(p).zip(q) {
         best = E::pick(best, E::Dual::pick(hold, *q));
         hold = E::Dual::pick(hold, *p);
@@ -101,7 +102,8 @@ fn prefixes<E: Extremum>(p: &[f64], q: &[f64], reached: &mut [f64]) {
 /// Computes the pairs of all suffixes of a block, and composes them with the prefixes of the next
 /// block.
 fn suffixes<E: Extremum>(p: &[f64], q: &mut [f64], reached: &[f64]) {
-    let (mut best, mut hold) = (E::NEUTRAL, E::Dual::NEUTRAL);
+    let mut best = E::NEUTRAL;
+    let mut hold = E::Dual::NEUTRAL;
     for (i, (p, q)) in p.iter().zip(q).enumerate().rev() {
         best = E::pick(*q, E::Dual::pick(*p, best));
         hold = E::Dual::pick(*p, hold);

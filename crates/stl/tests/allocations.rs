@@ -176,7 +176,8 @@ fn a_window_of_2_to_the_43_samples_allocates_nothing_in_new() {
             drop(online(&text.replace("{}", bound), None));
             PEAK.get() - before
         };
-        let (huge, short) = (peak("8796093022208"), peak("100"));
+        let huge = peak("8796093022208");
+        let short = peak("100");
         assert!(huge < short + 50_000, "{text}: {huge} bytes, {short} with a short window");
         let mut monitor = online(&text.replace("{}", "8796093022208"), None);
         assert!(allocations(&mut monitor, 300, 7) > 0, "{text} grows with the samples");
@@ -275,7 +276,8 @@ fn a_diagnosis_takes_memory_for_windows_inside_windows_only() {
         "always(a <= 0.3 implies eventually[0:20](b >= 0.1))",
         "eventually(always[3:30](a <= 0.1)) and not ((a <= 2) unless (once[0:9](b >= 2)))",
     ] {
-        let (short, long) = (peak(text, 200_000), peak(text, 2_000_000));
+        let short = peak(text, 200_000);
+        let long = peak(text, 2_000_000);
         assert!(short < 4_000_000 && long < short + 100_000, "{text}: {short} bytes, then {long}");
     }
     // The suffixes of all samples.

@@ -21,14 +21,18 @@ fn is_close(text: &str, got: f64, expected: f64) -> bool {
 fn robustness_equals_that_of_rtamt_where_windows_are_inside_the_log() {
     let cases: Vec<Value> = serde_json::from_str(include_str!("golden/rtamt_dense/values.json")).unwrap();
     let names = ["a", "b", "c"].map(String::from);
-    let (mut compared, mut wrong, mut decided, mut missing) = (0, Vec::new(), 0, 0);
+    let mut compared = 0;
+    let mut wrong = Vec::new();
+    let mut decided = 0;
+    let mut missing = 0;
     for case in &cases {
         let text = case["formula"].as_str().unwrap();
         let signals: Vec<DenseSignal> = names
             .iter()
             .zip(case["signals"].as_array().unwrap())
             .map(|(name, samples)| {
-                let (times, values) = (numbers(&samples[0]), numbers(&samples[1]));
+                let times = numbers(&samples[0]);
+                let values = numbers(&samples[1]);
                 DenseSignal::new(name.as_str(), times, values, Interpolation::Hold).unwrap()
             })
             .collect();
@@ -37,7 +41,8 @@ fn robustness_equals_that_of_rtamt_where_windows_are_inside_the_log() {
         let found = monitor.decided_robustness_signal(&signals).unwrap();
         let Some((start, end)) = found.domain() else { continue };
         decided += 1;
-        let (times, values) = (numbers(&case["robustness"][0]), numbers(&case["robustness"][1]));
+        let times = numbers(&case["robustness"][0]);
+        let values = numbers(&case["robustness"][1]);
         // All times are multiples of 1/8 s, so that values in the middle of two multiples are those
         // between them.
         let steps = ((end - start) * 16.0) as usize;
@@ -50,7 +55,8 @@ fn robustness_equals_that_of_rtamt_where_windows_are_inside_the_log() {
                 missing += 1;
                 continue;
             }
-            let (got, expected) = (found.at(time).unwrap(), values[index - 1]);
+            let got = found.at(time).unwrap();
+            let expected = values[index - 1];
             compared += 1;
             if !is_close(text, got, expected) {
                 wrong.push(format!("{text} at {time}: {got}, not {expected} in {case}"));

@@ -66,7 +66,8 @@ fn operators_have_the_precedence_of_rtamt() {
     let pairs = rows(include_str!("golden/rtamt/trees.json"));
     assert!(pairs.len() >= 300);
     for pair in &pairs {
-        let (text, tree) = (pair[0].as_str().unwrap(), pair[1].as_str().unwrap());
+        let text = pair[0].as_str().unwrap();
+        let tree = pair[1].as_str().unwrap();
         // RTAMT's trees print the operator `prev` as `previous`.
         let tree = tree.replace("previous", "prev");
         let parse = |text: &str| Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));

@@ -131,7 +131,8 @@ fn the_examples_of_the_manner_have_their_values() {
 
 /// Checks all examples of a page and returns their number.
 fn check(page: &'static str) -> usize {
-    let (mut examples, mut wrong) = (0, Vec::new());
+    let mut examples = 0;
+    let mut wrong = Vec::new();
     for block in blocks(page) {
         let (head, formulas) = block.split_once("\n\n").unwrap();
         let log = Log::new(head);
@@ -170,7 +171,8 @@ fn every_operator_and_unit_has_an_example() {
                  s_next sX until U release R unless W since S and or implies iff xor true FALSE inf s ms const";
     for word in words.split_whitespace() {
         let stands = |(at, _): (usize, &str)| {
-            let (before, after) = (&examples[..at], &examples[at + word.len()..]);
+            let before = &examples[..at];
+            let after = &examples[at + word.len()..];
             !before.ends_with(|c: char| is_part(c) && !c.is_numeric()) && !after.starts_with(is_part)
         };
         assert!(examples.match_indices(word).any(stands), "no example of {word}");

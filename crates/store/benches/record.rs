@@ -148,7 +148,10 @@ fn simulation(trial: u32, number: u32) -> Simulation {
 /// Signals of a trace: a servo that follows a sine, a bouncing ball, their distances, and a
 /// distance that becomes constant.
 fn smooth_trace() -> StoredTrace {
-    let (mut q, mut q_dot, mut z, mut z_dot) = (0.7_f64, 0.0, 1.0_f64, 0.3);
+    let mut q = 0.7_f64;
+    let mut q_dot = 0.0;
+    let mut z = 1.0_f64;
+    let mut z_dot = 0.3;
     let mut columns = vec![Vec::new(); 6];
     for step in 0..301 {
         let t = f64::from(step) / 60.0;

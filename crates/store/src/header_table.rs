@@ -134,7 +134,9 @@ fn rows(header: &RunHeader) -> [Vec<Vec<Value>>; LISTS.len()] {
     let signal = |signal: &SignalRecord| vec![text(&signal.name), text(&signal.unit)];
     let axis = |axis: &AxisRecord| {
         let AxisRecord { name, unit, kind, low, high, nominal, values, meaning } = axis;
-        let (low, high, nominal) = (Value::from(*low), Value::from(*high), Value::from(*nominal));
+        let low = Value::from(*low);
+        let high = Value::from(*high);
+        let nominal = Value::from(*nominal);
         vec![text(name), text(unit), text(kind), low, high, nominal, text(values), text(meaning)]
     };
     [
@@ -228,7 +230,9 @@ pub(crate) fn read(connection: &Connection, path: &Path) -> Result<RunHeader> {
             is_deterministic: match value::<i64>(connection, path, "target_is_deterministic")? {
                 0 => false,
                 1 => true,
-                _ => return Err(StoreError::damaged(path, "`target_is_deterministic` is neither 0 nor 1")),
+                _ => {
+                    return Err(StoreError::damaged(path, "`target_is_deterministic` is neither 0 nor 1"));
+                }
             },
         },
         components: list(connection, path, "component", |row| {

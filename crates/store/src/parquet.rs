@@ -87,7 +87,10 @@ fn write_column<W: Write + Send>(
     column: usize,
 ) -> std::result::Result<(), ParquetError> {
     let Some(mut writer) = group.next_column()? else { return Ok(()) };
-    let (mut levels, mut integers, mut numbers, mut texts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut levels = Vec::new();
+    let mut integers = Vec::new();
+    let mut numbers = Vec::new();
+    let mut texts = Vec::new();
     for row in rows {
         let is_present = match &row[column] {
             // The logical type is unsigned, the physical one has the same bits.

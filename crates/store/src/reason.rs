@@ -128,7 +128,8 @@ impl RunFile {
         let mut found = Vec::new();
         for row in rows.in_file(&self.path)? {
             let (end, simulations, first): (String, i64, i64) = row.in_file(&self.path)?;
-            let (trial, number) = ((first >> 32) as u32, first as u32);
+            let trial = (first >> 32) as u32;
+            let number = first as u32;
             let reason = read(self, trial, number)?;
             let simulations = simulations.cast_unsigned();
             found.push(EndReasons { end, simulations, trial, number, reason });

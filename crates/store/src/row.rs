@@ -169,7 +169,8 @@ pub(crate) fn read_trial(row: &Row<'_>, path: &Path) -> Result<TrialRecord> {
 
 /// Checks that a simulation fits the run's header and that its values are valid.
 pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
-    let (trial, number) = (simulation.trial, simulation.number);
+    let trial = simulation.trial;
+    let number = simulation.number;
     if number < 1 {
         return Err(StoreError::SimulationZero { trial });
     }
@@ -192,9 +193,11 @@ pub(crate) fn guard(simulation: &Simulation, header: &RunHeader) -> Result<()> {
         }
         length("trace", trace.columns.len(), header.signals.len())?;
         for (signal, column) in header.signals.iter().zip(&trace.columns) {
-            let (found, expected) = (column.len(), trace.samples());
+            let found = column.len();
+            let expected = trace.samples();
             if found != expected {
-                let (signal, first) = (signal.name.clone(), header.signals[0].name.clone());
+                let signal = signal.name.clone();
+                let first = header.signals[0].name.clone();
                 return Err(StoreError::RaggedTrace { trial, number, signal, found, first, expected });
             }
         }
@@ -268,7 +271,8 @@ pub(crate) fn insert(
 
 /// Reads a simulation without its trace from a row of [`COLUMNS`], and checks its hash.
 pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Simulation> {
-    let (trial, number): (u32, u32) = (row.get(0).in_file(path)?, row.get(1).in_file(path)?);
+    let trial: u32 = row.get(0).in_file(path)?;
+    let number: u32 = row.get(1).in_file(path)?;
     let damaged =
         |what: &str| StoreError::damaged(path, format!("simulation {number} of trial {trial}: {what}"));
     let text = |column| row.get_ref(column).in_file(path).map(|value| value.as_str().ok());
@@ -280,7 +284,8 @@ pub(crate) fn read(row: &Row<'_>, path: &Path, header: &RunHeader) -> Result<Sim
     let verdicts = text(14)?.unwrap_or_default();
     let verdicts = json::parse_object(verdicts, header.verdicts.iter().map(String::as_str));
     let trace_digest = text(15)?.map(|text| u128::from_str_radix(text, 16)).transpose();
-    let (end_step, end_index) = (row.get(11).in_file(path)?, row.get(12).in_file(path)?);
+    let end_step = row.get(11).in_file(path)?;
+    let end_index = row.get(12).in_file(path)?;
     let end = end_from_columns(text(10)?.unwrap_or_default(), end_step, end_index);
     let simulation = Simulation {
         trial,

@@ -286,9 +286,10 @@ impl RunFile {
         let sql = "SELECT EXISTS (SELECT 1 FROM simulation
                 WHERE trial NOT BETWEEN 0 AND ?1 OR number NOT BETWEEN 1 AND ?1)
             OR EXISTS (SELECT 1 FROM trial WHERE number NOT BETWEEN 0 AND ?1)";
-        match self.database.sql().query_row(sql, [u32::MAX], |row| row.get(0)).in_file(&self.path)? {
-            false => Ok(()),
-            true => Err(StoreError::damaged(&self.path, "a simulation or a trial has an impossible number")),
+        if self.database.sql().query_row(sql, [u32::MAX], |row| row.get(0)).in_file(&self.path)? {
+            Err(StoreError::damaged(&self.path, "a simulation or a trial has an impossible number"))
+        } else {
+            Ok(())
         }
     }
 
@@ -328,7 +329,8 @@ impl RunFile {
     }
 
     fn trace_of(&self, simulation: &Simulation) -> Result<Option<StoredTrace>> {
-        let (trial, number) = (simulation.trial, simulation.number);
+        let trial = simulation.trial;
+        let number = simulation.number;
         let sql = "SELECT blob FROM trace WHERE trial = ?1 AND number = ?2";
         let blob: Option<Vec<u8>> = self
             .database
@@ -398,7 +400,8 @@ impl<'a> Simulations<'a> {
         let mut page = Vec::with_capacity(self.page_size);
         while let Some(row) = rows.next().in_file(path)? {
             let simulation = row::read(row, path, &self.file.header)?;
-            let (trial, number) = (simulation.trial, simulation.number);
+            let trial = simulation.trial;
+            let number = simulation.number;
             // A damaged index could cause an endless loop.
             if (trial, number) <= self.after {
                 let what =

@@ -123,7 +123,8 @@ impl RunWriter {
     /// # Errors
     /// An error of the file.
     pub fn set_durable(&mut self) -> Result<()> {
-        let (connection, path) = (self.file.database.sql(), &self.file.path);
+        let connection = self.file.database.sql();
+        let path = &self.file.path;
         // SQLite changes the setting only between transactions. The open one is empty.
         if !connection.is_autocommit() {
             connection.execute_batch("ROLLBACK").in_file(path)?;
@@ -239,7 +240,8 @@ impl RunWriter {
 
     /// Runs `work` in the open transaction, commits it and begins the next one.
     fn transact(&mut self, work: impl FnOnce(&RunFile) -> Result<()>) -> Result<()> {
-        let (connection, path) = (self.file.database.sql(), &self.file.path);
+        let connection = self.file.database.sql();
+        let path = &self.file.path;
         if self.needs_rollback && !connection.is_autocommit() {
             connection.execute_batch("ROLLBACK").in_file(path)?;
         }
@@ -352,7 +354,8 @@ fn merge_log(connection: &Connection) -> rusqlite::Result<()> {
 }
 
 fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
-    let (trial, number) = (simulation.trial, simulation.number);
+    let trial = simulation.trial;
+    let number = simulation.number;
     let mut trace_digest = simulation.trace_digest;
     if let Some(trace) = &simulation.trace {
         let computed = trace.digest();

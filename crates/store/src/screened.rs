@@ -66,9 +66,10 @@ impl Row {
             Ok((read, row.get::<_, i64>(6)?))
         };
         let (read, hash) = parse().in_file(path)?;
-        match read.hash() == hash {
-            true => Ok(read),
-            false => Err(damaged(path, read.number, "it does not match its hash")),
+        if read.hash() == hash {
+            Ok(read)
+        } else {
+            Err(damaged(path, read.number, "it does not match its hash"))
         }
     }
 }

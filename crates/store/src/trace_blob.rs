@@ -93,7 +93,8 @@ fn residuals(samples: usize, columns: usize) -> Option<usize> {
 
 /// Encodes a trace as a blob. Its columns have the same length.
 pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
-    let (samples, columns) = (trace.samples(), trace.columns.len());
+    let samples = trace.samples();
+    let columns = trace.columns.len();
     let residuals = samples * columns;
     let mut blob =
         Vec::with_capacity(FIXED_BYTES + columns + lz4_flex::block::get_maximum_output_size(residuals * 8));
@@ -120,7 +121,9 @@ pub(crate) fn encode(trace: &StoredTrace) -> Vec<u8> {
 /// Decodes a blob of a trace with this number of columns. The error describes the damage.
 pub(crate) fn decode(blob: &[u8], expected_columns: usize) -> Result<StoredTrace, String> {
     let (fixed, rest) = blob.split_at_checked(FIXED_BYTES).ok_or("it ends within its header")?;
-    let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else { return Err("it ends early".into()) };
+    let [encoding, s0, s1, s2, s3, c0, c1, c2, c3] = *fixed else {
+        return Err("it ends early".into());
+    };
     if encoding != ENCODING {
         return Err(format!("its encoding is {encoding}, this program reads {ENCODING}"));
     }

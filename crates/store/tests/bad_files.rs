@@ -166,7 +166,8 @@ fn a_run_whose_creation_was_interrupted_is_reported_and_can_be_replaced() {
 #[test]
 fn a_creation_that_left_a_rollback_journal_is_reported_as_unfinished_at_the_first_try() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, journal) = (folder.path().join("run"), folder.path().join("run-journal"));
+    let path = folder.path().join("run");
+    let journal = folder.path().join("run-journal");
     // A transaction that SQLite begins to write before its end, in a file that was empty.
     let connection = rusqlite::Connection::open(folder.path().join("original")).unwrap();
     let sql = "PRAGMA cache_size = 1; BEGIN; CREATE TABLE t (x); INSERT INTO t VALUES (zeroblob(100000))";
@@ -190,7 +191,8 @@ fn a_creation_that_left_a_rollback_journal_is_reported_as_unfinished_at_the_firs
 #[test]
 fn a_copy_without_its_log_is_an_error_and_a_closed_run_is_a_single_file() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, copy) = (folder.path().join("run.sqlite"), folder.path().join("copy.sqlite"));
+    let path = folder.path().join("run.sqlite");
+    let copy = folder.path().join("copy.sqlite");
     let mut writer = RunWriter::create(&path, &header(), IfExists::Refuse).unwrap();
     writer.start_trial(1, 1).unwrap();
     writer.record(&[record(1, 1)]).unwrap();

@@ -98,7 +98,8 @@ fn a_trace_is_exported_with_time_and_one_column_per_signal() {
 fn parquet_has_the_columns_and_exact_values_of_the_csv() {
     let folder = tempfile::tempdir().unwrap();
     let writer = run(folder.path());
-    let (mut csv, mut bytes) = (Vec::new(), Vec::new());
+    let mut csv = Vec::new();
+    let mut bytes = Vec::new();
     export_csv(writer.file(), &mut csv).unwrap();
     export_parquet(writer.file(), &mut bytes).unwrap();
     let reader = SerializedFileReader::new(Bytes::from(bytes)).unwrap();

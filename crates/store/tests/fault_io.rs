@@ -69,7 +69,9 @@ fn fail_everywhere(run: &FailingRun) -> BTreeMap<(String, c_int), usize> {
 fn check_message(fault: Fault, error: &StoreError) {
     use StoreError::{CannotOpen, DiskFull, Io, NoRoom, NotClosed};
     let is_right = match fault.code {
-        ffi::SQLITE_FULL | ffi::SQLITE_IOERR_SHMSIZE => matches!(error, DiskFull { .. } | NoRoom { .. }),
+        ffi::SQLITE_FULL | ffi::SQLITE_IOERR_SHMSIZE => {
+            matches!(error, DiskFull { .. } | NoRoom { .. })
+        }
         ffi::SQLITE_CANTOPEN => {
             matches!(error, CannotOpen { .. } | NotClosed { .. })
         }

@@ -91,7 +91,8 @@ fn a_failed_rollback_is_repeated_before_the_next_transaction() {
         let mut errors = 0;
         loop {
             nth += 1;
-            let (first, last) = (3 * nth - 2, 3 * nth);
+            let first = 3 * nth - 2;
+            let last = 3 * nth;
             memory::fail(u64::from(nth), true);
             let failed = session.perform(Step::Record { trial: 1, first, last });
             memory::fail(0, false);

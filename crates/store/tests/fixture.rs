@@ -111,8 +111,10 @@ fn check_simulations(simulations: &[Simulation]) {
         })
         .collect();
     let whole = |bits| [Some(bits), Some(bits), Some(bits), None];
-    let (infinity, minus_infinity) = (0x7ff0_0000_0000_0000, 0xfff0_0000_0000_0000);
-    let (minus_zero, minus_quarter) = (0x8000_0000_0000_0000, 0xbfd0_0000_0000_0000);
+    let infinity = 0x7ff0_0000_0000_0000;
+    let minus_infinity = 0xfff0_0000_0000_0000;
+    let minus_zero = 0x8000_0000_0000_0000;
+    let minus_quarter = 0xbfd0_0000_0000_0000;
     assert_eq!(robustness[0], whole(0x3fd3_3333_3333_3334)); // 0.1 + 0.2, not 0.3
     assert_eq!(robustness[1], [None; 4]);
     assert_eq!(

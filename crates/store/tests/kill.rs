@@ -104,7 +104,8 @@ fn lives_until_killed() {
     };
     for call in calls(writer.file()).. {
         println!("\nreturned {call}");
-        let (trial, call) = (call / CALLS + 1, call % CALLS);
+        let trial = call / CALLS + 1;
+        let call = call % CALLS;
         match call {
             0 => writer.start_trial(trial, u64::from(trial)).unwrap(),
             7 => {
@@ -162,7 +163,8 @@ fn a_kill_at_a_random_moment_loses_no_committed_row() {
             match RunFile::open(&path) {
                 Ok(run) => {
                     // A process that was killed while it resumed the run printed no number.
-                    let (found, returned) = (calls(&run), returned.unwrap_or(before));
+                    let found = calls(&run);
+                    let returned = returned.unwrap_or(before);
                     assert!(found == returned || found == returned + 1, "{returned} calls, found {found}");
                     before = found;
                 }

@@ -24,7 +24,8 @@ fn a_run_needs_less_memory_than_its_file_size() {
         run.content_digest().unwrap();
         export_csv(&run, &mut std::io::sink()).unwrap();
 
-        let (peak, size) = (peak_bytes(), path.metadata().unwrap().len());
+        let peak = peak_bytes();
+        let size = path.metadata().unwrap().len();
         assert!(peak < size / 2, "{peak} bytes of memory for a file of {size} bytes");
     });
 }

@@ -63,7 +63,8 @@ impl Life {
                 let possible = durable..=self.earlier.max(returned + 1).min(self.steps.len());
                 let kept = possible.clone().find(|&steps| self.contents[steps] == content);
                 kept.map(|steps| if self.is_new() { steps.max(1) } else { steps }).ok_or_else(|| {
-                    let (trials, simulations) = (content.trials.len(), content.simulations.len());
+                    let trials = content.trials.len();
+                    let simulations = content.simulations.len();
                     format!(
                         "{trials} trials and {simulations} simulations are not those of steps {possible:?}"
                     )
@@ -117,7 +118,8 @@ impl Life {
         self.each_cut(disk, random, |state, image, kept| {
             let durable = self.durable(state);
             if let Err(what) = self.check(path, image, durable, state.marks) {
-                let (events, steps) = (state.events, state.marks);
+                let events = state.events;
+let steps = state.marks;
                 panic!("power cut after {events} calls and {steps} steps, {durable} durable, {kept:?} kept: {what}");
             }
         })

@@ -46,7 +46,8 @@ fn simulations_are_read_back_bit_for_bit_and_sorted_for_every_recording_order() 
     // More than one page of the iterator, in batches of 1, 2, 3, … simulations, alternating between
     // trials.
     let mut expected = Vec::new();
-    let (mut first, mut length) = (1, 1);
+    let mut first = 1;
+    let mut length = 1;
     while first < 700 {
         for trial in [1, 2, 0] {
             let batch: Vec<_> = (first..first + length).map(|number| record(trial, number)).collect();
@@ -214,7 +215,8 @@ fn the_content_digest_ignores_batches_and_detects_every_difference() {
         writer.file().content_digest().unwrap()
     };
     let records: Vec<_> = (1..=600).map(|number| record(1, number)).collect();
-    let (budget_spent, converged) = (TrialStatus::BudgetSpent, TrialStatus::Converged);
+    let budget_spent = TrialStatus::BudgetSpent;
+    let converged = TrialStatus::Converged;
     let one = digest(&[&records], budget_spent);
     assert_eq!(digest(&[&records[..100], &records[100..101], &records[101..]], budget_spent), one);
     assert_eq!(digest(&[&records[300..], &records[..300]], budget_spent), one);

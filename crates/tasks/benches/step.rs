@@ -29,7 +29,9 @@ fn main() {
     for task in TASKS.iter().filter(is_selected) {
         let mut episode = Episode::record(*task, false);
         let mut with_manner = Episode::record(*task, true);
-        let (mut whole, mut bare, mut manner) = (Duration::MAX, Duration::MAX, Duration::MAX);
+        let mut whole = Duration::MAX;
+        let mut bare = Duration::MAX;
+        let mut manner = Duration::MAX;
         for _ in 0..REPETITIONS {
             whole = whole.min(time(|| episode.whole()));
             manner = manner.min(time(|| with_manner.whole()));
@@ -119,7 +121,8 @@ impl Episode {
     fn record_actions(&mut self, task: &dyn Task) {
         let expert = task.expert().expect("the task has an expert");
         let mut controller = expert.worker();
-        let (mut memory, mut output) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
+        let mut memory = vec![0.0; expert.state_size()];
+        let mut output = [0.0_f32; JOINTS];
         let x0 = self.environment.space().at(&vec![0.4; self.environment.space().dimension()]);
         let sample = Sample {
             observation: &mut self.observation,

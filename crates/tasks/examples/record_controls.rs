@@ -35,7 +35,8 @@ fn main() {
         "expert" => task.expert().unwrap(),
         path => Arc::new(ControllerFile::load(Path::new(path)).unwrap().policy),
     };
-    let (episodes, seed): (u64, u64) = (episodes.parse().unwrap(), seed.parse().unwrap());
+    let episodes: u64 = episodes.parse().unwrap();
+    let seed: u64 = seed.parse().unwrap();
     let folder = Path::new(folder);
     fs::create_dir_all(folder).unwrap();
     fs::write(folder.join("model.xml"), compose(task).unwrap()).unwrap();
@@ -46,7 +47,8 @@ fn main() {
             .push(recorder.record(&start(&recorder.environment, episode, seed), Seed(seed).child(episode)));
     }
     let count = |which: fn(&Verdict) -> bool| verdicts.iter().filter(|v| which(v)).count();
-    let (success, strict) = (count(Verdict::is_success), count(Verdict::is_strict_success));
+    let success = count(Verdict::is_success);
+    let strict = count(Verdict::is_strict_success);
     let careful = count(Verdict::is_careful_success);
     let bytes: Vec<u8> = recorder.numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
     fs::write(folder.join("controls.f64"), bytes).unwrap();
@@ -72,11 +74,12 @@ fn main() {
 fn start(environment: &TaskEnvironment, episode: u64, seed: u64) -> Scenario {
     let dimension = environment.space().dimension();
     let corners = if seed == 0 { 1 << dimension } else { 0 };
-    let u: Vec<f64> = match episode < corners {
-        true => (0..dimension).map(|axis| f64::from(u8::from(episode >> axis & 1 == 1))).collect(),
-        false => (0..dimension)
+    let u: Vec<f64> = if episode < corners {
+        (0..dimension).map(|axis| f64::from(u8::from(episode >> axis & 1 == 1))).collect()
+    } else {
+        (0..dimension)
             .map(|axis| Seed(seed).child(episode).uniform(Stream::InitialConfiguration, 0, axis as u32))
-            .collect(),
+            .collect()
     };
     environment.space().at(&u)
 }
@@ -102,7 +105,8 @@ impl Recorder {
     /// Records one episode.
     fn record(&mut self, scenario: &Scenario, seed: Seed) -> Verdict {
         let environment = &self.environment;
-        let (mut worker, mut controller) = (environment.worker(), self.policy.worker());
+        let mut worker = environment.worker();
+        let mut controller = self.policy.worker();
         let mut memory = vec![0.0; self.policy.state_size()];
         controller.reset(&mut memory, seed);
         let mut state = vec![0.0; environment.state_size()];

@@ -8,9 +8,9 @@ use std::error::Error;
 use std::fs::File;
 use std::path::Path;
 
+use mishandle_camera::sight::SIGHT_SPACES;
 use mishandle_camera::{Output, PoseReader, Poses, Renderer, Shot, Size};
 use mishandle_rollout::{Axis, Environment, Sample, Scenario, Seed, Space};
-use mishandle_sight::SIGHT_SPACES;
 use mishandle_tasks::sight::view;
 use mishandle_tasks::{CAMERA_NAMES, Preset, Reward, TASKS, Task, TaskEnvironment};
 
@@ -30,20 +30,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     let axes: Vec<Axis> = axes.flat_map(|space| space.axes().to_vec()).collect();
     let space = Space::new("sight", axes.clone())?;
     let (model, view) = view(task, size)?;
-    let (mut reader, mut renderer) = (PoseReader::new(&model), Renderer::new());
+    let mut reader = PoseReader::new(&model);
+    let mut renderer = Renderer::new();
     let [first, before, poses] = states(task, &environment)?.map(|state| {
         let mut poses = Poses::default();
         reader.read(&state, &mut poses);
         poses
     });
-    let (mut images, mut names) = (Vec::new(), Vec::new());
+    let mut images = Vec::new();
+    let mut names = Vec::new();
     for axis in &axes {
         let values = [axis.low, axis.nominal.unwrap_or(axis.low), axis.high];
         let views = values.map(|value| view.under(&space, &scenario(&space, axis, value), &first));
         let seen = [0, 1].map(|camera| {
             views.each_ref().map(|view| {
                 let mut rgb = vec![0; 3 * size.pixels()];
-                let (scene, camera) = (&view.scene, &view.cameras[camera]);
+                let scene = &view.scene;
+                let camera = &view.cameras[camera];
                 let shot =
                     Shot { scene, poses: &poses, before: Some(&before), camera, seed: Seed(0), step: 0 };
                 renderer.render(&shot, &mut Output { rgb: Some(&mut rgb), depth: None, segments: None });
@@ -74,17 +77,18 @@ fn scenario(space: &Space, axis: &Axis, value: f64) -> Scenario {
         // Of the patterns, the number 3 is random, too.
         Some(if condition.axis.ends_with("_pattern") { 3.0 } else { own.high })
     };
-    let values = space.axes().iter().map(|own| match own.name == axis.name {
-        true => Some(value),
-        false => of(own).or(own.nominal),
-    });
+    let values = space
+        .axes()
+        .iter()
+        .map(|own| if own.name == axis.name { Some(value) } else { of(own).or(own.nominal) });
     Scenario::new(values.collect())
 }
 
 /// Returns the start of a task, and the states of its expert 39 and 40 control steps later.
 fn states(task: &dyn Task, environment: &TaskEnvironment) -> Result<[Vec<f64>; 3], Box<dyn Error>> {
     let expert = task.expert()?;
-    let (mut worker, mut controller) = (environment.worker(), expert.worker());
+    let mut worker = environment.worker();
+    let mut controller = expert.worker();
     let mut memory = vec![0.0; expert.state_size()];
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
@@ -112,7 +116,8 @@ fn write(path: &Path, images: &[Vec<u8>], side: usize, columns: usize) -> Result
     let [width, height] = [columns * side, rows * side];
     let mut pixels = vec![255; 3 * width * height];
     for (index, image) in images.iter().enumerate() {
-        let (row, column) = (index / columns, index % columns);
+        let row = index / columns;
+        let column = index % columns;
         for (y, line) in image.chunks(3 * side).enumerate() {
             let at = 3 * ((row * side + y) * width + column * side);
             pixels[at..at + line.len()].copy_from_slice(line);

@@ -77,7 +77,8 @@ impl TaskBatch {
     ) -> Result<TaskBatch, RolloutError> {
         let model = environment.model().clone();
         let probe = environment.manner().map(Manner::probe);
-        let (layout, events) = (BatchLayout::new(&model, probe), Events::new(environment));
+        let layout = BatchLayout::new(&model, probe);
+        let events = Events::new(environment);
         let spec = BatchSpec {
             model: model.clone(),
             fields: events.fields.clone(),
@@ -139,7 +140,8 @@ impl TaskBatch {
         parts.into_par_iter().enumerate().for_each(|(index, (inputs, extra))| {
             let ((inputs, outputs), pending) = inputs;
             let ((((((targets, active), mocap), forces), tails), memory), actions) = inputs;
-            let (shared, first_row) = (&*shared, index * GROUP_ROWS);
+            let shared = &*shared;
+            let first_row = index * GROUP_ROWS;
             let rows = GROUP_ROWS.min(*rows - first_row);
             shared.on_thread(|thread| {
                 let mut group = TaskRows {
@@ -275,7 +277,8 @@ impl TaskRows<'_> {
 
     /// Writes the state of the thread's worker to a row.
     fn write_start(&mut self, row: usize) {
-        let (Sizes { physics, active, mocap, memory, .. }, events) = (self.shared.sizes, &self.shared.events);
+        let Sizes { physics, active, mocap, memory, .. } = self.shared.sizes;
+        let events = &self.shared.events;
         let Thread { worker, state, output, fields, .. } = &mut *self.thread;
         let world = worker.world();
         self.shared.layout.write(world, output);
@@ -307,7 +310,8 @@ impl TaskRows<'_> {
                 let active = &self.active[row * sizes.active..][..sizes.active];
                 let view = layout.rows(model, output, active);
                 let memory = &mut self.memory[row * sizes.memory..][..sizes.memory];
-                let (readings, action) = (layout.readings(output), &self.actions[row * JOINTS..][..JOINTS]);
+                let readings = layout.readings(output);
+                let action = &self.actions[row * JOINTS..][..JOINTS];
                 let readings = readings.as_ref();
                 BatchStatus::Step(functions.write_step(&view, readings, action, memory, observation, sample))
             }
@@ -317,8 +321,10 @@ impl TaskRows<'_> {
     /// Applies the push, the jump and the slip of the control step that begins. Returns whether a
     /// body has jumped.
     fn begin_step(&mut self, row: usize) -> bool {
-        let (Sizes { mocap, .. }, events) = (self.shared.sizes, &self.shared.events);
-        let (tail, forces) = (&mut self.tails[row * events.size..][..events.size], events.force_size());
+        let Sizes { mocap, .. } = self.shared.sizes;
+        let events = &self.shared.events;
+        let tail = &mut self.tails[row * events.size..][..events.size];
+        let forces = events.force_size();
         events.push(tail, &mut self.forces[row * forces..][..forces]);
         let has_jumped = events.jump(tail, &mut self.mocap[row * mocap..][..mocap]);
         if events.slips(tail) {

@@ -27,7 +27,8 @@ const HARD_CONTACT_STEPS: f64 = 2.5;
 /// If the robot's own document does not compile or has no hand.
 pub fn compose(task: &dyn Task) -> Result<String, WorldError> {
     let definition = task.definition();
-    let (mut in_hand, mut beside) = (String::new(), String::new());
+    let mut in_hand = String::new();
+    let mut beside = String::new();
     if let Some(held) = &definition.held {
         let (p, q) = pose_in_hand(held, &definition.start)?;
         match held.attachment {
@@ -61,7 +62,9 @@ pub fn picture_model(task: &dyn Task) -> Result<PictureModel, WorldError> {
 
 /// Returns the MJCF of the held object with its name, pose and joint.
 fn body(held: &HeldObject, position: [f64; 3], quaternion: [f64; 4], joint: &str) -> String {
-    let (name, pos, quat) = (held.name, numbers(&position), numbers(&quaternion));
+    let name = held.name;
+    let pos = numbers(&position);
+    let quat = numbers(&quaternion);
     held.mjcf.replacen("<body>", &format!("<body name=\"{name}\" pos=\"{pos}\" quat=\"{quat}\">{joint}"), 1)
 }
 
@@ -74,7 +77,9 @@ fn numbers(values: &[f64]) -> String {
 fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
     use mishandle_world::frame::{rotate_back, sub};
     let model = Model::from_xml(PANDA)?;
-    let (panda, hand, mut world) = (Panda::new(&model)?, model.body("hand")?, model.world());
+    let panda = Panda::new(&model)?;
+    let hand = model.body("hand")?;
+    let mut world = model.world();
     panda.place(start, &mut world);
     world.refresh();
     let rows = world.rows();
@@ -100,9 +105,11 @@ fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [
 /// # Errors
 /// As for [`compose`], or if the scene does not compile.
 pub fn compose_with_start(task: &dyn Task) -> Result<String, WorldError> {
-    let (xml, definition) = (compose(task)?, task.definition());
+    let xml = compose(task)?;
+    let definition = task.definition();
     let model = compile(task, &xml)?;
-    let (panda, mut world) = (Panda::new(&model)?, model.world());
+    let panda = Panda::new(&model)?;
+    let mut world = model.world();
     let center: Vec<f64> =
         definition.initial_box.iter().map(|axis| 0.5 * (axis.paper[0] + axis.paper[1])).collect();
     panda.place(&definition.start, &mut world);
@@ -115,7 +122,8 @@ pub fn compose_with_start(task: &dyn Task) -> Result<String, WorldError> {
         numbers(&definition.start)
     );
     if !mocap_positions.is_empty() {
-        let (mpos, mquat) = (mocap_positions.as_flattened(), mocap_quaternions.as_flattened());
+        let mpos = mocap_positions.as_flattened();
+        let mquat = mocap_quaternions.as_flattened();
         key += &format!(" mpos=\"{}\" mquat=\"{}\"", numbers(mpos), numbers(mquat));
     }
     Ok(xml.replacen("</mujoco>", &format!("<keyframe>\n{key}/>\n</keyframe>\n</mujoco>"), 1))

@@ -491,9 +491,10 @@ impl SceneFunctions {
             let signals = &sample.signals[self.definition.signals.len()..];
             self.manner_reward.write((rows, &self.panda), signals, action, memory, manner);
         }
-        match self.scene.is_terminal(rows, sample.signals) {
-            true => StepStatus::Terminated,
-            false => StepStatus::Running,
+        if self.scene.is_terminal(rows, sample.signals) {
+            StepStatus::Terminated
+        } else {
+            StepStatus::Running
         }
     }
 }

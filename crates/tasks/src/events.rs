@@ -69,7 +69,8 @@ impl Events {
 
     /// Returns whether the slip differs from that of the control step before.
     pub(crate) fn slips(&self, tail: &[f64]) -> bool {
-        let (step, (_, _, slip)) = (tail[0] as usize, components(tail));
+        let step = tail[0] as usize;
+        let (_, _, slip) = components(tail);
         self.has_slip && step > 0 && axes::slip(slip, step) != axes::slip(slip, step - 1)
     }
 }

@@ -140,12 +140,13 @@ impl MannerReward {
                 let share = (manner[JOINT_SPEED_SHARE] / joint).max(manner[TOOL_SPEED] / tool);
                 (share - FREE_SPEED).clamp(0.0, 1.0)
             },
-            &|| match steps[0] > self.busy_steps as f64 {
-                true => {
+            &|| {
+                if steps[0] > self.busy_steps as f64 {
                     let speeds = panda.joints()[..ARM_JOINTS].iter().map(|joint| rows.qvel[joint.dof].abs());
                     saturated(speeds.fold(0.0, f64::max), REST_SPEED)
+                } else {
+                    0.0
                 }
-                false => 0.0,
             },
         ];
         let used = terms.iter().zip(self.weights.array()).filter(|(_, weight)| *weight > 0.0);

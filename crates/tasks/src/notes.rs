@@ -101,7 +101,9 @@ fn parse(page: &'static str, is_shared: bool) -> Result<Vec<Note>, String> {
             topic = Some(found.ok_or_else(|| format!("line {number}: there is no section `{title}`"))?);
             header.clear();
         }
-        let Some(topic) = topic.filter(|_| !line.is_empty() && !line.starts_with("## ")) else { continue };
+        let Some(topic) = topic.filter(|_| !line.is_empty() && !line.starts_with("## ")) else {
+            continue;
+        };
         let cells = cells(line).ok_or_else(|| format!("line {number}: expected a row of a table"))?;
         if header.is_empty() {
             header = cells;

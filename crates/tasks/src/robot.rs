@@ -70,7 +70,8 @@ impl Panda {
 
     /// Returns the midpoint of the two finger frames, m.
     pub fn finger_position(&self, rows: &Rows<'_>) -> [f64; 3] {
-        let (left, right) = (rows.position(self.left_finger), rows.position(self.right_finger));
+        let left = rows.position(self.left_finger);
+        let right = rows.position(self.right_finger);
         [0, 1, 2].map(|i| 0.5 * (left[i] + right[i]))
     }
 

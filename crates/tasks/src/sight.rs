@@ -1,8 +1,8 @@
 //! The sight of the cameras of a task.
 
+use mishandle_camera::sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View, image_size};
 use mishandle_camera::{Camera, Size};
 use mishandle_rollout::{Image, RolloutError, Space};
-use mishandle_sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View, image_size};
 use mishandle_world::{Body, ElementKind, Model, PANDA, WorldError};
 
 use crate::axes::size_axis;

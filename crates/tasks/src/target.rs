@@ -105,10 +105,7 @@ impl TaskTarget {
     ) -> Result<TaskEnvironment, TaskError> {
         let environment = self.starts.with_scene_axes(space)?;
         let manner: Vec<&str> = MANNER.iter().map(|signal| signal.name).collect();
-        match specification.reads_any(&manner) {
-            true => Ok(environment.with_manner()),
-            false => Ok(environment),
-        }
+        if specification.reads_any(&manner) { Ok(environment.with_manner()) } else { Ok(environment) }
     }
 
     /// Makes the system of the controller in `environment`, which must come from
@@ -145,7 +142,8 @@ impl TaskTarget {
     }
 
     fn reachability_check(&self) -> Arc<ReachabilityCheck> {
-        let (task, starts) = (self.task, self.starts.space().clone());
+        let task = self.task;
+        let starts = self.starts.space().clone();
         let nominal = starts.nominal();
         Arc::new(move |space: &Space, scenario: &Scenario| {
             let value = |(index, axis): (usize, &Axis)| {

@@ -41,13 +41,15 @@ fn a_control_step_and_its_expert_do_not_allocate() {
             environment = environment.with_manner();
         }
         let expert = task.expert().unwrap();
-        let (mut worker, mut controller) = (environment.worker(), expert.worker());
+        let mut worker = environment.worker();
+        let mut controller = expert.worker();
         let mut state = vec![0.0; environment.state_size()];
         let mut memory = vec![0.0; expert.state_size()];
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
-        let (mut output, mut action) = (vec![0.0; 9], vec![0.0; 9]);
+        let mut output = vec![0.0; 9];
+        let mut action = vec![0.0; 9];
         let x0 = environment.space().nominal();
         macro_rules! sample {
             () => {

@@ -80,7 +80,9 @@ fn a_ball_rolls_down_a_slope_with_five_sevenths_of_the_acceleration() {
     bench.place([0.25, 0.0, 1.02]);
     bench.run(0.1);
     let tray = bench.world.model().body("tray").unwrap();
-    let (start, seconds, parts) = (bench.velocity()[0], 0.4, 48);
+    let start = bench.velocity()[0];
+    let seconds = 0.4;
+    let parts = 48;
     let mut expected = 0.0;
     for _ in 0..parts {
         bench.run(seconds / f64::from(parts));
@@ -101,7 +103,8 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
             .map(|i| {
                 let mut bench = Bench::new(name, "");
                 bench.place([x, 0.8, radius + 0.3 + 0.03 * f64::from(i)]);
-                let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+                let mut down: f64 = 0.0;
+                let mut up: f64 = 0.0;
                 while up < 0.05 || bench.velocity()[2] > up - 0.3 {
                     bench.world.step();
                     let v = bench.velocity()[2];
@@ -152,7 +155,9 @@ fn a_ball_at_rest_in_a_corner_of_the_pit_satisfies_the_strict_formula() {
         // Gravity tilted by 0.5 rad holds the ball in the corner, deeper in the soft walls than its
         // weight alone would.
         let (sin, cos) = 0.5_f64.sin_cos();
-        let (gx, gy, gz) = (9.81 * sin * towards_x, 9.81 * sin * towards_y, -9.81 * cos);
+        let gx = 9.81 * sin * towards_x;
+        let gy = 9.81 * sin * towards_y;
+        let gz = -9.81 * cos;
         let mut bench = Bench::new("ball-pushing", &format!("<option gravity=\"{gx} {gy} {gz}\"/>"));
         bench.place([1.025, 0.0, 0.34]);
         bench.run(2.0);
@@ -186,7 +191,8 @@ fn positions_match_the_original_benchmark() {
     let mut bench = Bench::new("ball-balancing", "");
     bench.world.refresh();
     let tray = bench.world.model().body("tray").unwrap();
-    let (p, q) = (bench.world.rows().position(tray), bench.world.rows().quaternion(tray));
+    let p = bench.world.rows().position(tray);
+    let q = bench.world.rows().quaternion(tray);
     for (found, expected) in p.iter().chain(&q).zip([0.342, 0.0, 0.89, 1.0, 0.0, 0.0, 0.0]) {
         assert!((found.abs() - expected).abs() < 1e-9, "{p:?} {q:?}");
     }

@@ -250,7 +250,8 @@ fn batch_rows(
                 let status = match step.checked_sub(1) {
                     None => {
                         let mut rewards = vec![0.0; environment.reward_terms().len()];
-                        let (observation, signals) = (&mut observation[..], &mut signals[..]);
+                        let observation = &mut observation[..];
+                        let signals = &mut signals[..];
                         let sample = Sample { observation, signals, rewards: &mut rewards };
                         group.start(row, scenario, Seed(row as u64), sample);
                         BatchStatus::Step(StepStatus::Running)
@@ -437,7 +438,8 @@ fn only_signals_of_the_manner_are_measured() {
         let spec = recording.0.into_inner().unwrap().unwrap();
         (spec.probe.is_some(), BatchLayout::new(&spec.model, spec.probe.as_ref()).output_size())
     };
-    let ((without, former), (with, longer)) = (layout(&plain), layout(&manner));
+    let (without, former) = layout(&plain);
+    let (with, longer) = layout(&manner);
     assert_eq!((without, with, longer - former), (false, true, Readings::SIZE));
 }
 

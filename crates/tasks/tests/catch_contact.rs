@@ -129,7 +129,8 @@ impl Bench {
     /// Returns the kinetic energy (including the rotation) plus the potential energy of the ball,
     /// J.
     fn energy(&self) -> f64 {
-        let (v, spin) = (self.velocity(), self.world.rows().free_angular_velocity(self.ball));
+        let v = self.velocity();
+        let spin = self.world.rows().free_angular_velocity(self.ball);
         let inertia = 0.4 * MASS * RADIUS * RADIUS;
         0.5 * (MASS * dot(v, v) + inertia * dot(spin, spin)) + MASS * GRAVITY * self.position()[2]
     }
@@ -256,7 +257,8 @@ fn free_flight_is_a_parabola() {
     bench.world.qvel_mut()[bench.ball.dof] = -1.0;
     for step in 1..=bench.steps(0.3) {
         bench.step();
-        let (t, [x, y, z]) = (step as f64 * dt, bench.position());
+        let t = step as f64 * dt;
+        let [x, y, z] = bench.position();
         assert!((x - (1.1 - t)).abs() < 1e-9 && (y - 0.03).abs() < 1e-12, "{x} {y} at {t} s");
         // The semi-implicit integrator uses the velocity at the end of a step. Its error is g t dt
         // / 2: 3 mm after 0.3 s.
@@ -294,7 +296,9 @@ fn a_ball_dropped_in_the_box_does_not_bounce_and_stays_for_ten_seconds() {
 /// direction (x, y).
 fn rolled(x: f64, y: f64) -> [f64; 3] {
     let (sin, cos) = 0.5_f64.sin_cos();
-    let (gx, gy, gz) = (GRAVITY * sin * x, GRAVITY * sin * y, -GRAVITY * cos);
+    let gx = GRAVITY * sin * x;
+    let gy = GRAVITY * sin * y;
+    let gz = -GRAVITY * cos;
     let mut bench = Bench::new(&format!("<option gravity=\"{gx} {gy} {gz}\"/>"));
     bench.throw([0.0, 0.0, RADIUS], [0.0; 3]);
     bench.run(2.0);
@@ -351,7 +355,8 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
             bench.reset();
             let height = RADIUS + 0.3 + 0.03 * f64::from(i);
             bench.world.place_free(bench.ball, [-1.0, 0.8, height], [1.0, 0.0, 0.0, 0.0]);
-            let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+            let mut down: f64 = 0.0;
+            let mut up: f64 = 0.0;
             while up < 0.05 || bench.velocity()[2] > up - 0.3 {
                 bench.step();
                 let v = bench.velocity()[2];

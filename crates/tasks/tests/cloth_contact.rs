@@ -149,7 +149,8 @@ fn the_cloth_hangs_from_the_cell_between_the_fingertips() {
             .collect();
         // The midpoint of the fingertips is inside the cell.
         let tips = bench.world.rows().site_position(model.site("grasp").unwrap());
-        let (low, high) = (bench.vertices()[held[0]], bench.vertices()[held[3]]);
+        let low = bench.vertices()[held[0]];
+        let high = bench.vertices()[held[3]];
         assert!(low[0] < tips[0] && tips[0] < high[0] && low[2] < tips[2] && tips[2] < high[2], "{name}");
 
         bench.run(5.0);
@@ -180,7 +181,8 @@ fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
         bench.lay_out([0.0, 1.0, 1.0]);
         let before = mean(&bench.vertices());
         bench.run(0.25);
-        let (fall, velocity) = (sub(mean(&bench.vertices()), before), mean(&bench.velocities()));
+        let fall = sub(mean(&bench.vertices()), before);
+        let velocity = mean(&bench.velocities());
         assert!((velocity[2] + G * 0.25).abs() < 1e-6, "{grid:?} falls at {} m/s", velocity[2]);
         assert!(norm_xy(fall) < 1e-9, "{grid:?} drifts by {fall:?}");
         // The tolerance is the error of the integrator: half a physics step times the final
@@ -207,7 +209,8 @@ fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
                 .collect();
             mean(&each)
         };
-        let (spin, kinetic) = (angular(&bench), bench.rms_speed());
+        let spin = angular(&bench);
+        let kinetic = bench.rms_speed();
         bench.run(0.5);
         assert!(norm(sub(mean(&bench.velocities()), linear)) < 1e-9, "{grid:?}: linear momentum changes");
         let spun = norm(sub(angular(&bench), spin));
@@ -223,7 +226,8 @@ fn a_dropped_cloth_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
         bench.place_table([0.0, 1.0]);
         // A third of the cloth is beyond the table's edge, and friction on the rest holds it.
         bench.lay_out([0.1, 1.0, 0.45]);
-        let (mut lowest, mut rest) = (bench.energy(), 0.0);
+        let mut lowest = bench.energy();
+        let mut rest = 0.0;
         for tick in 0..300 {
             bench.run(1.0 / 60.0);
             let now = bench.energy();
@@ -273,7 +277,8 @@ fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
     let mut bench = Bench::new(grid, &slope);
     bench.lay_out([-1.5, 3.0, 0.2 + RADIUS]);
     bench.run(0.2);
-    let (from, start) = (mean(&bench.vertices())[0], mean(&bench.velocities())[0]);
+    let from = mean(&bench.vertices())[0];
+    let start = mean(&bench.velocities())[0];
     bench.run(1.0);
     (mean(&bench.velocities())[0] - start, mean(&bench.vertices())[0] - from)
 }
@@ -322,14 +327,12 @@ impl ExpertEpisode {
             rewards: vec![0.0; environment.reward_terms().len()],
             environment,
         };
-        let (worker, sample) = (
-            &mut episode.worker,
-            Sample {
-                observation: &mut episode.observation,
-                signals: &mut episode.signals,
-                rewards: &mut episode.rewards,
-            },
-        );
+        let worker = &mut episode.worker;
+        let sample = Sample {
+            observation: &mut episode.observation,
+            signals: &mut episode.signals,
+            rewards: &mut episode.rewards,
+        };
         worker.reset(&x0.into(), Seed(0), &mut episode.state, sample);
         episode
     }
@@ -360,8 +363,10 @@ fn the_expert_causes_small_edge_strains_and_small_penetrations() {
         for x0 in [[0.45, -0.35], [0.75, 0.35], [0.6, 0.1]] {
             let mut episode = ExpertEpisode::new(name, &x0);
             let model = episode.environment.model().clone();
-            let (cloth, mut world) = (model.flex("cloth").unwrap(), model.world());
-            let (mut longest, mut deepest): (f64, f64) = (0.0, 0.0);
+            let cloth = model.flex("cloth").unwrap();
+            let mut world = model.world();
+            let mut longest: f64 = 0.0;
+            let mut deepest: f64 = 0.0;
             for _ in 0..300 {
                 episode.expert_step();
                 world.set_state(&episode.state);

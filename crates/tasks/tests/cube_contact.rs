@@ -21,7 +21,8 @@ impl Bench {
         let definition = task.definition();
         let xml = compose(task).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
         let model = Model::from_xml(&xml).unwrap().with_timestep(1.0 / 60.0 / definition.n_substeps as f64);
-        let (panda, mut world) = (Panda::new(&model).unwrap(), model.world());
+        let panda = Panda::new(&model).unwrap();
+        let mut world = model.world();
         panda.place(&definition.start, &mut world);
         let mut targets = definition.start;
         targets[7..].fill(0.005);
@@ -89,7 +90,8 @@ impl Bench {
 /// gradient.
 fn slope(gradient: f64, heading: f64) -> String {
     let (sin, cos) = gradient.atan().sin_cos();
-    let (x, y) = (G * sin * heading.cos(), G * sin * heading.sin());
+    let x = G * sin * heading.cos();
+    let y = G * sin * heading.sin();
     format!("<option gravity=\"{x} {y} {}\"/>", -G * cos)
 }
 
@@ -103,7 +105,8 @@ fn stacked_cubes_stay_in_place_and_penetrate_by_less_than_half_a_millimeter() {
     for (before, now) in settled.iter().zip(after) {
         assert!(norm(sub(now, *before)) < 1e-5, "{before:?} {now:?}");
     }
-    let (into_ground, into_target) = (0.025 - after[1][2], 0.05 - bench.cube_from_target()[2]);
+    let into_ground = 0.025 - after[1][2];
+    let into_target = 0.05 - bench.cube_from_target()[2];
     assert!((0.0..5e-4).contains(&into_ground), "the target cube sinks {into_ground} m into the ground");
     assert!((0.0..1e-4).contains(&into_target), "the cube sinks {into_target} m into the target cube");
 }
@@ -112,7 +115,8 @@ fn stacked_cubes_stay_in_place_and_penetrate_by_less_than_half_a_millimeter() {
 fn a_cube_dropped_by_3_cm_comes_to_rest_on_top() {
     for (offset, lean, rest) in [(0.0, 0.0, 0.3), (0.015, 0.0, 0.3), (0.0, 0.1, 0.6), (-0.008, -0.3, 0.6)] {
         let mut bench = Bench::with_cube_at("", [offset, 0.0, 0.08], lean);
-        let (mut seconds, mut moved) = (0.0, 0.0);
+        let mut seconds = 0.0;
+        let mut moved = 0.0;
         while seconds < 2.0 {
             bench.step();
             seconds += bench.world.model().timestep();
@@ -136,7 +140,8 @@ fn a_cube_starts_to_slide_on_the_ground_at_a_slope_of_0_75_in_any_direction() {
         };
         // The speed of a sliding cube after 1 s is g (sin - 0.75 cos) times 1 s, which is 0.38 m/s
         // at 0.8.
-        let (below, above) = (speed_after_a_second(0.7), speed_after_a_second(0.8));
+        let below = speed_after_a_second(0.7);
+        let above = speed_after_a_second(0.8);
         assert!(below < 2e-3, "towards {heading} it creeps at {below} m/s");
         assert!(above > 0.2, "towards {heading} it slides at {above} m/s only");
     }
@@ -158,7 +163,8 @@ fn a_sliding_cube_stops_after_the_distance_of_coulomb_friction() {
             norm(sub(bench.position(bench.target), before))
         })
         .collect();
-    let (mean, expected) = (distances.iter().sum::<f64>() / 16.0, 1.0 / (2.0 * 0.75 * G));
+    let mean = distances.iter().sum::<f64>() / 16.0;
+    let expected = 1.0 / (2.0 * 0.75 * G);
     // The cube almost topples and rattles while it slides, so single distances differ.
     assert!((mean / expected - 1.0).abs() < 0.1, "{mean} m instead of {expected}: {distances:?}");
 }
@@ -194,7 +200,8 @@ fn a_cube_bounces_on_the_ground_with_a_restitution_of_0_4() {
     let restitutions: Vec<f64> = (0..20)
         .map(|i| {
             let mut bench = Bench::with_cube_at("", [-1.2, 0.5, 0.3 + 0.03 * f64::from(i)], 0.0);
-            let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+            let mut down: f64 = 0.0;
+            let mut up: f64 = 0.0;
             while up < 0.05 || bench.velocity(bench.cube)[2] > up - 0.3 {
                 bench.step();
                 let v = bench.velocity(bench.cube)[2];

@@ -21,8 +21,10 @@ impl ExpertEpisode {
         let task = task("cube-stacking").unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, reward).unwrap();
         let expert = task.expert().unwrap();
-        let (mut worker, mut controller) = (environment.worker(), expert.worker());
-        let (mut state, mut memory) = (vec![0.0; environment.state_size()], vec![0.0; expert.state_size()]);
+        let mut worker = environment.worker();
+        let mut controller = expert.worker();
+        let mut state = vec![0.0; environment.state_size()];
+        let mut memory = vec![0.0; expert.state_size()];
         let mut observation = vec![0.0; environment.observation_size()];
         let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
@@ -39,7 +41,8 @@ impl ExpertEpisode {
                 0 => worker.reset(&x0.into(), Seed(1), &mut state, sample),
                 _ => worker.step(&action.map(f64::from), &mut state, sample),
             };
-            let (observation, signals) = (observation.clone(), signals.clone());
+            let observation = observation.clone();
+            let signals = signals.clone();
             rows.push(Row { observation, signals, reward: rewards.iter().sum() });
         }
         ExpertEpisode { signal_names: environment.signals().to_vec(), rows }
@@ -69,8 +72,8 @@ fn the_initial_state_matches_the_original_benchmark() {
 #[test]
 fn the_hand_releases_the_cube_permanently_one_step_after_the_cubes_are_close() {
     let episode = ExpertEpisode::run(&[0.6, 0.1], Reward::Shaped);
-    let (distance, height) =
-        (episode.signal("cube_target_horizontal_distance"), episode.signal("cube_height_above_target"));
+    let distance = episode.signal("cube_target_horizontal_distance");
+    let height = episode.signal("cube_height_above_target");
     let close = |k: usize| distance[k].hypot(height[k]) < 0.08 && height[k] >= 0.025;
     let first = (0..=300).find(|k| close(*k)).unwrap();
     for (step, held) in episode.signal("cube_held").into_iter().enumerate() {

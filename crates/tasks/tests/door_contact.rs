@@ -34,7 +34,8 @@ impl Bench {
         let n_substeps = task.definition().n_substeps;
         let xml = compose(task).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
         let model = Model::from_xml(&xml).unwrap().with_timestep(1.0 / 60.0 / n_substeps as f64);
-        let (mut world, panda) = (model.world(), Panda::new(&model).unwrap());
+        let mut world = model.world();
+        let panda = Panda::new(&model).unwrap();
         panda.place(&task.definition().start, &mut world);
         world.ctrl_mut()[..9].copy_from_slice(&task.definition().start);
         let names: [&str; 7] = std::array::from_fn(|i| JOINT_NAMES[i]);
@@ -213,7 +214,8 @@ fn the_hinge_stops_at_both_limits_with_a_small_rebound() {
         let mut bench = Bench::new("");
         bench.stand_aside();
         bench.swing(from, rate);
-        let (mut beyond, mut back): (f64, f64) = (0.0, 0.0);
+        let mut beyond: f64 = 0.0;
+        let mut back: f64 = 0.0;
         for _ in 0..960 {
             bench.world.step();
             beyond = beyond.max((bench.yaw() - end) * rate.signum());
@@ -243,7 +245,8 @@ fn a_finger_behind_the_lever_pulls_the_door_without_slipping_off() {
     bench.swing(0.3, 0.0);
     // The hand approaches obliquely from the lever's free end. The lever's back is at x = -0.037 m
     // and y = 0.1944 m, and the panel is at x = 0.0065 m.
-    let (point, oblique) = (bench.in_world([-0.01, 0.2, 0.81]), level(bench.yaw() + 0.9));
+    let point = bench.in_world([-0.01, 0.2, 0.81]);
+    let oblique = level(bench.yaw() + 0.9);
     bench.pose(point, &oblique, 0.0);
     bench.drive([-1.0, 0.0, 0.0], &oblique, 0.0, 0.3);
     let [x, y, _] = bench.grasp_in_panel();

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use mishandle_camera::sight::SIGHT_SPACES;
 use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{
     Axis, AxisKind, Component, Controller, Environment, Episode, Noise, Request, Sample, Scenario, Seed,
     Space, Specification, System, Target,
 };
-use mishandle_sight::SIGHT_SPACES;
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget, task};
 use mishandle_world::Model;
 use mishandle_world::frame::{rotate_back, sub};
@@ -66,7 +66,8 @@ fn with(space: &Space, values: &[(&str, f64)]) -> Scenario {
 #[test]
 fn a_nominal_scenario_has_the_bits_of_an_undisturbed_episode() {
     for task in TASKS {
-        let (target, name) = (target(*task), task.definition().name);
+        let target = target(*task);
+        let name = task.definition().name;
         let starts = target.space("starts").unwrap();
         let undisturbed = run(&mut *system(&target, *task, &starts), starts.nominal());
         let all = target.space("all").unwrap();
@@ -136,7 +137,8 @@ fn representatives(axes: &[Axis]) -> Vec<&Axis> {
 fn every_axis_changes_the_trace() {
     // The small cloth has the axes of the large one and is faster.
     for task in TASKS.iter().filter(|task| task.definition().name != "cloth-placing") {
-        let (target, name) = (target(*task), task.definition().name);
+        let target = target(*task);
+        let name = task.definition().name;
         let all = target.space("all").unwrap();
         let mut system = system(&target, *task, &all);
         // Times and durations have an effect only if an event has a magnitude.
@@ -299,9 +301,11 @@ fn a_push_on_a_free_body_changes_its_momentum_by_force_times_duration() {
             .steps(steps);
             let free = Stepper::new(name, &[("ball_mass_scale", scale)]).steps(steps);
             let mass = scale * free.model().mass(free.model().body("ball").unwrap());
-            let (with, without) = (pushed.velocity("ball"), free.velocity("ball"));
+            let with = pushed.velocity("ball");
+            let without = free.velocity("ball");
             for i in 0..3 {
-                let (momentum, impulse) = (mass * (with[i] - without[i]), force[i] * duration);
+                let momentum = mass * (with[i] - without[i]);
+                let impulse = force[i] * duration;
                 assert!(
                     (momentum - impulse).abs() <= 1e-9 * impulse.abs(),
                     "{name}: {momentum} instead of {impulse} N s"
@@ -325,7 +329,9 @@ fn a_pushed_cube_slides_the_distance_of_coulomb_friction() {
         cube.position("target")[0] - before
     };
     for (scale, mu) in [(1.0, 0.75), (0.5, 0.375)] {
-        let (mass, g, duration) = (0.02, 9.81, 0.05);
+        let mass = 0.02;
+        let g = 9.81;
+        let duration = 0.05;
         let acceleration = 0.5 / mass - mu * g;
         let velocity = acceleration * duration;
         let expected = 0.5 * acceleration * duration * duration + velocity * velocity / (2.0 * mu * g);
@@ -338,8 +344,8 @@ fn a_pushed_cube_slides_the_distance_of_coulomb_friction() {
 #[test]
 fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
     let jump = [("jump_time", 0.1), ("jump_x", 0.04), ("jump_y", -0.03), ("jump_z", 0.02)];
-    let (mut with, mut without) =
-        (Stepper::new("point-reaching", &jump), Stepper::new("point-reaching", &[]));
+    let mut with = Stepper::new("point-reaching", &jump);
+    let mut without = Stepper::new("point-reaching", &[]);
     for step in 1..=10 {
         with.step();
         without.step();
@@ -354,12 +360,14 @@ fn a_target_jumps_by_its_offset_in_the_control_step_of_its_time() {
 
 #[test]
 fn a_tilt_of_gravity_accelerates_a_free_ball_sideways() {
-    let (tilt, steps) = (0.03, 12);
+    let tilt = 0.03;
+    let steps = 12;
     let ball = |axis: &str| Stepper::new("ball-catching", &[(axis, tilt)]).steps(steps).velocity("ball");
     let level = Stepper::new("ball-catching", &[]).steps(steps).velocity("ball");
     let gained = 9.81 * tilt.sin() * steps as f64 / 60.0;
     // A rotation about x turns -z towards y, and one about y turns -z towards -x.
-    let (about_x, about_y) = (ball("gravity_tilt_x"), ball("gravity_tilt_y"));
+    let about_x = ball("gravity_tilt_x");
+    let about_y = ball("gravity_tilt_y");
     assert!((about_x[1] - level[1] - gained).abs() < 1e-9, "{about_x:?}");
     assert!((about_y[0] - level[0] + gained).abs() < 1e-9, "{about_y:?}");
 }
@@ -379,7 +387,8 @@ fn a_held_object_slips_by_the_offset_in_the_hand_and_stays_there() {
                 let mut world = stepper.model().world();
                 world.set_state(&stepper.state);
                 world.refresh();
-                let (rows, hand) = (world.rows(), stepper.model().body("hand").unwrap());
+                let rows = world.rows();
+                let hand = stepper.model().body("hand").unwrap();
                 let from_hand = sub(stepper.position(object), rows.position(hand));
                 rotate_back(rows.quaternion(hand), from_hand)
             };

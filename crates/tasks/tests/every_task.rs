@@ -102,7 +102,8 @@ fn the_document_has_the_dynamics_of_the_environment() {
         assert_eq!(document.timestep(), environment.model().timestep(), "{}", environment.name());
         // Only the document contains visual geoms, which do not change a bit of the dynamics.
         let fall = |model: &Model| {
-            let (panda, mut world) = (Panda::new(model).unwrap(), model.world());
+            let panda = Panda::new(model).unwrap();
+            let mut world = model.world();
             panda.place(&task.definition().start, &mut world);
             for _ in 0..100 {
                 panda.step(&[0.3, -0.5, 0.2, -1.5, 0.1, 1.5, 0.5, 0.02, 0.02], &mut world);
@@ -180,7 +181,8 @@ fn steps_of_another_row_do_not_change_the_bits_of_a_simulation() {
     for task in TASKS {
         let environment = environment(*task, Preset::Paper, Reward::Shaped);
         let x0 = center(task.definition());
-        let (mut alone, mut between) = (Stepper::new(&environment), Stepper::new(&environment));
+        let mut alone = Stepper::new(&environment);
+        let mut between = Stepper::new(&environment);
         let mut other = Stepper::new(&environment);
         alone.reset(x0.clone(), Seed(5));
         between.reset(x0.clone(), Seed(5));
@@ -230,7 +232,8 @@ fn every_axis_of_the_box_changes_the_observation() {
                 stepper.reset(x0.clone(), Seed(3));
                 (x0.get(axis).unwrap(), stepper.observation.clone())
             };
-            let ((low, before), (high, after)) = (at(&mut stepper, 0.1), at(&mut stepper, 0.9));
+            let (low, before) = at(&mut stepper, 0.1);
+            let (high, after) = at(&mut stepper, 0.9);
             let moved = |(a, b): (&f32, &f32)| (f64::from(b - a).abs() - (high - low)).abs() < 1e-6;
             assert!(
                 before.iter().zip(&after).any(moved),
@@ -266,7 +269,8 @@ fn the_reward_is_the_sum_of_its_terms() {
         for reward in REWARDS {
             let environment = environment(*task, Preset::Paper, reward);
             let expert = task.expert().unwrap();
-            let (mut controller, mut memory) = (expert.worker(), vec![0.0; expert.state_size()]);
+            let mut controller = expert.worker();
+            let mut memory = vec![0.0; expert.state_size()];
             let mut action = [0.0_f32; 9];
             let mut stepper = Stepper::new(&environment);
             let x0 = environment.space().sample(Seed(11), 0);
@@ -331,7 +335,8 @@ fn the_expert_satisfies_both_formulas() {
         };
         // The required rates of an expert are 99 % and 95 % of 1,000 initial states. A variant uses
         // the expert of its base task, which reaches 88 %.
-        let (success, strict) = (failures(succeeds), failures(is_strict));
+        let success = failures(succeeds);
+        let strict = failures(is_strict);
         assert!(success.is_empty(), "{name} violates the success formula from {success:?}");
         let allowed = match name {
             "cloth-placing" => 1,
@@ -372,8 +377,8 @@ fn halving_the_physics_step_changes_at_most_one_outcome() {
         let whole = environment(*task, Preset::Paper, Reward::Shaped);
         // A cloth takes a hundred times as long as the other objects.
         let starts = if task.definition().name.starts_with("cloth") { 8 } else { 40 };
-        let (whole, halved) =
-            (expert_episodes(*task, whole, starts), expert_episodes(*task, halved.unwrap(), starts));
+        let whole = expert_episodes(*task, whole, starts);
+        let halved = expert_episodes(*task, halved.unwrap(), starts);
         let other =
             |(a, b): &(&Episode, &Episode)| succeeds(a) != succeeds(b) || is_strict(a) != is_strict(b);
         let others = whole.iter().zip(&halved).filter(other).count();

@@ -192,7 +192,8 @@ impl Stage {
         self.seen.lock().unwrap().clear();
         self.got.lock().unwrap().clear();
         let episode = self.system.rollout(&[Request::new(scenario, Seed(3))]).unwrap().remove(0);
-        let (seen, got) = (self.seen.lock().unwrap().clone(), self.got.lock().unwrap().clone());
+        let seen = self.seen.lock().unwrap().clone();
+        let got = self.got.lock().unwrap().clone();
         (episode, seen, got)
     }
 }
@@ -227,9 +228,11 @@ fn fault(side: Side, kind: &str, channel: &str) -> Vec<(String, String)> {
 
 /// Checks that two logs differ on the entries of a channel only, and only in the life cycle.
 fn check_life_cycle<T: Copy + Into<f64>>(
-    (healthy, faulty): (&[Vec<T>], &[Vec<T>]),
+    healthy: &[Vec<T>],
+    faulty: &[Vec<T>],
     entries: &[usize],
-    (recovers, has_effect): (bool, bool),
+    recovers: bool,
+    has_effect: bool,
     context: &str,
 ) {
     let recovery = if recovers { RECOVERY } else { 0.0 };
@@ -239,7 +242,8 @@ fn check_life_cycle<T: Copy + Into<f64>>(
     let mut has_differed = false;
     for (step, (before, after)) in healthy.iter().zip(faulty).enumerate() {
         for entry in 0..before.len() {
-            let (before, after): (f64, f64) = (before[entry].into(), after[entry].into());
+            let before: f64 = before[entry].into();
+            let after: f64 = after[entry].into();
             let is_same = before.to_bits() == after.to_bits();
             let may_differ = life.share(step) > 0.0 && entries.contains(&entry);
             assert!(is_same || may_differ, "{context}: entry {entry} in control step {step}");
@@ -277,7 +281,7 @@ fn the_controller_sees_each_sensor_fault_on_its_channel_in_its_life_cycle_only()
                 let moves = seen[18..36]
                     .iter()
                     .any(|row| touched.iter().any(|entry| row[*entry] != seen[17][*entry]));
-                check_life_cycle((&seen, &faulty), &touched, (kind.recovers(), moves), &context);
+                check_life_cycle(&seen, &faulty, &touched, kind.recovers(), moves, &context);
                 assert_eq!(episode.trace, healthy.trace, "{context}: signals are those of the environment");
                 check_range(&stage.sites[0], (&seen, &faulty), kind.name == "swap", &context);
             }
@@ -325,7 +329,7 @@ fn the_robot_gets_each_actuator_fault_on_its_channel_in_its_life_cycle_only() {
                 let scenario = stage.scenario(&fault(Side::Actuation, kind.name, channel));
                 let (_, _, got) = stage.run(scenario);
                 if kind.name != "pause" {
-                    check_life_cycle((&commands, &got), &entries, (kind.recovers(), true), &context);
+                    check_life_cycle(&commands, &got, &entries, kind.recovers(), true, &context);
                 }
                 assert!(got.iter().flatten().all(|action| action.abs() <= 1.0), "{context}: out of range");
             }

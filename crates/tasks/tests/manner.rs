@@ -186,7 +186,8 @@ fn a_ball_at_rest_presses_on_the_tray_with_its_weight() {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let environment = environment.with_manner();
     let expert = task.expert().unwrap();
-    let (mut controller, mut memory) = (expert.worker(), vec![0.0; expert.state_size()]);
+    let mut controller = expert.worker();
+    let mut memory = vec![0.0; expert.state_size()];
     controller.reset(&mut memory, Seed(0));
     let mut run = Run::new(environment.clone(), &environment.space().nominal());
     let mut output = [0.0; 9];

@@ -50,7 +50,8 @@ fn assert_near(found: f64, expected: f64) {
 
 #[test]
 fn each_term_is_its_weight_times_its_formula_and_no_other_bit_changes() {
-    let (mut largest_force, mut largest_share) = (0.0_f64, 0.0_f64);
+    let mut largest_force = 0.0_f64;
+    let mut largest_share = 0.0_f64;
     for name in ["cube-stacking", "door-opening", "peg-in-hole"] {
         let scenario = plain(name).space().nominal();
         let mut with = Run::new(plain(name).with_manner_reward(ALL, STEPS), &scenario);

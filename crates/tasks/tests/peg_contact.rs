@@ -96,7 +96,8 @@ impl Bench {
     fn in_hand(&mut self) -> ([f64; 3], [f64; 3]) {
         self.world.refresh();
         let rows = self.world.rows();
-        let (p, q) = (rows.position(self.hand), rows.quaternion(self.hand));
+        let p = rows.position(self.hand);
+        let q = rows.quaternion(self.hand);
         (rotate_back(q, sub(self.position(), p)), rotate_back(q, rotate(self.quaternion(), [0.0, 1.0, 0.0])))
     }
 }
@@ -160,7 +161,8 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
         // radii deeper than its end. They throw it up.
         let (sin, cos) = (0.25 * std::f64::consts::PI + 0.05).sin_cos();
         let mut bench = Bench::loose(offset, surface + 0.5 * SHAFT + fall, [cos, sin, 0.0, 0.0]);
-        let (mut down, mut up): (f64, f64) = (0.0, 0.0);
+        let mut down: f64 = 0.0;
+        let mut up: f64 = 0.0;
         for _ in 0..480 {
             bench.step();
             let v = bench.world.rows().free_velocity(bench.peg)[2];
@@ -173,7 +175,8 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
     let mean = |offset: [f64; 2], surface: f64| {
         (0..20).map(|i| restitution(offset, surface, 0.2 + 0.013 * f64::from(i))).sum::<f64>() / 20.0
     };
-    let (ground, block) = (mean([0.5, 0.5], 0.0), mean([0.08, 0.08], 0.4));
+    let ground = mean([0.5, 0.5], 0.0);
+    let block = mean([0.08, 0.08], 0.4);
     assert!((ground - 0.4).abs() < 0.05, "{ground} on the ground");
     assert!(block < 0.1, "{block} on the block");
 }
@@ -223,7 +226,8 @@ fn a_leaning_peg_jams_at_the_depth_of_the_geometry() {
         assert!((depth - 0.05).abs() < 1e-4, "leaning by {angle} rad it stops at {depth}");
     }
     for angle in [0.2, 0.3, 0.4, 0.5] {
-        let (depth, limit) = (depth_reached(angle), depth_leaning(angle));
+        let depth = depth_reached(angle);
+        let limit = depth_leaning(angle);
         assert!((depth - limit).abs() < 5e-4, "leaning by {angle} rad it stops at {depth}, not {limit}");
     }
 }
@@ -253,7 +257,8 @@ fn the_hand_holds_the_peg_without_penetrating_it() {
 fn a_held_peg_does_not_slip_at_full_speed_of_the_arm() {
     let mut bench = Bench::new();
     let start = bench.in_hand();
-    let (mut slip, mut turn): (f64, f64) = (0.0, 0.0);
+    let mut slip: f64 = 0.0;
+    let mut turn: f64 = 0.0;
     // Each joint moves back and forth at full speed, far above the block.
     for step in 0..240 {
         let sign = if (step / 20) % 2 == 0 { 1.0 } else { -1.0 };
@@ -277,7 +282,8 @@ fn the_full_force_of_the_arm_does_not_press_the_peg_into_the_block() {
     bench.targets[..7].copy_from_slice(&above);
     bench.run(3.0);
     let start = bench.in_hand();
-    let (mut lowest, mut speed): (f64, f64) = (f64::INFINITY, 0.0);
+    let mut lowest: f64 = f64::INFINITY;
+    let mut speed: f64 = 0.0;
     for _ in 0..120 {
         bench.panda.move_targets(&[0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0], &mut bench.targets);
         for _ in 0..8 {
@@ -304,13 +310,15 @@ fn the_gripper_releases_the_peg_near_the_hole_for_every_position_of_the_block() 
     let task = task("peg-in-hole").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let expert = task.expert().unwrap();
-    let (mut worker, mut controller) = (environment.worker(), expert.worker());
+    let mut worker = environment.worker();
+    let mut controller = expert.worker();
     let mut state = vec![0.0; environment.state_size()];
     let mut memory = vec![0.0; expert.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];
     let mut rewards = vec![0.0; environment.reward_terms().len()];
-    let (mut output, mut action) = (vec![0.0; JOINTS], vec![0.0; JOINTS]);
+    let mut output = vec![0.0; JOINTS];
+    let mut action = vec![0.0; JOINTS];
     macro_rules! sample {
         () => {
             Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards }

@@ -3,12 +3,12 @@
 
 use std::sync::{Arc, Mutex};
 
+use mishandle_camera::sight::{Feed, SIGHT_SPACES};
 use mishandle_camera::{Output, Size, StateRenderer};
 use mishandle_rollout::{
     Component, Controller, ControllerWorker, Environment, Image, Noise, Request, Sample, Scenario, Seed,
     System, Target,
 };
-use mishandle_sight::{Feed, SIGHT_SPACES};
 use mishandle_tasks::sight::{sight, view};
 use mishandle_tasks::{Preset, Reward, TaskEnvironment, TaskTarget, task};
 
@@ -100,7 +100,8 @@ fn a_controller_sees_what_its_cameras_show_under_faults_of_cameras() {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
     let environment = environment.with_space(space.clone()).unwrap();
     for index in 0..2 {
-        let (scenario, seed) = (space.sample(Seed(5), index), Seed(4 + index));
+        let scenario = space.sample(Seed(5), index);
+        let seed = Seed(4 + index);
         watcher.log.lock().unwrap().clear();
         let episode =
             system(&target, &name).rollout(&[Request::new(scenario.clone(), seed)]).unwrap().remove(0);
@@ -109,7 +110,8 @@ fn a_controller_sees_what_its_cameras_show_under_faults_of_cameras() {
         // The states again, from the actions alone.
         let mut worker = environment.worker();
         let mut state = vec![0.0; environment.state_size()];
-        let (mut observation, mut signals) = (vec![0.0; 27], vec![0.0; environment.signals().len()]);
+        let mut observation = vec![0.0; 27];
+        let mut signals = vec![0.0; environment.signals().len()];
         let mut rewards = vec![0.0; environment.reward_terms().len()];
         macro_rules! sample {
             () => {
@@ -167,7 +169,8 @@ fn axes_of_what_a_controller_sees_are_in_the_space_of_all_axes() {
 #[test]
 fn the_axes_of_images_that_depend_on_the_seed_are_random_to_a_controller_that_sees() {
     let target = Watcher::new(&[("over", 12, 8)]).target("point-reaching").unwrap();
-    let (name, space) = ("light+image", target.space("light+image").unwrap());
+    let name = "light+image";
+    let space = target.space("light+image").unwrap();
     let mut system = system(&target, name);
     let mut found = Vec::new();
     for (index, axis) in space.axes().iter().enumerate() {

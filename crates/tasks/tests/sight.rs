@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use mishandle_camera::sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
 use mishandle_camera::{Camera, Output, PoseReader, Poses, Renderer, Scene, Shot, Size};
 use mishandle_controllers::ControllerFile;
 use mishandle_rollout::{
     Axis, Component, Environment, Noise, Request, Sample, Scenario, Seed, Space, Target,
 };
-use mishandle_sight::{Feed, Frame, SIGHT_SPACES, Sighting, View};
 use mishandle_tasks::sight::view;
 use mishandle_tasks::{Preset, Reward, TASKS, Task, TaskEnvironment, TaskTarget};
 use mishandle_world::{Change, Model};
@@ -62,7 +62,8 @@ struct Studio {
 
 impl Studio {
     fn new(model: &Model, [before, now]: &[Vec<f64>; 2]) -> Studio {
-        let (mut reader, mut poses) = (PoseReader::new(model), [Poses::default(), Poses::default()]);
+        let mut reader = PoseReader::new(model);
+        let mut poses = [Poses::default(), Poses::default()];
         reader.read(before, &mut poses[0]);
         reader.read(now, &mut poses[1]);
         Studio { renderer: Renderer::new(), poses }
@@ -70,8 +71,10 @@ impl Studio {
 
     /// Returns the colors and the segments of an image of a moment.
     fn shot(&mut self, scene: &Scene, camera: &Camera, moment: usize) -> (Vec<u8>, Vec<u16>) {
-        let (mut rgb, mut segments) = (vec![0; 3 * camera.size.pixels()], vec![0; camera.size.pixels()]);
-        let (poses, before) = (&self.poses[moment], Some(&self.poses[0]));
+        let mut rgb = vec![0; 3 * camera.size.pixels()];
+        let mut segments = vec![0; camera.size.pixels()];
+        let poses = &self.poses[moment];
+        let before = Some(&self.poses[0]);
         let shot = Shot { scene, poses, before, camera, seed: Seed(3), step: 12 };
         let mut output = Output { rgb: Some(&mut rgb), depth: None, segments: Some(&mut segments) };
         self.renderer.render(&shot, &mut output);
@@ -113,11 +116,13 @@ fn axes_of_sight_at_nominal_change_no_image_and_each_one_changes_some_at_a_bound
     let size = Size::new(96, 96).unwrap();
     let mut unchanged = Vec::new();
     for task in TASKS {
-        let (target, name) = (target(*task), task.definition().name);
+        let target = target(*task);
+        let name = task.definition().name;
         let space = sight(&target);
         let (model, view) = view(*task, size).unwrap();
         let mut studio = Studio::new(&model, &states(*task));
-        let (nominal, start) = (studio.images(&view), studio.poses[0].clone());
+        let nominal = studio.images(&view);
+        let start = studio.poses[0].clone();
         assert_eq!(studio.images(&view.under(&space, &space.nominal(), &start)), nominal, "{name}");
         for axis in space.axes().iter().filter(|axis| !axis.name.starts_with("camera_")) {
             let mut image =
@@ -148,7 +153,8 @@ fn axes_of_sight_at_nominal_change_no_image_and_each_one_changes_some_at_a_bound
 fn objects_have_the_size_of_their_scenario() {
     let mut sizes = 0;
     for task in TASKS {
-        let (target, name) = (target(*task), task.definition().name);
+        let target = target(*task);
+        let name = task.definition().name;
         let Ok(space) = target.space("dynamics") else { continue };
         let (model, view) = view(*task, Size::new(64, 64).unwrap()).unwrap();
         for (index, axis) in space.axes().iter().enumerate() {
@@ -164,7 +170,8 @@ fn objects_have_the_size_of_their_scenario() {
                 let Some(geom) = shape.geom else { continue };
                 let is_own = shape.body == body.index();
                 assert_eq!(shape.form != nominal.form, is_own, "{name}: {}", axis.name);
-                let (large, small) = (changed.geoms()[geom].size, model.geoms()[geom].size);
+                let large = changed.geoms()[geom].size;
+                let small = model.geoms()[geom].size;
                 let factor = if is_own { 1.05 } else { 1.0 };
                 assert!(large.iter().zip(small).all(|(a, b)| (a - factor * b).abs() < 1e-12), "{name}");
                 sizes += usize::from(is_own);
@@ -192,7 +199,8 @@ fn axes_of_sight_change_no_physics() {
                 .iter()
                 .map(|axis| scenario.get(seen.axes().iter().position(|own| own.name == axis.name).unwrap()));
             let start = Scenario::new(start.collect());
-            let (plain, with_sight) = (run(&starts, start), run(&seen, scenario));
+            let plain = run(&starts, start);
+            let with_sight = run(&seen, scenario);
             assert_eq!(plain.trace, with_sight.trace, "{}", task.definition().name);
         }
     }

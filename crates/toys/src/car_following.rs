@@ -112,7 +112,9 @@ impl Toy for CarFollowing {
 
     fn simulate(&self, values: &[Option<f64>], seed: Seed, push: &mut dyn FnMut(&[f64])) {
         let value = |index: usize| values[index].unwrap_or_default();
-        let (mut gap, mut speed, mut front) = (value(GAP), value(SPEED), value(SPEED));
+        let mut gap = value(GAP);
+        let mut speed = value(SPEED);
+        let mut front = value(SPEED);
         let mut drawn = [0.0; PARTS];
         seed.normals(Stream::ObservationNoise, 0, &mut drawn);
         let error = |step: usize| {
@@ -126,7 +128,8 @@ impl Toy for CarFollowing {
             let command = commands.pop_front().unwrap_or_default().max(-MAX_DECELERATION * value(BRAKES));
             let front_acceleration = interpolate(&values[FRONT..][..KNOTS], step)
                 - braking(step as f64 * DT, [value(EVENT), value(EVENT + 1), value(EVENT + 2)]);
-            let (before, front_before) = (speed, front);
+            let before = speed;
+            let front_before = front;
             speed = (speed + DT * command).max(0.0);
             front = (front + DT * front_acceleration).max(0.0);
             gap += 0.5 * DT * (front + front_before - speed - before);
@@ -154,7 +157,8 @@ fn braking(time: f64, [begin, duration, deceleration]: [f64; 3]) -> f64 {
 
 /// Interpolates linearly between the knots.
 fn interpolate(values: &[Option<f64>], step: usize) -> f64 {
-    let (knot, weight) = (step / KNOT, (step % KNOT) as f64 / KNOT as f64);
+    let knot = step / KNOT;
+    let weight = (step % KNOT) as f64 / KNOT as f64;
     let value = |knot: usize| values.get(knot).copied().flatten().unwrap_or_default();
     (1.0 - weight) * value(knot) + weight * value(knot + 1)
 }

@@ -3,6 +3,7 @@
 //! A simulation takes microseconds, and the counterexamples are known, so searches and campaigns
 //! can be tested in milliseconds. To add a toy, write a file and add a line to [`TOYS`].
 //! [`FunctionSystem`] is a system for tests whose robustness is an arbitrary function.
+//! [`arch`] has the problems of the ARCH competition.
 //!
 //! # Example
 //! The car keeps its distance from every start, unless the car in front brakes:
@@ -18,6 +19,7 @@
 //! # Ok::<(), mishandle_rollout::RolloutError>(())
 //! ```
 
+pub mod arch;
 mod car_following;
 mod function_system;
 mod hidden_corner;

@@ -106,8 +106,11 @@ mod tests {
 
     #[test]
     fn the_gradient_matches_finite_differences() {
-        let (mean, action, log_std) = ([0.3_f32, -0.2], [0.1_f32, 0.9], [-0.5_f32, 0.25]);
-        let (mut mean_gradient, mut log_std_gradient) = ([0.0; 2], [1.0, 1.0]);
+        let mean = [0.3_f32, -0.2];
+        let action = [0.1_f32, 0.9];
+        let log_std = [-0.5_f32, 0.25];
+        let mut mean_gradient = [0.0; 2];
+        let mut log_std_gradient = [1.0, 1.0];
         DiagonalGaussian::new(&log_std).log_prob_gradient(
             &mean,
             &action,
@@ -144,7 +147,8 @@ mod tests {
     #[test]
     fn the_kl_divergence_matches_a_calculation_by_hand() {
         // σ 1 to σ 2: log 2 + 1/8 - 1/2; a shift by 1 adds 1/8.
-        let (p, q) = (DiagonalGaussian::new(&[0.0]), DiagonalGaussian::new(&[2.0_f32.ln()]));
+        let p = DiagonalGaussian::new(&[0.0]);
+        let q = DiagonalGaussian::new(&[2.0_f32.ln()]);
         let expected = 2.0_f64.ln() + 0.25 - 0.5;
         assert!((p.kl_divergence(&[0.0], &q, &[1.0]) - expected).abs() < 1e-7);
         assert_eq!(p.kl_divergence(&[0.3], &p, &[0.3]), 0.0);

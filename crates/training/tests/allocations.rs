@@ -53,19 +53,23 @@ fn later_updates_allocate_no_memory() {
         episodes.step(&[0.5, 0.25]).unwrap();
         replay.push(&observations, &[0.5, 0.25], &episodes);
     }
-    let (actor, critics, targets) =
-        (network(2, 2), [network(3, 1), network(3, 1)], [network(3, 1), network(3, 1)]);
+    let actor = network(2, 2);
+    let critics = [network(3, 1), network(3, 1)];
+    let targets = [network(3, 1), network(3, 1)];
     let normalizer = Normalizer::new(&[0.0; 2], &[1.0; 2]).unwrap();
     let sampling = Sampling { n_steps: 3, gamma: 0.9, reward_scale: 1.0, replacement: true };
-    let (mut batch, mut noise) = (TransitionBatch::default(), vec![0.0; 64]);
-    let (mut critic_scratch, mut policy_scratch) = (CriticScratch::default(), PolicyScratch::default());
+    let mut batch = TransitionBatch::default();
+    let mut noise = vec![0.0; 64];
+    let mut critic_scratch = CriticScratch::default();
+    let mut policy_scratch = PolicyScratch::default();
     let mut critics_gradient = vec![0.0; 2 * critics[0].parameter_count()];
     let mut actor_gradient = vec![0.0; actor.parameter_count()];
     let mut update = |index: u64| {
         let before = ALLOCATIONS.with(Cell::get);
         replay.sample(&sampling, (Seed(1), index), 64, &normalizer, &mut batch);
         Seed(2).normals(Stream::Policy, index, &mut noise);
-        let (temperature, critics) = (0.1, [&critics[0], &critics[1]]);
+        let temperature = 0.1;
+        let critics = [&critics[0], &critics[1]];
         let target_critics = [&targets[0], &targets[1]];
         let actor = Actor { distribution: Distribution::Squashed, network: &actor, log_std: &[] };
         let loss = CriticLoss { batch: &batch, noise: &noise, temperature, actor, critics, target_critics };

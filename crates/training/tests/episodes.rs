@@ -156,7 +156,8 @@ fn noise_is_added_after_clipping() {
 
 #[test]
 fn rows_are_independent() {
-    let (mut few, mut many) = (episodes(0.0, 2, 4, 0.5, true), episodes(0.0, 30, 4, 0.5, true));
+    let mut few = episodes(0.0, 2, 4, 0.5, true);
+    let mut many = episodes(0.0, 30, 4, 0.5, true);
     for _ in 0..20 {
         few.step(&[0.1; 2]).unwrap();
         many.step(&[0.1; 30]).unwrap();
@@ -193,7 +194,9 @@ fn the_rollout_buffer_stores_the_value_after_each_step() {
 
 #[test]
 fn an_episode_that_cannot_start_is_skipped_and_the_others_keep_their_seeds() {
-    let (rows, seed, scenarios) = (4, Seed(3), ScenarioSettings::default());
+    let rows = 4;
+    let seed = Seed(3);
+    let scenarios = ScenarioSettings::default();
     let environment = counter(2.75);
     let draw = ScenarioDraw::new(TrainingScenarios::of(environment.space.clone()), &scenarios);
     // Every other scenario cannot be started; the others diverge at control step 3.

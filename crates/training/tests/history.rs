@@ -66,7 +66,8 @@ impl Observer for Silent {
 
 /// Returns the mean reward of each control step over both signs.
 fn rewards(policy: &Policy) -> [f32; STEPS] {
-    let (mut worker, mut state) = (policy.worker(), vec![0.0; policy.state_size()]);
+    let mut worker = policy.worker();
+    let mut state = vec![0.0; policy.state_size()];
     let mut rewards = [0.0; STEPS];
     for sign in [-1.0, 1.0] {
         worker.reset(&mut state, Seed(0));
@@ -112,7 +113,8 @@ fn each_algorithm_learns_to_remember() {
             let settings = AlgorithmSettings::from_toml(algorithm, &text).unwrap().unwrap();
             settings.train(&cue(), Seed(2), Origin::New, &mut Silent).unwrap().last
         };
-        let (with, without) = (rewards(&train(2)), rewards(&train(0)));
+        let with = rewards(&train(2));
+        let without = rewards(&train(0));
         assert!(with.iter().all(|reward| *reward > 0.8), "{algorithm}: {with:?}");
         // Without a memory, the later actions are the same for both signs.
         assert!(without[0] > 0.8 && without[1..] == [0.0, 0.0], "{algorithm}: {without:?}");

@@ -34,7 +34,8 @@ fn each_algorithm_learns_the_line() {
              replay.updates_per_step = 0.5\nreplay.reward_scale = 1.0\npolicy.learning_rate = 0.003",
         );
         let trained = run(2, &settings, Origin::New, &mut RecordingObserver::default());
-        let (found, best) = (mean_return(&trained.last, 500), best_return(500));
+        let found = mean_return(&trained.last, 500);
+        let best = best_return(500);
         assert!(found > 0.97 * best, "{algorithm}: mean return {found}, optimal {best}");
     }
 }

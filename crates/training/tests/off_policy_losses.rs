@@ -83,8 +83,9 @@ fn in_two_chunks(add: &mut dyn FnMut(std::ops::Range<usize>) -> f64) -> f64 {
 
 #[test]
 fn critic_loss_of_ddpg() {
-    let (batch, target_actor, target_critic) =
-        (batch(), network(OBSERVATION, ACTION, Activation::Tanh, false, 10), critic(11));
+    let batch = batch();
+    let target_actor = network(OBSERVATION, ACTION, Activation::Tanh, false, 10);
+    let target_critic = critic(11);
     let whole = |critic: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = ddpg::CriticLoss {
             batch: &batch,
@@ -119,8 +120,10 @@ fn critic_loss_of_ddpg() {
 
 #[test]
 fn critic_loss_of_td3() {
-    let (batch, target_actor) = (batch(), network(OBSERVATION, ACTION, Activation::Tanh, false, 20));
-    let (noise, smoothing) = (numbers(21, ROWS * ACTION), TargetSmoothing { std: 0.6, clip: 0.5 });
+    let batch = batch();
+    let target_actor = network(OBSERVATION, ACTION, Activation::Tanh, false, 20);
+    let noise = numbers(21, ROWS * ACTION);
+    let smoothing = TargetSmoothing { std: 0.6, clip: 0.5 };
     let targets = [critic(22), critic(23)];
     let whole = |first: &Mlp<f64>, second: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = td3::CriticLoss {
@@ -134,7 +137,8 @@ fn critic_loss_of_td3() {
         let mut scratch = td3::CriticScratch::default();
         in_two_chunks(&mut |rows| loss.add_gradient(rows, &mut scratch, gradient))
     };
-    let (first, second) = (critic(24), critic(25));
+    let first = critic(24);
+    let second = critic(25);
     let count = first.parameter_count();
     let mut gradient = vec![0.0; 2 * count];
     let found = whole(&first, &second, &mut gradient);
@@ -163,7 +167,8 @@ fn critic_loss_of_td3() {
 
 #[test]
 fn policy_loss_of_deterministic_policies() {
-    let (batch, critic) = (batch(), critic(30));
+    let batch = batch();
+    let critic = critic(30);
     let whole = |actor: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = PolicyLoss { batch: &batch, actor, critic: &critic };
         let mut scratch = PolicyScratch::default();
@@ -188,7 +193,8 @@ fn policy_loss_of_deterministic_policies() {
 
 /// Returns the squashed action of a row and its log-probability, from the definition.
 fn squashed(outputs: &[f64], noise: &[f64]) -> (Vec<f64>, f64) {
-    let (mut action, mut log_prob) = (vec![], 0.0);
+    let mut action = vec![];
+    let mut log_prob = 0.0;
     for (i, z) in noise.iter().enumerate() {
         let std = (-5.0 + 3.5 * (1.0 + outputs[ACTION + i].tanh())).exp();
         let u = outputs[i] + std * z;
@@ -207,8 +213,10 @@ const TEMPERATURE: f64 = 0.3;
 
 #[test]
 fn critic_loss_of_sac() {
-    let (batch, actor) = (batch(), network(OBSERVATION, 2 * ACTION, Activation::Identity, false, 40));
-    let (noise, targets) = (numbers(41, ROWS * ACTION), [critic(42), critic(43)]);
+    let batch = batch();
+    let actor = network(OBSERVATION, 2 * ACTION, Activation::Identity, false, 40);
+    let noise = numbers(41, ROWS * ACTION);
+    let targets = [critic(42), critic(43)];
     let whole = |first: &Mlp<f64>, second: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = sac::CriticLoss {
             batch: &batch,
@@ -221,7 +229,8 @@ fn critic_loss_of_sac() {
         let mut scratch = sac::CriticScratch::default();
         in_two_chunks(&mut |rows| loss.add_gradient(rows, &mut scratch, gradient))
     };
-    let (first, second) = (critic(44), critic(45));
+    let first = critic(44);
+    let second = critic(45);
     let count = first.parameter_count();
     let mut gradient = vec![0.0; 2 * count];
     let found = whole(&first, &second, &mut gradient);
@@ -248,7 +257,8 @@ fn critic_loss_of_sac() {
 
 #[test]
 fn policy_loss_of_sac() {
-    let (batch, critics) = (batch(), [critic(50), critic(51)]);
+    let batch = batch();
+    let critics = [critic(50), critic(51)];
     let noise = numbers(52, ROWS * ACTION);
     let whole = |actor: &Mlp<f64>, gradient: &mut [f64]| {
         let loss = sac::PolicyLoss {
@@ -258,7 +268,8 @@ fn policy_loss_of_sac() {
             actor: squashed_policy(actor),
             critics: [&critics[0], &critics[1]],
         };
-        let (mut scratch, mut log_prob) = (sac::PolicyScratch::default(), 0.0);
+        let mut scratch = sac::PolicyScratch::default();
+        let mut log_prob = 0.0;
         let loss = in_two_chunks(&mut |rows| {
             let (loss, share) = loss.add_gradient(rows, &mut scratch, gradient);
             log_prob += share;
@@ -269,7 +280,8 @@ fn policy_loss_of_sac() {
     let actor = network(OBSERVATION, 2 * ACTION, Activation::Identity, false, 53);
     let mut gradient = vec![0.0; actor.parameter_count()];
     let (found, mean_log_prob) = whole(&actor, &mut gradient);
-    let (mut expected, mut log_probs) = (0.0, 0.0);
+    let mut expected = 0.0;
+    let mut log_probs = 0.0;
     let mut chosen = [0, 0];
     for row in 0..ROWS {
         let (action, log_prob) =

@@ -36,7 +36,8 @@ fn all_variants() -> impl Iterator<Item = (&'static str, &'static str)> {
 #[track_caller]
 fn check_learned(settings: &AlgorithmSettings, observer: &mut RecordingObserver) {
     let trained = run(2, settings, Origin::New, observer);
-    let (found, best) = (mean_return(&trained.last, 500), best_return(500));
+    let found = mean_return(&trained.last, 500);
+    let best = best_return(500);
     assert!(found > 0.98 * best, "mean return {found}, optimal {best}");
     // A policy that does not move reaches a third: the mean of |x - goal| over the space is 2/3.
     assert!(best > 35.0, "{best}");
@@ -249,7 +250,8 @@ struct OtherNetwork {
 
 impl NetworkDevice for OtherDevice {
     fn network(&self, network: &Mlp<f32>, rows: usize) -> Result<Box<dyn DeviceNetwork>, NetworkError> {
-        let (inputs, outputs) = (rows * network.input_size(), rows * network.output_size());
+        let inputs = rows * network.input_size();
+        let outputs = rows * network.output_size();
         let parameters = network.parameter_count();
         Ok(Box::new(OtherNetwork {
             network: network.clone(),
@@ -301,10 +303,12 @@ fn check_device(settings: &AlgorithmSettings) {
         settings.train(&Line::new(0.05), Seed(5), Origin::New, &mut RecordingObserver::default()).unwrap();
     let found = train_on(&OtherDevice { passes: usize::MAX }).unwrap();
     let numbers = |policy: &mishandle_controllers::Policy| {
-        let (weights, log_std) = (policy.network().parameters().to_vec(), policy.log_std().to_vec());
+        let weights = policy.network().parameters().to_vec();
+        let log_std = policy.log_std().to_vec();
         [weights, log_std].concat()
     };
-    let (expected, found) = (numbers(&expected.last), numbers(&found.last));
+    let expected = numbers(&expected.last);
+    let found = numbers(&found.last);
     let largest = expected.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(largest < 1e-4, "largest difference of a parameter: {largest}");
     assert!(largest > 0.0, "the device was not used: its sums have another order");

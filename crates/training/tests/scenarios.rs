@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use crate::line::Line;
 use crate::toy::{Toy, names};
 use mishandle_controllers::Policy;
-use mishandle_guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
+use mishandle_controllers::guard::{Fallback, Guard, Guarded, Meaning, Motion, Switch, Watch};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
@@ -222,7 +222,8 @@ fn with_history_and_whole() -> (Policy, Policy) {
         Seed(7).uniform(Stream::Weights, 0, index)
     });
     network.update(|parameters| parameters.iter_mut().for_each(|parameter| *parameter *= 4.0));
-    let (mean, variance) = ([0.1, -0.2, 0.3], [0.25, 1.0, 0.5]);
+    let mean = [0.1, -0.2, 0.3];
+    let variance = [0.25, 1.0, 0.5];
     let whole = |of_observation: [f64; 3], of_action: f64| {
         let past = [&of_observation[..], &[of_action; 2]].concat();
         [&of_observation[..], &past, &past].concat()
@@ -286,7 +287,8 @@ fn the_policy_sees_and_acts_as_in_an_evaluation_of_the_same_scenario_and_seed() 
     for noise in NOISES {
         let mut episodes = episodes(&scenarios, &ScenarioSettings::default(), 60, noise);
         for episode in 0..2 {
-            let (mut seen, mut done) = (vec![Vec::new(); 60], vec![Vec::new(); 60]);
+            let mut seen = vec![Vec::new(); 60];
+            let mut done = vec![Vec::new(); 60];
             for _ in 0..STEPS {
                 let observations = episodes.observations().chunks(3).zip(&mut seen);
                 observations.for_each(|(observation, seen)| seen.push(float_bits(observation)));
@@ -326,10 +328,14 @@ fn a_guarded_policy_acts_as_in_an_evaluation_within_delays_faults_and_pauses() {
         let guard = guard(fallback);
         let mut batches = ScenarioBatches::new(drifter(), scenarios.clone());
         batches.supervisor = Some(Arc::new(guard.clone()));
-        let (rows, noise) = (120, NOISES[2]);
-        let (settings, shares) = (settings(rows, noise), ScenarioSettings::default());
+        let rows = 120;
+        let noise = NOISES[2];
+        let settings = settings(rows, noise);
+        let shares = ScenarioSettings::default();
         let mut episodes = Episodes::new(&batches, &settings, &shares, Seed(3)).unwrap();
-        let (mut guarded, mut replaced, mut returned) = (0, 0, 0);
+        let mut guarded = 0;
+        let mut replaced = 0;
+        let mut returned = 0;
         for episode in 0..2 {
             let mut done = vec![Vec::new(); rows];
             for _ in 0..STEPS {
@@ -369,8 +375,8 @@ fn a_policy_with_a_history_acts_as_in_an_evaluation_within_delays_faults_and_pau
                 let steps = episodes.applied_actions().chunks(2).zip(episodes.rewards()).zip(&mut done);
                 steps.for_each(|((a, reward), done)| done.push([a[0], a[1], *reward].map(f64::to_bits)));
             }
-            let (mut pauses, kind) =
-                (0, scenarios.space.axes().iter().position(|axis| axis.name == "actuator").unwrap());
+            let mut pauses = 0;
+            let kind = scenarios.space.axes().iter().position(|axis| axis.name == "actuator").unwrap();
             for (row, done) in done.iter().enumerate() {
                 let seed = Seed(3).child(row as u64).child(episode);
                 let scenario = scenarios.random(seed, 0);
@@ -525,10 +531,7 @@ impl Observer for Keeper {
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
         self.shares.push(progress.scenario_share);
-        match progress.iteration == self.stop_after {
-            true => TrainingControl::Stop,
-            false => TrainingControl::Continue,
-        }
+        if progress.iteration == self.stop_after { TrainingControl::Stop } else { TrainingControl::Continue }
     }
     fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {
         self.checkpoint = Some(checkpoint.clone());
@@ -564,7 +567,8 @@ fn every_algorithm_trains_on_scenarios_and_resumes_to_the_same_bits() {
         train(None, &mut first);
         let resumed = train(first.checkpoint.as_ref(), &mut Keeper::default());
         assert_eq!(resumed.last.hash(), trained.last.hash(), "{algorithm}");
-        let (policy, inputs) = (&trained.last, 3 + history * 5);
+        let policy = &trained.last;
+        let inputs = 3 + history * 5;
         assert_eq!((policy.history().length(), policy.network().input_size()), (history, inputs));
         assert_eq!(policy.mean().len(), 3);
         // Another table is another training run.
@@ -635,7 +639,8 @@ fn privileged_inputs_are_the_undisturbed_observation_and_the_scaled_scenario() {
     assert_eq!((disturbed.privileged_size(), still.privileged_size()), (size, size));
     let observation =
         |inputs: &[f32]| inputs.chunks(size).flat_map(|row| &row[..3]).copied().collect::<Vec<_>>();
-    let (mut differing, mut failing) = (0, 0);
+    let mut differing = 0;
+    let mut failing = 0;
     for step in 0..2 * STEPS {
         assert_eq!(observation(disturbed.privileged()), still.observations());
         differing += usize::from(disturbed.observations() != still.observations());

@@ -83,9 +83,11 @@ fn a_controller_gets_a_longer_history_but_no_shorter_one() {
         let longer = train(3).unwrap();
         assert_eq!(longer.hash(), policy.remembering(3).unwrap().hash(), "{algorithm}");
         // It acts as before, whatever it remembers.
-        let (mut before, mut after) = (policy.worker(), longer.worker());
+        let mut before = policy.worker();
+        let mut after = longer.worker();
         let states = [policy.state_size(), longer.state_size()];
-        let (mut state, mut longer_state) = (vec![0.0; states[0]], vec![0.0; states[1]]);
+        let mut state = vec![0.0; states[0]];
+        let mut longer_state = vec![0.0; states[1]];
         before.reset(&mut state, Seed(0));
         after.reset(&mut longer_state, Seed(0));
         for step in 0..20_u8 {
@@ -108,7 +110,9 @@ fn a_controller_of_another_form_is_an_error() {
         let settings = AlgorithmSettings::from_toml(algorithm, text).unwrap().unwrap();
         train(&settings, Origin::Policy(policy), &mut Keeper::default()).unwrap_err().to_string()
     };
-    let (ppo, sac, td3) = (first("ppo"), first("sac"), first("td3"));
+    let ppo = first("ppo");
+    let sac = first("sac");
+    let td3 = first("td3");
     let error = other("ppo", &ppo);
     assert!(
         error.contains("its activation is Elu and Identity at the end, that of the settings Tanh"),

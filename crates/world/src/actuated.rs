@@ -44,7 +44,8 @@ impl Model {
     /// last one of the longest chain of joints.
     pub(crate) fn followed_body(&self) -> usize {
         use mujoco_rs::prelude::MjtJoint;
-        let (model, roots) = (&*self.inner, self.robot_roots());
+        let model = &*self.inner;
+        let roots = self.robot_roots();
         let is_part = |body: usize| roots.contains(&(model.body_rootid()[body] as usize));
         let free = model.jnt_type().iter().zip(model.jnt_bodyid()).find_map(|(kind, body)| {
             (*kind == MjtJoint::mjJNT_FREE && is_part(*body as usize)).then_some(*body as usize)

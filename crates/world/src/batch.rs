@@ -320,7 +320,8 @@ pub struct CpuWorlds {
 impl CpuWorlds {
     /// Makes a batch.
     pub fn new(spec: BatchSpec) -> CpuWorlds {
-        let (layout, rows) = (BatchLayout::new(&spec.model, spec.probe.as_ref()), spec.rows);
+        let layout = BatchLayout::new(&spec.model, spec.probe.as_ref());
+        let rows = spec.rows;
         let worlds = if spec.fields.is_empty() { 1 } else { rows };
         let forces = if spec.pushed.is_empty() { 0 } else { 3 * spec.substeps };
         CpuWorlds {
@@ -373,7 +374,8 @@ impl WorldBatch for CpuWorlds {
 
     fn start_step(&mut self) -> Result<(), WorldError> {
         let BatchSpec { model, substeps, servos, pushed, .. } = &self.spec;
-        let (size, shared) = (model.state_size(), self.worlds.len().saturating_sub(1));
+        let size = model.state_size();
+        let shared = self.worlds.len().saturating_sub(1);
         for (row, output) in self.outputs.chunks_mut(self.layout.output_size()).enumerate() {
             let world = &mut self.worlds[row.min(shared)];
             let state = &mut self.states[row * size..][..size];

@@ -155,7 +155,8 @@ fn apply(change: &Change, model: &mut MjModel) {
         }
         Change::GravityTilt(axis, angle) => {
             let (sin, cos) = angle.sin_cos();
-            let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+            let i = (axis + 1) % 3;
+            let j = (axis + 2) % 3;
             let gravity = &mut model.opt_mut().gravity;
             (gravity[i], gravity[j]) =
                 (cos * gravity[i] - sin * gravity[j], sin * gravity[i] + cos * gravity[j]);
@@ -243,8 +244,8 @@ mod tests {
         };
         let plain = Model::from_xml(&xml(1.0)).unwrap();
         let thing = plain.body("thing").unwrap();
-        let (changed, compiled) =
-            (plain.changed(&[Change::Size(vec![thing], 1.3)]), Model::from_xml(&xml(1.3)).unwrap());
+        let changed = plain.changed(&[Change::Size(vec![thing], 1.3)]);
+        let compiled = Model::from_xml(&xml(1.3)).unwrap();
         // It falls, hits the ground after 0.15 s and comes to rest.
         for steps in [50, 120, 400] {
             assert_close(&simulate(&changed, steps), &simulate(&compiled, steps));
@@ -267,7 +268,8 @@ mod tests {
         let attached = Model::from_xml(&xml(
             r#"<body pos="0.25 0 0"><geom size="0.001" mass="0.4" contype="0" conaffinity="0"/></body>"#,
         ));
-        let (found, expected) = (simulate(&changed, 200), simulate(&attached.unwrap(), 200));
+        let found = simulate(&changed, 200);
+        let expected = simulate(&attached.unwrap(), 200);
         assert!((found[0] - expected[0]).abs() < 1e-6, "{found:?} {expected:?}");
         assert!(
             found[0] > 0.1 && simulate(&plain, 200)[0].abs() < 1e-9,

@@ -99,13 +99,16 @@ fn files(xml: &str, assets: &Assets) -> Result<MjVfs, WorldError> {
 fn outside(xml: &str) -> Option<&str> {
     let mut rest = xml;
     while let Some(at) = rest.find('=') {
-        let (before, after) = (rest[..at].trim_end(), rest[at + 1..].trim_start());
+        let before = rest[..at].trim_end();
+        let after = rest[at + 1..].trim_start();
         rest = &rest[at + 1..];
         let key = before.rsplit(|letter: char| letter.is_whitespace()).next().unwrap_or_default();
         if !key.starts_with("file") && !key.ends_with("dir") {
             continue;
         }
-        let Some(quote) = after.chars().next().filter(|quote| matches!(quote, '"' | '\'')) else { continue };
+        let Some(quote) = after.chars().next().filter(|quote| matches!(quote, '"' | '\'')) else {
+            continue;
+        };
         let value = after[1..].split(quote).next().unwrap_or_default();
         let path = value.strip_prefix("package://").unwrap_or(value);
         let leaves = path.split(['/', '\\']).any(|part| part == "..");
@@ -124,7 +127,8 @@ impl Specification {
     fn parse(vfs: &MjVfs) -> Result<Specification, String> {
         let path = CString::new(format!("{FOLDER}{DOCUMENT}")).unwrap_or_default();
         let mut message: [c_char; 1000] = [0; 1000];
-        let (buffer, length) = (message.as_mut_ptr(), message.len() as i32);
+        let buffer = message.as_mut_ptr();
+        let length = message.len() as i32;
         // SAFETY: path, files and buffer outlive the call. MuJoCo terminates the message with a
         // zero byte within the given length.
         #[allow(unsafe_code)]
@@ -158,7 +162,8 @@ impl Specification {
             // SAFETY: both buffers have the given lengths, and MuJoCo terminates what it writes.
             #[allow(unsafe_code)]
             let (code, written, reason) = unsafe {
-                let (out, error) = (saved.as_mut_ptr(), message.as_mut_ptr());
+                let out = saved.as_mut_ptr();
+                let error = message.as_mut_ptr();
                 let code = mj_saveXMLString(self.0, out, size as i32, error, message.len() as i32);
                 (code, text(out), text(error))
             };

@@ -86,7 +86,8 @@ impl Model {
             let root = model.body_weldid()[body] as usize;
             root == 0 || model.body_mocapid()[root] >= 0
         };
-        let (types, affinities) = (model.geom_contype(), model.geom_conaffinity());
+        let types = model.geom_contype();
+        let affinities = model.geom_conaffinity();
         for first in 0..parts.geoms.len() {
             for second in first + 1..parts.geoms.len() {
                 let bodies = [first, second].map(|geom| model.geom_bodyid()[geom] as usize);

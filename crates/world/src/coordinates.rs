@@ -33,11 +33,12 @@ impl Model {
     /// # Ok::<(), mishandle_world::WorldError>(())
     /// ```
     pub fn coordinates(&self) -> Vec<Coordinate> {
-        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        let mut positions = Vec::new();
+        let mut velocities = Vec::new();
         for (joint, kind) in self.inner.jnt_type().iter().enumerate() {
             let Some(name) = self.name_of_joint(joint) else { continue };
-            let (qpos, dof) =
-                (self.inner.jnt_qposadr()[joint] as usize, self.inner.jnt_dofadr()[joint] as usize);
+            let qpos = self.inner.jnt_qposadr()[joint] as usize;
+            let dof = self.inner.jnt_dofadr()[joint] as usize;
             let mut add = |suffix: &str, [position, velocity]: [Option<&'static str>; 2], i: usize| {
                 let coordinate = |unit, index, is_velocity| Coordinate {
                     name: format!("{name}{suffix}"),

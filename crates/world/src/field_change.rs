@@ -82,8 +82,12 @@ impl Model {
                     MjtGeomBase::mjGEOM_SPHERE => 1,
                     MjtGeomBase::mjGEOM_CAPSULE | MjtGeomBase::mjGEOM_CYLINDER => 2,
                     MjtGeomBase::mjGEOM_BOX | MjtGeomBase::mjGEOM_ELLIPSOID => 3,
-                    MjtGeomBase::mjGEOM_PLANE => return refuse("the collisions of a plane have no size"),
-                    _ => return refuse("only primitive shapes have a size; scale its mesh in the model"),
+                    MjtGeomBase::mjGEOM_PLANE => {
+                        return refuse("the collisions of a plane have no size");
+                    }
+                    _ => {
+                        return refuse("only primitive shapes have a size; scale its mesh in the model");
+                    }
                 };
                 if column >= sizes {
                     return Err(format!("this shape has {sizes} sizes, so number {column} has no effect"));
@@ -197,13 +201,15 @@ fn bound(geom: usize, model: &mut MjModel) {
 fn refit(body: usize, model: &mut MjModel) {
     let first = model.body_bvhadr()[body];
     let Ok(first) = usize::try_from(first) else { return };
-    let (ipos, iquat) = (model.body_ipos()[body], model.body_iquat()[body]);
+    let ipos = model.body_ipos()[body];
+    let iquat = model.body_iquat()[body];
     // Children come after their parents.
     for volume in (first..first + model.body_bvhnum()[body] as usize).rev() {
         let (low, high) = match usize::try_from(model.bvh_nodeid()[volume]) {
             Ok(geom) => {
                 let aabb = model.geom_aabb()[geom];
-                let (center, half) = ([aabb[0], aabb[1], aabb[2]], [aabb[3], aabb[4], aabb[5]]);
+                let center = [aabb[0], aabb[1], aabb[2]];
+                let half = [aabb[3], aabb[4], aabb[5]];
                 let quaternion = model.geom_quat()[geom];
                 let turned = |v: [f64; 3]| rotate_back(iquat, rotate(quaternion, v));
                 let middle = add(rotate_back(iquat, sub(model.geom_pos()[geom], ipos)), turned(center));

@@ -40,9 +40,8 @@ impl FullState {
     /// a name has its number, from 1.
     #[must_use]
     pub fn with_actuators_and_bodies(mut self, model: &Model) -> FullState {
-        let named = |(index, name): (usize, String)| match name.is_empty() {
-            true => (index + 1).to_string(),
-            false => name,
+        let named = |(index, name): (usize, String)| {
+            if name.is_empty() { (index + 1).to_string() } else { name }
         };
         self.actuators = model.names(ElementKind::Actuator).into_iter().enumerate().map(named).collect();
         let bodies = model.names(ElementKind::Body).into_iter().enumerate().skip(1);

@@ -57,7 +57,8 @@ impl Arm {
     /// # Panics
     /// If the length of `out` is not six times the number of joints.
     pub fn jacobian(&mut self, out: &mut [f64]) {
-        let (columns, nv) = (self.joints.len(), self.world.model().qvel_size());
+        let columns = self.joints.len();
+        let nv = self.world.model().qvel_size();
         assert_eq!(out.len(), 6 * columns, "the Jacobian has 6 rows and {columns} columns");
         self.world.data.com_pos();
         let (linear, angular) = self.full.split_at_mut(3 * nv);

@@ -117,7 +117,8 @@ impl PartMap {
             Ok(geom) => self.geoms.get(geom).copied(),
             Err(_) => self.flexes.get(usize::try_from(flexes[side]).ok()?).copied(),
         };
-        let (a, b) = (part(0)?, part(1)?);
+        let a = part(0)?;
+        let b = part(1)?;
         Some([a.min(b), a.max(b)])
     }
 }

@@ -180,7 +180,9 @@ impl ProbeRecorder {
     pub fn step(&mut self, servos: &[Servo], targets: &[f64], world: &mut World) {
         self.before.copy_from_slice(world.qvel());
         world.step_servos(servos, targets);
-        let (probe, readings, world) = (&self.probe, &mut self.readings, &*world);
+        let probe = &self.probe;
+        let readings = &mut self.readings;
+        let world = &*world;
         let timestep = world.model().timestep();
         let holds = probe.weld.is_some_and(|weld| world.rows().is_active(weld));
         for (index, force) in forces(&world.part_forces(&probe.parts), holds).into_iter().enumerate() {

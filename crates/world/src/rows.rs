@@ -65,13 +65,15 @@ impl Rows<'_> {
     /// A mocap body has velocity 0.
     pub fn twist(&self, body: Body) -> ([f64; 3], [f64; 3]) {
         let point = self.position(body);
-        let (mut linear, mut angular) = ([0.0; 3], [0.0; 3]);
+        let mut linear = [0.0; 3];
+        let mut angular = [0.0; 3];
         let mut at = body.0;
         while at > 0 {
             let first = self.tree.first_joints[at];
             for joint in (first..first + self.tree.joint_counts[at]).map(|joint| joint as usize) {
                 let dof = self.tree.joint_dofs[joint] as usize;
-                let (axis, anchor) = (self.joint_axes[joint], self.joint_anchors[joint]);
+                let axis = self.joint_axes[joint];
+                let anchor = self.joint_anchors[joint];
                 let (v, w) = match self.tree.joint_kinds[joint] {
                     MjtJoint::mjJNT_SLIDE => (scale(axis, self.qvel[dof]), [0.0; 3]),
                     MjtJoint::mjJNT_HINGE => ([0.0; 3], scale(axis, self.qvel[dof])),

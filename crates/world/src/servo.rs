@@ -63,12 +63,15 @@ impl World {
     /// Sets the controls of the first actuators. The mass matrix and the bias torques must be those
     /// of the state, as after `mj_step1`.
     fn set_servos(&mut self, servos: &[Servo], targets: &[f64]) {
-        let (mut motion, mut setpoints) = (Motion::default(), [0.0; MAX_SERVOS]);
-        let (qpos, qvel) = (self.data.qpos(), self.data.qvel());
+        let mut motion = Motion::default();
+        let mut setpoints = [0.0; MAX_SERVOS];
+        let qpos = self.data.qpos();
+        let qvel = self.data.qvel();
         let model = self.model();
         for ((i, servo), target) in servos.iter().enumerate().zip(targets) {
             let (kp, kv) = model.servo_gains(i);
-            let (q, limit) = (qpos[servo.qpos], servo.max_velocity * kv / kp);
+            let q = qpos[servo.qpos];
+            let limit = servo.max_velocity * kv / kp;
             let lead = (target - q).clamp(-limit, limit);
             setpoints[i] = q + lead;
             motion.velocity[i] = qvel[servo.dof];
@@ -94,8 +97,12 @@ impl World {
         let are_consecutive = servos.iter().zip(*first..).all(|(servo, dof)| servo.dof == dof);
         assert!(are_consecutive, "the velocities of the servos are not consecutive");
         let model = &*self.model().inner;
-        let (rows, counts, columns) = (model.m_rowadr(), model.m_rownnz(), model.m_colind());
-        let (mass, passive, bias) = (self.data.m(), self.data.qfrc_passive(), self.data.qfrc_bias());
+        let rows = model.m_rowadr();
+        let counts = model.m_rownnz();
+        let columns = model.m_colind();
+        let mass = self.data.m();
+        let passive = self.data.qfrc_passive();
+        let bias = self.data.qfrc_bias();
         motion.h = model.opt().timestep;
         for (i, Servo { dof, .. }) in servos.iter().enumerate() {
             let start = rows[*dof] as usize;
@@ -167,9 +174,12 @@ impl Motion {
             }
         }
         let factor = self.factor(n, &is_implicit);
-        let inverse: [Vector; MAX_SERVOS] = std::array::from_fn(|i| match i < n {
-            true => solve(n, &factor, std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })),
-            false => [0.0; MAX_SERVOS],
+        let inverse: [Vector; MAX_SERVOS] = std::array::from_fn(|i| {
+            if i < n {
+                solve(n, &factor, std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }))
+            } else {
+                [0.0; MAX_SERVOS]
+            }
         });
         let mut accelerations = solve(n, &factor, torque(&effort));
         let start = effort;

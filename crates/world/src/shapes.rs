@@ -113,7 +113,8 @@ impl Model {
 
     /// Returns the geoms, in the order of their indices.
     pub fn geoms(&self) -> Vec<Geom> {
-        let (model, groups) = (&*self.inner, self.drawn_groups());
+        let model = &*self.inner;
+        let groups = self.drawn_groups();
         let geom = |index: usize| Geom {
             body: Body(model.geom_bodyid()[index] as usize),
             kind: GeomKind::of(model.geom_type()[index], model.geom_dataid()[index]),
@@ -121,8 +122,10 @@ impl Model {
             position: model.geom_pos()[index],
             quaternion: model.geom_quat()[index],
             ..self.looks(
-                (model.geom_group()[index], &groups),
-                (model.geom_rgba()[index], model.geom_matid()[index]),
+                model.geom_group()[index],
+                &groups,
+                model.geom_rgba()[index],
+                model.geom_matid()[index],
             )
         };
         (0..self.count(ElementKind::Geom)).map(geom).collect()
@@ -138,8 +141,10 @@ impl Model {
             position: model.site_pos()[index],
             quaternion: model.site_quat()[index],
             ..self.looks(
-                (model.site_group()[index], &SITE_GROUPS),
-                (model.site_rgba()[index], model.site_matid()[index]),
+                model.site_group()[index],
+                &SITE_GROUPS,
+                model.site_rgba()[index],
+                model.site_matid()[index],
             )
         };
         (0..self.count(ElementKind::Site)).map(site).collect()
@@ -147,7 +152,7 @@ impl Model {
 
     /// Returns a point with the looks of an element of a group, with its own color and its
     /// material.
-    fn looks(&self, (group, drawn): (i32, &[bool; 6]), (own, material): ([f32; 4], i32)) -> Geom {
+    fn looks(&self, group: i32, drawn: &[bool; 6], own: [f32; 4], material: i32) -> Geom {
         let model = &*self.inner;
         let material = usize::try_from(material).ok();
         let color = match material {

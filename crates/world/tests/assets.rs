@@ -81,7 +81,8 @@ fn urdf_compiles_and_becomes_mjcf() {
     let mjcf = mjcf_of_urdf(URDF, &assets(0.1)).unwrap();
     let converted = Model::from_xml_with_assets(&mjcf, assets(0.1)).unwrap();
     assert!(mjcf.starts_with("<mujoco"), "{mjcf}");
-    let (a, b) = (direct.joint("elbow").unwrap(), converted.joint("elbow").unwrap());
+    let a = direct.joint("elbow").unwrap();
+    let b = converted.joint("elbow").unwrap();
     assert_eq!((a.low, a.high), (b.low, b.high));
     assert_eq!(direct.names(ElementKind::Body), converted.names(ElementKind::Body));
     let error = mjcf_of_urdf("<robot name=\"r\"><link/></robot>", &Assets::new()).unwrap_err().to_string();

@@ -117,8 +117,10 @@ fn a_changed_number_has_the_effect_of_that_number_in_the_document() {
     for (name, value, entries) in CASES {
         let changes: Vec<Change> = entries.iter().map(|entry| change(&plain, *entry, value)).collect();
         changes.iter().for_each(|change| plain.check_change(change).unwrap());
-        let (changed, compiled) = (plain.changed(&changes), Model::from_xml(&document(name, value)).unwrap());
-        let (found, expected) = (simulate(&changed), simulate(&compiled));
+        let changed = plain.changed(&changes);
+        let compiled = Model::from_xml(&document(name, value)).unwrap();
+        let found = simulate(&changed);
+        let expected = simulate(&compiled);
         // Contacts amplify the last bits.
         assert!(distance(&found, &expected) < 1e-6, "{name}: {}", distance(&found, &expected));
         assert!(distance(&found, &simulate(&plain)) > 1e-4, "{name} has no effect");
@@ -145,7 +147,8 @@ fn values(model: &Model, plain: &Model, field: &str) -> Vec<f64> {
 /// Returns the ends of boxes (center, half lengths) on each side of each axis.
 fn largest(boxes: &[f64]) -> [f64; 6] {
     std::array::from_fn(|side| {
-        let (axis, sign) = (side % 3, if side < 3 { -1.0 } else { 1.0 });
+        let axis = side % 3;
+        let sign = if side < 3 { -1.0 } else { 1.0 };
         boxes.chunks(6).map(|b| sign * b[axis] + b[3 + axis]).fold(0.0, f64::max)
     })
 }

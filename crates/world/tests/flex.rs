@@ -49,7 +49,8 @@ fn positions_and_velocities_are_ordered_by_vertex() {
 #[test]
 fn a_released_cloth_keeps_its_edge_lengths() {
     let model = triangle("<body name=\"c\" pos=\"0 1 1\">{slides}</body>").unwrap();
-    let (cloth, tie) = (model.flex("cloth").unwrap(), model.equality("tie").unwrap());
+    let cloth = model.flex("cloth").unwrap();
+    let tie = model.equality("tie").unwrap();
     let mut world = model.world();
     steps(&mut world, 0.2);
     assert!((world.rows().vertices(cloth)[0][2] - 1.0).abs() < 0.01, "the tie does not hold");

@@ -125,7 +125,8 @@ fn check_start(arm: [f64; 7], finger: f64, expected: [[f64; 3]; 3]) {
     world.qpos_mut()[..7].copy_from_slice(&arm);
     world.qpos_mut()[7..].fill(finger);
     world.refresh();
-    let (model, rows) = (world.model(), world.rows());
+    let model = world.model();
+    let rows = world.rows();
     let got = [
         rows.position(model.body("hand").unwrap()),
         rows.site_position(model.site("left_finger").unwrap()),
@@ -205,7 +206,8 @@ fn the_jacobian_is_the_derivative_of_the_position() {
                 arm.set(&moved);
                 arm.position()
             };
-            let (ahead, behind) = (at(step), at(-step));
+            let ahead = at(step);
+            let behind = at(-step);
             for i in 0..3 {
                 // The error of central differences is step^2 / 6 times a third derivative of at
                 // most the arm's reach, 1.3 m.

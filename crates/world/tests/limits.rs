@@ -61,7 +61,8 @@ impl Robot {
         for _ in 0..substeps {
             self.world.step_servos(&self.servos, &self.target);
             for i in 0..9 {
-                let (q, v) = (self.world.qpos()[i], self.world.qvel()[i]);
+                let q = self.world.qpos()[i];
+                let v = self.world.qvel()[i];
                 let force = self.world.actuator_force(self.actuators[i]);
                 let beyond = (q - self.joints[i].high).max(self.joints[i].low - q);
                 peaks.velocity[i] = peaks.velocity[i].max(v.abs() / VELOCITY_LIMIT[i]);
@@ -134,7 +135,8 @@ fn all_joints_together_keep_their_limits_at_full_scale() {
 
 /// The stiffness and damping of the arm's servos times `factor`.
 fn with_gain(factor: f64) -> String {
-    let (kp, kv) = (400.0 * factor, 80.0 * factor);
+    let kp = 400.0 * factor;
+    let kv = 80.0 * factor;
     let scaled = in_free_motion().replace("kp=\"400\" kv=\"80\"", &format!("kp=\"{kp}\" kv=\"{kv}\""));
     assert_ne!(scaled, in_free_motion());
     scaled

@@ -58,7 +58,8 @@ fn assert_near(found: f64, expected: f64) {
 #[test]
 fn parts_at_rest_press_on_each_other_with_their_weight_and_their_motors() {
     let model = Model::from_xml(SCENE).unwrap();
-    let (map, mut world) = (model.part_map(Some("cube")).unwrap(), at_rest(&model));
+    let map = model.part_map(Some("cube")).unwrap();
+    let mut world = at_rest(&model);
     let forces = world.part_forces(&map);
     assert_near(forces.between(Part::Arm, Part::Object), 5.0);
     assert_near(forces.between(Part::Object, Part::Arm), 5.0);

@@ -108,7 +108,8 @@ fn check(name: &str, xml: &str, qpos: &[f64], controls: &[[f64; 9]]) -> Vec<Vec<
     let width = pairs.len() + 1;
     assert_eq!(forces.len(), 8 * controls.len() * width);
     let mut forces = forces.chunks_exact(8).map(|bytes| f64::from_le_bytes(bytes.try_into().unwrap()));
-    let (mut other, mut measured) = (model.world(), Vec::new());
+    let mut other = model.world();
+    let mut measured = Vec::new();
     let mut largest = vec![0.0_f64; width];
 
     let mut positions = Vec::new();

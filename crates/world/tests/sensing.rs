@@ -63,7 +63,8 @@ fn sensors_are_of_the_start_of_a_step_until_they_are_refreshed() {
 #[test]
 fn refreshing_sensors_changes_no_bit_of_the_state_or_of_later_steps() {
     let model = Model::from_xml(SCENE).unwrap();
-    let (mut plain, mut refreshed) = (model.world(), model.world());
+    let mut plain = model.world();
+    let mut refreshed = model.world();
     let mut states = [vec![0.0; model.state_size()], vec![0.0; model.state_size()]];
     for step in 0..600 {
         let control = f64::from(step % 7) - 2.0;
@@ -89,7 +90,8 @@ fn poses_and_bias_forces_of_a_pendulum_are_those_of_its_angle() {
     // Positive about y turns x toward -z.
     let expected = [0.5 * angle.cos(), 0.0, 2.0 - 0.5 * angle.sin()];
     let close = |found: [f64; 3]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
-    let (bob, pendulum) = (model.find(ElementKind::Geom, "bob").unwrap(), model.body("pendulum").unwrap());
+    let bob = model.find(ElementKind::Geom, "bob").unwrap();
+    let pendulum = model.body("pendulum").unwrap();
     assert!(close(world.geom_position(bob)) && close(world.body_inertial_position(pendulum)));
     let rotation = world.geom_rotation(bob);
     assert!((rotation[0] - angle.cos()).abs() < 1e-12 && (rotation[6] + angle.sin()).abs() < 1e-12);
@@ -171,9 +173,11 @@ fn the_twist_below_a_ball_joint_is_the_derivative_of_the_pose() {
     let (linear, angular) = world.rows().twist(tip);
     let h = 1e-6;
     integrate(&mut world, -h);
-    let (before, from) = (world.rows().position(tip), world.rows().quaternion(tip));
+    let before = world.rows().position(tip);
+    let from = world.rows().quaternion(tip);
     integrate(&mut world, 2.0 * h);
-    let (after, to) = (world.rows().position(tip), world.rows().quaternion(tip));
+    let after = world.rows().position(tip);
+    let to = world.rows().quaternion(tip);
     for axis in 0..3 {
         let speed = (after[axis] - before[axis]) / (2.0 * h);
         assert!((speed - linear[axis]).abs() < 1e-6, "axis {axis}: {speed} and {}", linear[axis]);

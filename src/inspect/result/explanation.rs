@@ -1,4 +1,4 @@
-use mishandle_guard::ACTIVE;
+use mishandle_controllers::guard::ACTIVE;
 use mishandle_results as results;
 use mishandle_results::{Instant, PathStep, Predicate, Seed, SignalRow, SignalTable, Window};
 use mishandle_stl::{DecisivePredicate, DecisiveSubformula, Formula, Trace, is_violated};

@@ -12,7 +12,8 @@ use crate::run::unfinished;
 /// If the run cannot be read.
 pub fn run_facts(run: &RunFile) -> Result<RunFacts, MishandleError> {
     let header = run.header();
-    let (trials, counts) = (run.trials()?, run.counts()?);
+    let trials = run.trials()?;
+    let counts = run.counts()?;
     let falsified = trials.iter().filter(|trial| trial.trial.status == TrialStatus::Falsified);
     let controller = header.components.iter().find(|component| component.role == "controller");
     let minimum = trials.iter().filter_map(|trial| trial.minimum_robustness).reduce(f64::min);

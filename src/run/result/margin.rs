@@ -58,7 +58,8 @@ fn space_of(found: &MarginOutcome) -> Option<&Space> {
 
 fn category_margin(categories: Named<String>, margin: &Margin) -> CategoryMargin {
     let Margin { simulations, is_complete, .. } = *margin;
-    let (witness, passed) = (margin.witness.as_ref(), margin.largest_without_violation());
+    let witness = margin.witness.as_ref();
+    let passed = margin.largest_without_violation();
     CategoryMargin {
         categories,
         simulations,
@@ -74,7 +75,8 @@ fn category_margin(categories: Named<String>, margin: &Margin) -> CategoryMargin
 /// the space: its nominal one.
 fn categories(space: &Space, part: &Space) -> Named<String> {
     let named = |index: usize| {
-        let (axis, nominal) = (&space.axes()[index], part.axes()[index].nominal);
+        let axis = &space.axes()[index];
+        let nominal = part.axes()[index].nominal;
         if part.idle_axes().contains(&index) {
             return None;
         }

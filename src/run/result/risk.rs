@@ -60,7 +60,8 @@ pub fn screened_risk_result(
     report: &ScreenedReport,
     run: &Path,
 ) -> results::Risk {
-    let (counts, estimate) = (report.counts, report.estimate());
+    let counts = report.counts;
+    let estimate = report.estimate();
     let finding = Finding { flagged: counts.flagged_events, audit_sample: counts.sampled_events };
     results::Risk {
         method: Method::MonteCarlo.name().to_string(),

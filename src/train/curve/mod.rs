@@ -87,7 +87,8 @@ fn parse(bytes: &[u8], last: Option<u64>) -> Result<(Curve, u64), CurveProblem> 
     let mut record = StringRecord::new();
     while reader.read_record(&mut record)? {
         let line = || line_of(text, &record);
-        let (found, expected) = (record.len(), columns.len());
+        let found = record.len();
+        let expected = columns.len();
         if found != expected {
             return Err(CurveProblem::Cells { line: line(), found, expected });
         }
@@ -154,7 +155,8 @@ fn check_order(before: &CurveRow, row: &CurveRow, line: impl Fn() -> u64) -> Res
         return Err(CurveProblem::Order { line: line(), found: row.iteration, before: before.iteration });
     }
     if row.environment_steps <= before.environment_steps {
-        let (found, before) = (row.environment_steps, before.environment_steps);
+        let found = row.environment_steps;
+        let before = before.environment_steps;
         return Err(CurveProblem::Steps { line: line(), found, before });
     }
     Ok(())

@@ -171,7 +171,8 @@ impl CurveRow {
             reward_terms: Vec::new(),
         };
         if has_scenario_columns(columns) {
-            let (space, corners) = (cells.rates()?, cells.rates()?);
+            let space = cells.rates()?;
+            let corners = cells.rates()?;
             row.validation = row.validation.map(|starts| Validation { space, corners, ..starts });
         }
         if has_curriculum_columns(columns) {

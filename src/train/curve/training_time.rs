@@ -85,7 +85,8 @@ impl Curve {
 fn smoothed(rows: &[&CurveRow], returns: &[f64]) -> Vec<f64> {
     let steps = |i: usize| rows[i].environment_steps;
     let radius = rows.last().map_or(0.0, |row| row.environment_steps as f64) * WINDOW_FRACTION / 2.0;
-    let (mut start, mut end) = (0, 0);
+    let mut start = 0;
+    let mut end = 0;
     (0..rows.len())
         .map(|i| {
             while ((steps(i) - steps(start)) as f64) > radius {

@@ -112,7 +112,9 @@ fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
 /// Creates a file with a unique name. TensorBoard reads the files of a folder in the order of their
 /// names, so the time is first.
 fn create_file(folder: &Path, first: &[u8]) -> io::Result<GrowingFile> {
-    let (time, host, process) = (now_secs() as u64, host(), std::process::id());
+    let time = now_secs() as u64;
+    let host = host();
+    let process = std::process::id();
     let mut number = 0;
     loop {
         let name = format!("events.out.{MARK}.{time:010}.{host}.{process}.{number}");

@@ -36,7 +36,8 @@ fn take<'a>(rest: &mut &'a [u8], count: usize) -> &'a [u8] {
 }
 
 fn take_varint(rest: &mut &[u8]) -> u64 {
-    let (mut number, mut shift) = (0, 0);
+    let mut number = 0;
+    let mut shift = 0;
     loop {
         let byte = take(rest, 1)[0];
         number |= u64::from(byte & 0x7f) << shift;

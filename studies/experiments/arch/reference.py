@@ -1,4 +1,4 @@
-"""Writes traces of the problems of the ARCH competition that SciPy's integrators make, to compare crates/arch with.
+"""Writes traces of the problems of the ARCH competition that SciPy's integrators make, to compare crates/toys with.
 
     python -m venv target/arch-venv && target/arch-venv/bin/pip install --requirement studies/experiments/arch/requirements.txt
     target/arch-venv/bin/python studies/experiments/arch/reference.py chasing_cars
@@ -7,7 +7,7 @@
 
 The equations are written again here, from the sources that docs/reference/arch.md names, with other methods: variable steps with a
 relative tolerance of 1e-10 or less, events of SciPy for changes of mode, Radau for the stiff manifold. The files are
-crates/arch/tests/data/MODEL.csv: lines `input,CASE,VALUES` in the order of the axes of the space `instance-1`, and
+crates/toys/tests/data/MODEL.csv: lines `input,CASE,VALUES` in the order of the axes of the space `instance-1`, and
 `sample,CASE,TIME,SIGNALS`.
 """
 
@@ -20,7 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-DATA = pathlib.Path(__file__).parents[3] / "crates/arch/tests/data"
+DATA = pathlib.Path(__file__).parents[3] / "crates/toys/tests/data"
 WEIGHTS = pathlib.Path(__file__).parent / "condenser_weights.json"
 TOLERANCES = {"rtol": 1e-11, "atol": 1e-11}
 

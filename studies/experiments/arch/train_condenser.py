@@ -1,5 +1,5 @@
 """Trains the controller of `arch/sc` and writes condenser_weights.json, whose numbers
-crates/arch/src/steam_condenser.rs repeats.
+crates/toys/src/arch/steam_condenser.rs repeats.
 
     target/arch-venv/bin/python studies/experiments/arch/train_condenser.py
 

@@ -272,7 +272,8 @@ fn differing(results: &Results, group: &[&Falsified<'_>]) -> Vec<String> {
             let paper = run.paper?;
             let differs = run.p_value()? < SIGNIFICANT && run.is_less_than(&paper) == is_less;
             differs.then(|| {
-                let (ours, n) = (run.own.falsified(), run.own.lifetimes.len());
+                let ours = run.own.falsified();
+                let n = run.own.lifetimes.len();
                 format!(
                     "{} ({ours} of {n} against {} of {PAPER_TRIALS})",
                     code(&run.own.search),
@@ -305,7 +306,9 @@ fn violations(group: &[&Falsified<'_>]) -> String {
     match group.iter().map(|run| run.run.violations()).sum() {
         0 => {}
         1 => return format!("One of our {} violates the formula.", plural(n, "simulation")),
-        violations => return format!("{violations} of our {} violate the formula.", plural(n, "simulation")),
+        violations => {
+            return format!("{violations} of our {} violate the formula.", plural(n, "simulation"));
+        }
     }
     let low = units().filter_map(|unit| unit.lowest).fold(f64::INFINITY, f64::min);
     let high = units().filter_map(|unit| unit.highest).fold(f64::NEG_INFINITY, f64::max);

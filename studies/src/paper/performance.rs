@@ -75,7 +75,9 @@ fn section(preset: &str, noise: f64, rows: &SideBySide<&Measured<'_>>) -> Vec<Bl
     let variance = noise * noise;
     let noise = match noise {
         0.0 => "without noise".to_string(),
-        noise => format!("with Gaussian action noise of standard deviation {noise}, variance {variance}"),
+        noise => {
+            format!("with Gaussian action noise of standard deviation {noise}, variance {variance}")
+        }
     };
     let success = [
         // The heading names the preset and the action noise.

@@ -110,7 +110,8 @@ pub fn paper_training_time(task: &str, algorithm: &str) -> Option<u32> {
 /// Returns the result of a search against the paper's controller; `None` if the paper has no such
 /// row.
 pub fn paper_falsification(task: &str, algorithm: &str, search: &str) -> Option<PaperFalsification> {
-    let (task, controller) = (abbreviation(task)?, algorithm.to_uppercase());
+    let task = abbreviation(task)?;
+    let controller = algorithm.to_uppercase();
     let search = search.replace('-', "_");
     let mut rows = FALSIFICATION_ROWS.iter();
     let row = rows.find(|row| row.task == task && row.controller == controller && row.optimizer == search)?;
@@ -122,7 +123,8 @@ pub fn paper_falsification(task: &str, algorithm: &str, search: &str) -> Option<
 }
 
 fn performance_row(task: &str, algorithm: &str) -> Option<&'static PerformanceRow> {
-    let (task, controller) = (abbreviation(task)?, algorithm.to_uppercase());
+    let task = abbreviation(task)?;
+    let controller = algorithm.to_uppercase();
     PERFORMANCE_ROWS.iter().find(|row| row.task == task && row.controller == controller)
 }
 

@@ -145,7 +145,8 @@ impl CampaignResults {
 /// Returns the command that runs the campaign of a folder. The plan is that of the repository if it
 /// has the same text.
 fn command(folder: &Path, name: &str, root: &Path) -> String {
-    let (own, kept) = (folder.join("campaign.toml"), format!("studies/experiments/paper/{name}.toml"));
+    let own = folder.join("campaign.toml");
+    let kept = format!("studies/experiments/paper/{name}.toml");
     let text = |path: &Path| read_text_bounded(path, limits::PLAN).ok();
     let plan = match text(&root.join(&kept)) {
         Some(found) if text(&own).as_ref() == Some(&found) => kept,

@@ -143,11 +143,10 @@ impl<T> SideBySide<T> {
             return Vec::new();
         }
         let protocol = |generation: &Generation| {
-            let follows = match generation.is_of_paper {
-                true => "the paper's protocol, so the comparison with the paper is that of this generation",
-                false => {
-                    "another protocol than the paper's, so its values stand beside the paper's without a comparison"
-                }
+            let follows = if generation.is_of_paper {
+                "the paper's protocol, so the comparison with the paper is that of this generation"
+            } else {
+                "another protocol than the paper's, so its values stand beside the paper's without a comparison"
             };
             let Generation { name, suffix, training, .. } = generation;
             format!("{name} generation (`ppo{suffix}`): {training}; {follows}.")

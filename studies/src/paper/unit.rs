@@ -139,7 +139,8 @@ impl Unit {
 impl Evaluated {
     fn of(plan: &Plan, simulations: &[Simulation]) -> Evaluated {
         let counter = counter(plan, FormulaRoles::default(), simulations);
-        let (fractions, steps) = (counter.dangerous_fractions(), counter.completion_steps());
+        let fractions = counter.dangerous_fractions();
+        let steps = counter.completion_steps();
         Evaluated {
             started: counter.started(),
             successes: counter.successes(),

@@ -51,7 +51,9 @@ impl CampaignResults {
 impl RunResults {
     /// Lists the facts on which the simulations depend and that differ from those of this program.
     pub fn differences(&self, resolved: &ResolvedPlan) -> Vec<String> {
-        let (facts, target, now) = (&self.facts, &resolved.target, build());
+        let facts = &self.facts;
+        let target = &resolved.target;
+        let now = build();
         let versions = |versions: &[(String, String)]| {
             versions.iter().map(|(name, version)| format!("{name} {version}")).collect::<Vec<_>>().join(", ")
         };

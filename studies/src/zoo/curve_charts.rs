@@ -1,6 +1,6 @@
 //! Charts of the kept learning curves, one for each task.
 
-use mishandle_charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
+use mishandle_report::charts::{Chart, ChartAxis, LegendEntry, Panel, Point, Series};
 
 use crate::zoo::folder::{ZooFolder, remove, write as write_bytes};
 use crate::zoo::{BenchmarkTask, StoredCurve, StoredCurveRow, Training, ZooError, algorithms};
@@ -70,8 +70,8 @@ fn chart(task: &str, found: &[Line]) -> Chart {
     for (y_label, height) in HEIGHTS {
         let steps: Quantity = |row| Some(row.environment_steps as f64);
         let secs: Quantity = |row| Some(row.wall_clock_secs);
-        panels.push(panel("environment steps", y_label, found, (steps, height), step_ticks()));
-        panels.push(panel("wall-clock time", y_label, found, (secs, height), time_ticks()));
+        panels.push(panel("environment steps", y_label, found, steps, height, step_ticks()));
+        panels.push(panel("wall-clock time", y_label, found, secs, height, time_ticks()));
     }
     Chart {
         title: format!("{task}: validation during training"),
@@ -87,7 +87,8 @@ fn panel(
     x_label: &str,
     y_label: &str,
     found: &[Line],
-    (x, y): (Quantity, Quantity),
+    x: Quantity,
+    y: Quantity,
     ticks: Vec<(f64, String)>,
 ) -> Panel {
     let series: Vec<Series> = found
@@ -119,7 +120,8 @@ fn panel(
 
 /// Returns every n-th point and the last one, at most about [`MOST_POINTS`].
 fn thinned(points: Vec<Point>) -> Vec<Point> {
-    let (every, last) = (points.len().div_ceil(MOST_POINTS).max(1), points.len().saturating_sub(1));
+    let every = points.len().div_ceil(MOST_POINTS).max(1);
+    let last = points.len().saturating_sub(1);
     points
         .into_iter()
         .enumerate()
@@ -151,7 +153,8 @@ fn time_ticks() -> Vec<(f64, String)> {
     let counted = |secs: f64, unit: &str, counts: &[u32]| -> Vec<(f64, String)> {
         counts.iter().map(|count| (secs * f64::from(*count), format!("{count} {unit}"))).collect()
     };
-    let (secs, minutes) = (counted(1.0, "s", &[1, 3, 10, 30]), counted(60.0, "min", &[1, 3, 10, 30]));
+    let secs = counted(1.0, "s", &[1, 3, 10, 30]);
+    let minutes = counted(60.0, "min", &[1, 3, 10, 30]);
     [secs, minutes, counted(3600.0, "h", &[1, 3, 10, 30])].concat()
 }
 

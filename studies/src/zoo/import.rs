@@ -33,7 +33,8 @@ pub(crate) fn take_in(
     let mut summary = TrainingSummary::load(controller)?;
     let found = summary.reconcile(training, expected, false);
     if !found.is_empty() {
-        let (path, reasons) = (controller.to_path_buf(), found.iter().map(ToString::to_string).collect());
+        let path = controller.to_path_buf();
+        let reasons = found.iter().map(ToString::to_string).collect();
         return Err(ZooError::NotPlanned { path, reasons });
     }
     let problem = |problem| ZooError::Curve { path: csv.to_path_buf(), problem };
@@ -160,9 +161,10 @@ fn check_ended(curve: &Curve, settings: &AlgorithmSettings) -> Result<(), CurveF
     };
     let streak = validations.take_while(is_good).count() as u64;
     let stops_early = run.stop_success.is_some() || run.stop_strict.is_some();
-    match stops_early && streak >= run.stop_validations {
-        true => Ok(()),
-        false => Err(CurveFileProblem::Unfinished { done, total: run.total_steps }),
+    if stops_early && streak >= run.stop_validations {
+        Ok(())
+    } else {
+        Err(CurveFileProblem::Unfinished { done, total: run.total_steps })
     }
 }
 

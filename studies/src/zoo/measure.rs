@@ -113,10 +113,8 @@ impl Bench<'_> {
         let evaluations = evaluate(StartRegion::Reachable)?;
         let leaves_out_starts = evaluations.first().is_some_and(|evaluation| evaluation.leaves_out_starts);
         let whole_box = if leaves_out_starts { Some(evaluate(StartRegion::Whole)?) } else { None };
-        let falsification = match falsifies {
-            true => Some(self.runner.falsify(subject, NOISE_LEVELS[1], self.stop)?),
-            false => None,
-        };
+        let falsification =
+            if falsifies { Some(self.runner.falsify(subject, NOISE_LEVELS[1], self.stop)?) } else { None };
         Ok(Measurement {
             commit: self.runner.commit(),
             conditions: Conditions::new(task, task_hash),

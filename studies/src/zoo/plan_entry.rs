@@ -143,7 +143,8 @@ pub(crate) fn expected(
 impl TrainingInputs {
     /// Returns what a training run on `task` depends on besides its settings.
     pub(crate) fn without_settings(task: &BenchmarkTask) -> TrainingInputs {
-        let (task_hash, layout_hash) = (task.task_hash.clone(), task.layout_hash.clone());
+        let task_hash = task.task_hash.clone();
+        let layout_hash = task.layout_hash.clone();
         TrainingInputs { settings: None, task_hash, layout_hash }
     }
 }
@@ -199,9 +200,10 @@ pub(crate) fn entry(
         _ if expected.settings.is_none() => TrainingState::NoSettings,
         _ if !reasons.is_empty() => unfinished(folder, training, &expected, reasons.join("; ")),
         Some(record) if is_recorded && record.conditions == conditions => {
-            match record.falsification.is_none() && training.is_falsified() {
-                true => TrainingState::NeedsFalsification,
-                false => TrainingState::Done,
+            if record.falsification.is_none() && training.is_falsified() {
+                TrainingState::NeedsFalsification
+            } else {
+                TrainingState::Done
             }
         }
         Some(record) if is_recorded => {

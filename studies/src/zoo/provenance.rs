@@ -219,7 +219,8 @@ impl TrainingSummary {
             ("reward", REWARD, &self.reward),
         ] {
             if expected != found {
-                let (expected, found) = (expected.to_string(), found.to_string());
+                let expected = expected.to_string();
+                let found = found.to_string();
                 differences.push(Difference::Other { what, expected, found });
             }
         }
@@ -251,7 +252,8 @@ pub(crate) fn file_hash(path: &Path) -> Result<String, ZooError> {
 
 /// Returns the keys of two settings texts whose values differ, or that only one of them has.
 fn differing_keys(found: &str, expected: &str) -> Vec<String> {
-    let (found, expected) = (values_by_key(found), values_by_key(expected));
+    let found = values_by_key(found);
+    let expected = values_by_key(expected);
     let all: BTreeSet<&String> = found.keys().chain(expected.keys()).collect();
     all.into_iter().filter(|key| found.get(*key) != expected.get(*key)).cloned().collect()
 }

@@ -423,9 +423,8 @@ mod number_or_text {
     }
 
     pub fn serialize<S: Serializer>(number: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
-        let spelling = number.map(|number| match number.is_finite() {
-            true => Spelling::Number(number),
-            false => Spelling::Text(number.to_string()),
+        let spelling = number.map(|number| {
+            if number.is_finite() { Spelling::Number(number) } else { Spelling::Text(number.to_string()) }
         });
         spelling.serialize(serializer)
     }
@@ -565,7 +564,8 @@ mod tests {
         for task in std::fs::read_dir(root.join("controllers/figures")).unwrap().flatten() {
             let name = |path: &Path| path.file_stem().unwrap().to_str().unwrap().to_string();
             for file in std::fs::read_dir(task.path()).unwrap().flatten() {
-                let (task, controller) = (name(&task.path()), name(&file.path()));
+                let task = name(&task.path());
+                let controller = name(&file.path());
                 let record = Record::load(&repository, &task, &controller).unwrap().unwrap();
                 record.save(&copy).unwrap();
                 let saved = std::fs::read(copy.record(&task, &controller)).unwrap();

@@ -167,9 +167,10 @@ impl Runner for LocalRunner {
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
             let outcome = mishandle::evaluate(&resolved, run, |_| flow(stop))?;
-            match outcome.is_complete {
-                true => Ok(EvaluationRecord::new(&resolved, &outcome)),
-                false => Err(ZooError::Interrupted),
+            if outcome.is_complete {
+                Ok(EvaluationRecord::new(&resolved, &outcome))
+            } else {
+                Err(ZooError::Interrupted)
             }
         })
     }
@@ -187,9 +188,10 @@ impl Runner for LocalRunner {
             let run = create_run(&resolved, Some(&subject.run))?;
             let outcome = mishandle::falsify(&resolved, run, |_| flow(stop))?;
             let ended = outcome.trials.iter().filter(|trial| trial.end.is_some()).count();
-            match ended < self.trials as usize {
-                true => Err(ZooError::Interrupted),
-                false => Ok(FalsificationRecord::new(&resolved, &outcome)),
+            if ended < self.trials as usize {
+                Err(ZooError::Interrupted)
+            } else {
+                Ok(FalsificationRecord::new(&resolved, &outcome))
             }
         })
     }
@@ -204,7 +206,8 @@ mod tests {
     }
 
     fn subject(folder: &Path, controller: &str) -> ControllerUnderTest {
-        let (task, controller) = ("ball-balancing".to_string(), controller.to_string());
+        let task = "ball-balancing".to_string();
+        let controller = controller.to_string();
         ControllerUnderTest { task, controller, run: folder.join("new/run.sqlite") }
     }
 

@@ -27,8 +27,8 @@ impl Selection {
     /// If one does not.
     pub(crate) fn check<'a>(&self, tasks: impl Iterator<Item = &'a str>) -> Result<(), ZooError> {
         let Some(only) = &self.only else { return Ok(()) };
-        let (tasks, controllers): (Vec<&str>, Vec<&str>) =
-            (tasks.collect(), algorithms().chain([EXPERT]).collect());
+        let tasks: Vec<&str> = tasks.collect();
+        let controllers: Vec<&str> = algorithms().chain([EXPERT]).collect();
         let with_controllers = tasks
             .iter()
             .flat_map(|task| controllers.iter().map(move |controller| format!("{task}/{controller}")));

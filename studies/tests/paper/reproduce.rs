@@ -41,7 +41,8 @@ impl Bench {
     #[track_caller]
     fn check(&self, arguments: &str, code: i32) -> String {
         let output = self.run(arguments);
-        let (out, err) = (utf8(&output.stdout), utf8(&output.stderr));
+        let out = utf8(&output.stdout);
+        let err = utf8(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "studies reproduce {arguments}\n{out}\n{err}");
         out
     }
@@ -232,12 +233,14 @@ fn the_generations_stand_side_by_side() {
         bench.json(&format!("tables runs/{name}"), 0)
     };
     let found = tables("performance", "p");
-    let (success, others) = (rows(&found, "Success rate"), rows(&found, "Danger, times and corners"));
+    let success = rows(&found, "Success rate");
+    let others = rows(&found, "Danger, times and corners");
     let names = |row: &BTreeMap<String, String>| row["controller"].clone();
     assert_eq!(success.iter().map(names).collect::<Vec<_>>(), ["`ppo`", "`trpo`", "`expert`"]);
     for (table, columns) in [(&success, ["SR", "n"]), (&others, ["DBR", "failing corners"])] {
         for name in columns {
-            let (first, second) = (format!("{name}, first"), format!("{name}, second"));
+            let first = format!("{name}, first");
+            let second = format!("{name}, second");
             assert_eq!(table[0][&second], table[1][&first], "ppo-2 is a copy of trpo");
             assert_eq!((&table[1][&second][..], &table[2][&second][..]), ("-", "-"));
             assert_ne!(table[2][&first], "-");
@@ -253,10 +256,12 @@ fn the_generations_stand_side_by_side() {
     assert_eq!(rows(&tables("performance", "second"), "Success rate")[0]["p"], "-");
 
     let found = tables("falsification", "f");
-    let (trials, simulations) = (rows(&found, "Falsified trials"), rows(&found, "Simulations to the first"));
+    let trials = rows(&found, "Falsified trials");
+    let simulations = rows(&found, "Simulations to the first");
     // Two searches of three controllers; rows of a controller follow each other.
     for (table, name) in [(&trials, "falsified"), (&trials, "rate %"), (&simulations, "simulations")] {
-        let (first, second) = (format!("{name}, first"), format!("{name}, second"));
+        let first = format!("{name}, first");
+        let second = format!("{name}, second");
         assert_eq!(table.len(), 6);
         for search in 0..2 {
             assert_eq!(table[search][&second], table[2 + search][&first], "ppo-2 is a copy of trpo");
@@ -312,7 +317,8 @@ fn verify_agrees_with_the_runs_and_finds_a_changed_digest() {
     let other = digest.chars().rev().collect::<String>();
     std::fs::write(&path, units.replace(digest, &other)).unwrap();
     let output = bench.run("verify results/2026-11-22 --share 1");
-    let (out, err) = (utf8(&output.stdout), utf8(&output.stderr));
+    let out = utf8(&output.stdout);
+    let err = utf8(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{out}\n{err}");
     assert!(err.contains("1 of 16 units differ from the results"), "{err}");
     let found = bench.json("verify results/2026-11-22 --share 1", 2);
@@ -339,12 +345,11 @@ fn verify_refuses_another_commit_and_names_it() {
     assert!(utf8(&output.stderr).contains("commit c0ffee012345"));
     // A program of changed sources has no commit to name.
     let record = "verify results/2026-11-22 --any-commit --record";
-    match program.ends_with("-changed") {
-        true => bench.refuses(record, &["does not name its sources"]),
-        false => {
-            bench.check(record, 0);
-            bench.check("verify results/2026-11-22", 0);
-        }
+    if program.ends_with("-changed") {
+        bench.refuses(record, &["does not name its sources"]);
+    } else {
+        bench.check(record, 0);
+        bench.check("verify results/2026-11-22", 0);
     }
     // Results of other physics are refused at the same commit, too.
     set_commit(&bench, "results/2026-11-22", &program);

@@ -95,7 +95,8 @@ fn the_units_of_an_evaluation_match_its_rows() {
         run.units.iter().map(|unit| (unit.trial, unit.first, unit.simulations)).collect();
     assert_eq!(starts[..2], [(1, 1, 100), (1, 101, 3)]);
     assert_eq!((starts[2].0, starts[2].1), (2, 1));
-    let (mut fractions, mut steps) = (Vec::new(), Vec::new());
+    let mut fractions = Vec::new();
+    let mut steps = Vec::new();
     for unit in &run.units {
         let rows = rows(&folder, &run.facts.name, unit);
         assert_eq!(unit.sha256, digest(&rows, 4));

@@ -70,7 +70,8 @@ fn wheel(built: &Dist, folder: &Path) -> Result<()> {
         let options = ["-m", "pip", action, "--quiet", "--disable-pip-version-check"];
         command.args(options).arg("--find-links").arg(folder.join("wheels")).arg(&built.wheel);
     };
-    let (mut installations, mut searches) = (Vec::new(), Vec::new());
+    let mut installations = Vec::new();
+    let mut searches = Vec::new();
     for attempt in 0..ATTEMPTS {
         run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv), &[0])?;
         if attempt == 0 {

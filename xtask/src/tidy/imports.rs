@@ -80,7 +80,9 @@ fn expand(tree: &str, mut base: Vec<String>, paths: &mut Vec<Vec<String>>) {
 
 /// Returns the items of a group up to its closing brace.
 fn items(group: &str) -> Vec<&str> {
-    let (mut depth, mut start, mut items) = (0, 0, Vec::new());
+    let mut depth = 0;
+    let mut start = 0;
+    let mut items = Vec::new();
     for (at, c) in group.char_indices() {
         match c {
             '{' => depth += 1,

@@ -137,7 +137,8 @@ fn reexported(rooms: &[&Room<'_>], files: &[(&str, &File)]) -> BTreeSet<String> 
 
 /// Describes the use of another part of the same room.
 fn other_part(module: &[&str], path: &[String], room: &Room<'_>, files: &[(&str, &File)]) -> Option<String> {
-    let (own, other) = (module.get(1)?, path.get(1)?);
+    let own = module.get(1)?;
+    let other = path.get(1)?;
     let part = format!("{}/{other}", room.name);
     let is_part = files
         .iter()

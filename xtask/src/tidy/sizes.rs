@@ -31,7 +31,8 @@ mod tests {
 
     #[test]
     fn a_large_file_is_found_outside_controllers_and_tests() {
-        let (allowed, large) = ("a".repeat(LARGEST), "a".repeat(LARGEST + 1));
+        let allowed = "a".repeat(LARGEST);
+        let large = "a".repeat(LARGEST + 1);
         let tree = Tree::of(&[
             ("studies/experiments/paper/allowed.csv", &allowed),
             ("studies/experiments/paper/rows.csv", &large),

@@ -11,8 +11,10 @@ pub fn expert_states(task: &dyn Task, place: f64) -> (Model, Vec<Vec<f64>>) {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");
     let model = Model::from_xml(&compose(task).expect("the scene compiles")).expect("the scene compiles");
     let expert = task.expert().expect("the task has an expert");
-    let (mut worker, mut controller) = (environment.worker(), expert.worker());
-    let (mut memory, mut output) = (vec![0.0; expert.state_size()], [0.0_f32; JOINTS]);
+    let mut worker = environment.worker();
+    let mut controller = expert.worker();
+    let mut memory = vec![0.0; expert.state_size()];
+    let mut output = [0.0_f32; JOINTS];
     let mut state = vec![0.0; environment.state_size()];
     let mut observation = vec![0.0; environment.observation_size()];
     let mut signals = vec![0.0; environment.signals().len()];

@@ -158,9 +158,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     });
     bar.clear();
     let found = found?;
-    match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&bisection::text(&found))?,
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&bisection::text(&found))?;
     }
     let folder = shell_quote(&path_text(&command.out));
     if !found.is_complete {

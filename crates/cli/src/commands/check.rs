@@ -159,13 +159,14 @@ fn status(found: &Check) -> Result<ExitStatus> {
         let title = show::check::title(found, cell);
         output::message(&format!("error: {}: {}", escape::name(&title), escape::name(&cell.evidence)));
     }
-    let hint = match open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
-        true => format!(
+    let hint = if open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
+        format!(
             "; `mishandle targets {}` lists the signals, and --allow-inapplicable accepts requirements whose signals the target \
              lacks",
             shell_quote(&found.target)
-        ),
-        false => String::new(),
+        )
+    } else {
+        String::new()
     };
     ensure!(open.is_empty(), "{} could not be checked{hint}", plural(open.len() as u64, "requirement"));
     Ok(if found.exit_code() == 1 { ExitStatus::Violated } else { ExitStatus::Done })

@@ -119,7 +119,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ),
     };
     let [first, second] = paths;
-    let (a, b) = (run::read(&first, command.skip_check)?, run::read(&second, command.skip_check)?);
+    let a = run::read(&first, command.skip_check)?;
+    let b = run::read(&second, command.skip_check)?;
     let found = mishandle::inspect::compare(&a, &b)?;
     if let Some(out) = &command.out {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
@@ -127,9 +128,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let has_verdicts = found.has_verdicts();
     let found = found.result();
-    match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&comparison::text(&found))?,
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&comparison::text(&found))?;
     }
     // Exit code 0 would say that B fails nowhere, and 1 that it fails.
     ensure!(

@@ -94,11 +94,13 @@ fn weaknesses(controller: &str) -> Result<Vec<&'static str>> {
 }
 
 fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
-    let (header, training) = (&file.header, &file.header.training);
+    let header = &file.header;
+    let training = &file.header.training;
     let or_unknown = |text: &str| if text.is_empty() { "unknown" } else { text }.to_string();
     let sizes: Vec<String> = file.policy.network().sizes().iter().map(ToString::to_string).collect();
     let validation = training.validation.map_or("none".to_string(), |found| {
-        let (success, strict) = (100.0 * found.success_rate, 100.0 * found.strict_success_rate);
+        let success = 100.0 * found.success_rate;
+        let strict = 100.0 * found.strict_success_rate;
         format!("success {success:.1} %, strict {strict:.1} %, over {}", plural(found.episodes, "episode"))
     });
     let trained = format!(

@@ -69,6 +69,7 @@ fn text(found: &Counterexamples) -> String {
         axes: &found.space_axes,
         control_dt: found.control_dt,
     };
-    let (target, formula) = (escape::name(&found.target), escape::name(&found.formula));
+    let target = escape::name(&found.target);
+    let formula = escape::name(&found.formula);
     format!("{target}\nformula {formula}\n{}", modes.text())
 }

@@ -38,9 +38,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let first = run::read(&command.first, command.skip_check)?;
     let second = run::read(&command.second, command.skip_check)?;
     let found = mishandle::inspect::run_difference(&first, &second)?;
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&difference::text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&difference::text(&found))?;
     }
     Ok(if found.same_records { ExitStatus::Done } else { ExitStatus::Violated })
 }

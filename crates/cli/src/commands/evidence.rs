@@ -74,9 +74,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
         found => found?,
     };
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&evidence::text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&evidence::text(&found))?;
     }
     for run in &found.runs {
         if let Some(why) = &run.not_replayable {

@@ -160,15 +160,17 @@ fn masking(
         run::report_loss(evaluated, "nothing is kept, the counts of the conjuncts are lost");
         return Ok(ExitStatus::Interrupted);
     };
-    let (satisfied, violated) = (found.satisfied, found.violated);
+    let satisfied = found.satisfied;
+    let violated = found.violated;
     ensure!(
         satisfied.evaluated + violated.evaluated > 0,
         "{} has no simulation to explain",
         recorded.file.display()
     );
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&masking_text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&masking_text(&found))?;
     }
     Ok(ExitStatus::Done)
 }
@@ -212,7 +214,8 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<ExitStatus> {
     flags::check_flags(recorded.trial, recorded.simulation)?;
     let (file, replayed) = counterexample::replay(&recorded.file, recorded.moved())?;
-    let (header, explained) = (&replayed.header, &replayed.explained);
+    let header = &replayed.header;
+    let explained = &replayed.explained;
     if !replayed.differences.is_empty() {
         output::message(
             "warning: the simulation differs from the recorded one; `mishandle replay` lists the differences",
@@ -222,9 +225,10 @@ fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<Exi
     let folder = recorded.file.parent().unwrap_or(Path::new(""));
     let resolve = || file.resolve(folder, recorded.moved()).map_err(|error| error.to_string());
     found.axes_at_nominal = axes_at_nominal((None, header), explained, resolve, command.axes)?;
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&explanation::text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&explanation::text(&found))?;
     }
     Ok(if explained.recorded.is_violated() { ExitStatus::Violated } else { ExitStatus::Done })
 }

@@ -99,9 +99,10 @@ fn setting(text: &str) -> std::result::Result<(String, String), String> {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if command.patterns {
         let patterns: Vec<_> = PATTERNS.iter().map(mishandle_requirements::Pattern::result).collect();
-        match command.json {
-            true => output::json_array(&patterns)?,
-            false => output::line(&shown::patterns(&patterns))?,
+        if command.json {
+            output::json_array(&patterns)?;
+        } else {
+            output::line(&shown::patterns(&patterns))?;
         }
         return Ok(ExitStatus::Done);
     }
@@ -111,9 +112,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::write_atomically(path, command.force, formula_chart::svg(&found).as_bytes())?;
         output::message(&format!("wrote {}", path.display()));
     }
-    match command.json {
-        true => output::json(&without_values(&found))?,
-        false => output::line(&shown::text(&found, words.as_deref(), output::width()))?,
+    if command.json {
+        output::json(&without_values(&found))?;
+    } else {
+        output::line(&shown::text(&found, words.as_deref(), output::width()))?;
     }
     let warns = found.traps.iter().any(|trap| trap.severity == "warning");
     Ok(if command.strict && warns { ExitStatus::Violated } else { ExitStatus::Done })
@@ -157,7 +159,9 @@ fn describe(command: &Arguments) -> Result<(FormulaDescription, Option<String>)>
     context.period = command.log.period.or(context.period);
     context.episode_secs = command.episode;
 
-    let (mut text, mut words, mut examples) = (String::new(), None, Vec::new());
+    let mut text = String::new();
+    let mut words = None;
+    let mut examples = Vec::new();
     if let Some(name) = &command.pattern {
         let found = pattern(name)?;
         let is_shown = command.set.is_empty() && target.is_none() && sources.is_empty();

@@ -50,9 +50,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let Answer::Margin(found) = asked.answer.result(&asked.resolved, &asked.path)? else {
         bail!("the answer is that of another question");
     };
-    match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&margin::text(&found))?,
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&margin::text(&found))?;
     }
     if let Some(witness) = &found.witness {
         output::message(&format!(

@@ -92,11 +92,14 @@ fn range(text: &str) -> std::result::Result<ParameterRange, String> {
         let digits = unit(text).map_or(text, |unit| &text[..text.len() - unit.symbol().len()]);
         digits.trim().parse::<f64>().ok().filter(|value| value.is_finite())
     };
-    let (own, other) = (unit(high.trim()), unit(low.trim()));
+    let own = unit(high.trim());
+    let other = unit(low.trim());
     if other.is_some() && other != own {
         return Err("expected both ends of the range in the same unit".to_string());
     }
-    let (Some(low), Some(high)) = (number(low.trim()), number(high.trim())) else { return Err(expected()) };
+    let (Some(low), Some(high)) = (number(low.trim()), number(high.trim())) else {
+        return Err(expected());
+    };
     Ok(ParameterRange { name: name.trim().to_string(), low, high, unit: own, resolution: None })
 }
 
@@ -154,9 +157,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(path) = &command.csv {
         output::write_atomically(path, command.force, mining::csv(&found)?.as_bytes())?;
     }
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&mining::text(&found, output::width()))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&mining::text(&found, output::width()))?;
     }
     Ok(if found.points.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })
 }

@@ -90,7 +90,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let requested = log_question::requested(&command.question, &sources)?;
         return follow::run(&sources[0], &requested, command);
     }
-    let (mut verdicts, mut values) = (Vec::new(), None);
+    let mut verdicts = Vec::new();
+    let mut values = None;
     let without = log_question::ask(&command.question, &sources, |asked| {
         if command.values && values.is_none() {
             let samples = &asked.log.samples;

@@ -38,9 +38,10 @@ pub struct Check {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let ProtocolCommand::Check(command) = &command.command;
     let found = mishandle::resolve::check_protocol(&command.program)?;
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&text(&found))?;
     }
     Ok(if found.passed { ExitStatus::Done } else { ExitStatus::Violated })
 }

@@ -96,9 +96,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         run::report_loss(done, "nothing is written");
         return Ok(ExitStatus::Interrupted);
     };
-    match command.run.json {
-        true => output::json(&found)?,
-        false => output::line(&demonstrations::text(&found))?,
+    if command.run.json {
+        output::json(&found)?;
+    } else {
+        output::line(&demonstrations::text(&found))?;
     }
     Ok(ExitStatus::Done)
 }

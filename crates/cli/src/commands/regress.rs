@@ -89,9 +89,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let bar = Bar::new(files.len() as u64 * suite.simulations(), "simulations");
     run::stop_on_signals(&bar)?;
-    let (mut tests, mut times) = (Vec::new(), Vec::new());
+    let mut tests = Vec::new();
+    let mut times = Vec::new();
     for (index, path) in files.iter().enumerate() {
-        let (start, mut done) = (Instant::now(), index as u64 * suite.simulations());
+        let start = Instant::now();
+        let mut done = index as u64 * suite.simulations();
         let test = suite.test(path, |_| {
             done += 1;
             bar.set_position(done);

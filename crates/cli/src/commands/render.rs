@@ -269,7 +269,8 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
             .and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)))
             .unwrap_or((0, 0)),
     };
-    let (low, high) = (Size::RANGE.start(), Size::RANGE.end());
+    let low = Size::RANGE.start();
+    let high = Size::RANGE.end();
     match Size::new(width, height) {
         Some(size) => Ok(size),
         None => bail!(
@@ -291,7 +292,8 @@ fn recorded(
     else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let (drawing, cameras) = (command.drawing(), command.cameras());
+    let drawing = command.drawing();
+    let cameras = command.cameras();
     let model = mishandle::resolve::recorded_picture(run.header())?;
     // Fails before the simulation if pictures cannot be drawn.
     let known = mishandle::resolve::camera_names(&mishandle::resolve::recorded_target(run.header())?)?;
@@ -377,7 +379,7 @@ fn filmstrip(
     let mut whole = Picture::new(columns * width, count.div_ceil(columns) * height, [255; 3]);
     for (i, step) in steps.iter().enumerate() {
         let frame = renderer.draw(*step, &states[*step])?;
-        whole.paste((i % columns * width, i / columns * height), width, frame.pixels());
+        whole.paste(i % columns * width, i / columns * height, width, frame.pixels());
     }
     if count > 1 {
         let time = |step: &usize| {
@@ -399,7 +401,8 @@ fn video(
     command: &Arguments,
 ) -> Result<ExitStatus> {
     let StateTrajectory { states, control_dt, .. } = trajectory;
-    let (last, speed) = (states.len() - 1, command.speed.unwrap_or(1.0));
+    let last = states.len() - 1;
+    let speed = command.speed.unwrap_or(1.0);
     let film = Film::new(*control_dt, last, event.as_ref(), command.around, speed);
     let (first, end) = film.window;
     if film.window != (0, last) {

@@ -51,15 +51,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
     if let Some(path) = &command.trace.trace {
-        let more = match command.trace.is_full() {
-            true => {
-                let moved = command.recorded.moved();
-                mishandle::picture::full_trace(
-                    &mishandle::resolve::recorded_plan(header, moved)?,
-                    &replayed.episode,
-                )?
-            }
-            false => Vec::new(),
+        let more = if command.trace.is_full() {
+            let moved = command.recorded.moved();
+            mishandle::picture::full_trace(
+                &mishandle::resolve::recorded_plan(header, moved)?,
+                &replayed.episode,
+            )?
+        } else {
+            Vec::new()
         };
         simulation::write_trace(path, header, &replayed.episode.trace, &more)?;
     }
@@ -86,19 +85,19 @@ fn counterexample(command: &Arguments) -> Result<ExitStatus> {
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace.trace {
         let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
-        let more = match command.trace.is_full() {
-            true => {
-                let moved = command.recorded.moved();
-                mishandle::picture::full_trace(&recorded.resolve(folder, moved)?, episode)?
-            }
-            false => Vec::new(),
+        let more = if command.trace.is_full() {
+            let moved = command.recorded.moved();
+            mishandle::picture::full_trace(&recorded.resolve(folder, moved)?, episode)?
+        } else {
+            Vec::new()
         };
         simulation::write_trace(path, header, &episode.trace, &more)?;
     }
     let found = replayed.result(&recorded, &command.recorded.file);
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&replay::counterexample_text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&replay::counterexample_text(&found))?;
     }
     if !differences.is_empty() {
         bail!("the counterexample differs from the replay:\n  {}", differences.join("\n  "));

@@ -63,11 +63,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     resolved.space.check(&given)?;
     let scenario = resolved.space.canonical(given.clone());
     for axis in resolved.space.inactive(&given) {
-        let (value, axis) = (given.get(axis), &resolved.space.axes()[axis]);
+        let value = given.get(axis);
+        let axis = &resolved.space.axes()[axis];
         // A value of --set is the nominal one.
         if value != axis.nominal || resolved.plan.axes.contains_key(&axis.name) {
             let needed: Vec<&str> = axis.conditions.iter().map(|needed| needed.axis.as_str()).collect();
-            let (name, needed) = (&axis.name, needed.join(", "));
+            let name = &axis.name;
+            let needed = needed.join(", ");
             output::message(&format!("warning: {name} has no effect with these values of {needed}"));
         }
     }
@@ -120,7 +122,8 @@ fn scenario(space: &Space, spaces: &[Space], words: &[String]) -> Result<Scenari
             let name = name.trim().to_string();
             let has_axis = |other: &&Space| other.axes().iter().any(|axis| axis.name == name);
             if let Some(other) = spaces.iter().find(has_axis) {
-                let (own, other) = (space.name(), other.name());
+                let own = space.name();
+                let other = other.name();
                 bail!("the axis {name} is not in the space {own} but in {other}; give --space {own}+{other}");
             }
             let known = axes.iter().map(|axis| axis.name.clone()).collect();
@@ -161,15 +164,17 @@ fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Re
         bail!("the simulation has no verdict: {}{reason}", result.end.unwrap_or_default());
     };
     if let Some(path) = &command.trace.trace {
-        let more = match command.trace.is_full() {
-            true => mishandle::picture::full_trace(resolved, &episode)?,
-            false => Vec::new(),
+        let more = if command.trace.is_full() {
+            mishandle::picture::full_trace(resolved, &episode)?
+        } else {
+            Vec::new()
         };
         simulation::write_trace(path, &header, &episode.trace, &more)?;
     }
-    match command.run.json {
-        true => output::json(&result)?,
-        false => output::line(&simulation::text(&result))?,
+    if command.run.json {
+        output::json(&result)?;
+    } else {
+        output::line(&simulation::text(&result))?;
     }
     Ok(if is_violated(robustness) { ExitStatus::Violated } else { ExitStatus::Done })
 }
@@ -199,15 +204,18 @@ fn repeated(
         },
     )?;
     bar.clear();
-    match command.run.json {
-        true => output::json(&found.result)?,
-        false => output::line(&simulation::text(&found.result))?,
+    if command.run.json {
+        output::json(&found.result)?;
+    } else {
+        output::line(&simulation::text(&found.result))?;
     }
     let (repeats, total) = found.planned;
     let report = found.result.repeats.unwrap_or_default();
     if found.simulations < total {
         let kept = match report.simulations {
-            n if n < repeats => format!("the result is that of {n} of {}", plural(repeats, "repeat")),
+            n if n < repeats => {
+                format!("the result is that of {n} of {}", plural(repeats, "repeat"))
+            }
             _ => "all repeats are done".to_string(),
         };
         let lost = if total > repeats { ", the noise was not measured" } else { "" };

@@ -96,9 +96,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         seed: Seed(command.seed),
     };
     let found = sample_size(&SizeQuestion { expected, until, rate, margin }, settings)?;
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&size::text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&size::text(&found))?;
     }
     Ok(ExitStatus::Done)
 }

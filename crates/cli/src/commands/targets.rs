@@ -98,9 +98,10 @@ fn page(target: &Target, plan: &Plan) -> String {
             space.axes().iter().any(|axis| target.axes.iter().all(|known| known.name != axis.name))
         };
         let left_out: Vec<&str> = target.spaces.iter().filter(is_left_out).map(Space::name).collect();
-        let but = match left_out.is_empty() {
-            true => String::new(),
-            false => format!(" but those of {}, which change images only", left_out.join(", ")),
+        let but = if left_out.is_empty() {
+            String::new()
+        } else {
+            format!(" but those of {}, which change images only", left_out.join(", "))
         };
         let all =
             format!("Spaces can be joined, such as --space {example}. The space `all` has every axis{but}.");

@@ -161,9 +161,10 @@ fn interrupted(plan: &TrainPlan, report: &TrainReport) -> ExitStatus {
         output::message(&format!("error: {}", with_causes(error)));
     }
     let is_checkpoint = |error: &MishandleError| matches!(error, MishandleError::Training(_));
-    let lost = match report.write_failures.iter().any(is_checkpoint) {
-        true => "; the steps since the last checkpoint are lost",
-        false => "",
+    let lost = if report.write_failures.iter().any(is_checkpoint) {
+        "; the steps since the last checkpoint are lost"
+    } else {
+        ""
     };
     output::message(&format!(
         "interrupted after {}{lost}",
@@ -179,9 +180,10 @@ fn write_error(plan: &TrainPlan, report: &TrainReport) -> Error {
     let errors: Vec<String> = report.write_failures.iter().map(with_causes).collect();
     let error = anyhow!(errors.join("; "));
     // Resuming writes the controllers again, but lost rows of the curve cannot be restored.
-    match report.write_failures.iter().any(|error| matches!(error, MishandleError::Controller(_))) {
-        true => anyhow!("{error}\nResume once the file can be written: {}", plan.resume_command()),
-        false => error,
+    if report.write_failures.iter().any(|error| matches!(error, MishandleError::Controller(_))) {
+        anyhow!("{error}\nResume once the file can be written: {}", plan.resume_command())
+    } else {
+        error
     }
 }
 

@@ -81,9 +81,10 @@ fn missing(python: &str) -> String {
 /// Runs Python in a folder of our own, because it imports modules from the working directory, and
 /// returns its exit code.
 fn python(command: &Arguments, folder: &Path, arguments: &[&str]) -> Result<Option<i32>> {
-    let program = match command.python.contains('/') {
-        true => std::path::absolute(&command.python).context("cannot find the interpreter")?,
-        false => command.python.clone().into(),
+    let program = if command.python.contains('/') {
+        std::path::absolute(&command.python).context("cannot find the interpreter")?
+    } else {
+        command.python.clone().into()
     };
     let mut process = Command::new(program);
     process.args(arguments).current_dir(folder);

@@ -8,7 +8,8 @@ use std::ops::RangeInclusive;
 /// Returns a parser of integers in `range`.
 pub fn integer<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
     move |text| {
-        let (low, high) = (range.start(), range.end());
+        let low = range.start();
+        let high = range.end();
         let error = |why: &str| {
             format!("the value is {why}; expected an integer from {low} to {high}{}", examples(&range))
         };

@@ -35,7 +35,8 @@ pub fn run_all(
     gpu: Option<&Device>,
 ) -> Result<Ended> {
     let progress = Progress::new(runs, bar);
-    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let next = AtomicUsize::new(0);
+    let failed = AtomicBool::new(false);
     let stopped: Mutex<Vec<(usize, String, String)>> = Mutex::default();
     let work = || {
         let mut finished = Vec::new();
@@ -51,7 +52,7 @@ pub fn run_all(
                     interrupt::control_flow()
                 }
             };
-            let result = match run_one((run, runs), opening, gpu, watch) {
+            let result = match run_one(run, runs, opening, gpu, watch) {
                 Err(error) if is_stopped(&error) => {
                     if let Ok(mut stopped) = stopped.lock() {
                         stopped.push((index, run.name.clone(), error.to_string()));
@@ -128,14 +129,16 @@ impl Progress<'_> {
         };
         self.bar.set_length(counts.iter().map(|(_, planned)| planned).sum());
         self.bar.set_position(counts.iter().map(|(done, _)| done).sum());
-        let (number, all) = (index + 1, self.runs.len());
+        let number = index + 1;
+        let all = self.runs.len();
         self.bar.set_note(format!("run {number} of {all}: {}{phase}", self.runs[index].name));
     }
 }
 
 /// Runs or completes one run. Returns `None` if it was interrupted.
 fn run_one(
-    (run, runs): (&PlannedRun, &[PlannedRun]),
+    run: &PlannedRun,
+    runs: &[PlannedRun],
     opening: Opening,
     gpu: Option<&Device>,
     watch: impl Fn(Step<'_>) -> ControlFlow<()> + Sync,

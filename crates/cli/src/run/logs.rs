@@ -137,7 +137,8 @@ pub fn read<'a>(
 ) -> Result<(NamedSamples, Vec<&'a Requirement>, Vec<anyhow::Error>)> {
     let trace = || format!("trace {name}");
     let log = OpenLog::open(log, options).with_context(trace)?;
-    let (mut readable, mut errors) = (Vec::new(), Vec::new());
+    let mut readable = Vec::new();
+    let mut errors = Vec::new();
     for requirement in requirements {
         match log.check_signals(&requirement.formula) {
             Ok(()) => readable.push(requirement),

@@ -60,36 +60,37 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     }
     let pages = out.join(RUNS);
     std::fs::create_dir_all(&pages).with_context(|| format!("cannot write {}", pages.display()))?;
-    let (mut size, mut written) = (0, 0);
+    let mut size = 0;
+    let mut written = 0;
     let mut write = |path: PathBuf, html: &str| {
         size += html.len();
         written += 1;
         output::write_atomically(&path, true, html.as_bytes())
     };
     let up = format!("../{INDEX}");
-    let (mut summaries, mut hardenings, mut compared) = (Vec::new(), Vec::new(), Vec::new());
+    let mut summaries = Vec::new();
+    let mut hardenings = Vec::new();
+    let mut compared = Vec::new();
     for run in &runs {
-        let (name, href) = (&run.name, format!("{RUNS}/{}.html", run.name));
-        let page = match run.is_hardening() {
-            true if is_hardening(&run.path) != Some(true) => {
-                hardenings.push(HardeningSummary { name: name.clone(), href, found: None });
-                continue;
-            }
-            true => hardening(&run.path, options)?.map(|(found, failures, reports)| {
+        let name = &run.name;
+        let href = format!("{RUNS}/{}.html", run.name);
+        let page = if run.is_hardening() && is_hardening(&run.path) != Some(true) {
+            hardenings.push(HardeningSummary { name: name.clone(), href, found: None });
+            continue;
+        } else if run.is_hardening() {
+            hardening(&run.path, options)?.map(|(found, failures, reports)| {
                 let page = hardening_page(&found, &failures, &reports, Some(&up));
                 hardenings.push(HardeningSummary { name: name.clone(), href, found: Some(found) });
                 page
-            }),
-            false => {
-                let file = file::read(&run.path, options.skip_check)?;
-                let report =
-                    report(&file, &run.path, options).with_context(|| run.path.display().to_string())?;
-                report.map(|report| {
-                    summaries.push(RunSummary::new(&report, name, &href));
-                    compared.extend(GridRun::new(&report));
-                    run_page(&report, &up)
-                })
-            }
+            })
+        } else {
+            let file = file::read(&run.path, options.skip_check)?;
+            let report = report(&file, &run.path, options).with_context(|| run.path.display().to_string())?;
+            report.map(|report| {
+                summaries.push(RunSummary::new(&report, name, &href));
+                compared.extend(GridRun::new(&report));
+                run_page(&report, &up)
+            })
         };
         let Some(page) = page else {
             options.clear();

@@ -54,7 +54,8 @@ pub fn ask(
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {
         output::message(&format!("warning: {}", crate::show::escape::name(warning)));
     }
-    let (path, name) = (file.file().path().to_path_buf(), name(file.file()));
+    let path = file.file().path().to_path_buf();
+    let name = name(file.file());
     let start = Instant::now();
     let mut simulations = 0;
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));

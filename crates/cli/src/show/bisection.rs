@@ -13,7 +13,9 @@ pub fn text(found: &Bisection) -> String {
         let percent = |value: f64| format!("{:.1} %", 100.0 * value);
         let rate = candidate.success_rate;
         match rate.and_then(|rate| Some((rate.value?, rate.low?, rate.high?))) {
-            Some((value, low, high)) => format!("{} [{}, {}]", percent(value), percent(low), percent(high)),
+            Some((value, low, high)) => {
+                format!("{} [{}, {}]", percent(value), percent(low), percent(high))
+            }
             None => "-".to_string(),
         }
     };

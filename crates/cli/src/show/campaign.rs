@@ -113,7 +113,8 @@ fn falsification_cells(found: &Falsification) -> Vec<String> {
 }
 
 fn evaluation_cells(found: &Evaluation) -> Vec<String> {
-    let (report, control) = (&found.metrics, found.control.as_ref());
+    let report = &found.metrics;
+    let control = found.control.as_ref();
     let points = |difference: &Estimate| {
         difference.value.map_or("-".to_string(), |value| format!("{:+.2} points", 100.0 * value))
     };

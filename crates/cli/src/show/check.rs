@@ -44,17 +44,19 @@ pub fn title(found: &Check, cell: &CheckCell) -> String {
 
 fn matrix(found: &Check) -> Vec<Vec<String>> {
     let mut head = ["requirement", "severity", "clause"].map(String::from).to_vec();
-    let name =
-        |name: &str| if name.is_empty() { "verdict".to_string() } else { escape::name(name).to_string() };
+    let name = |name: &str| {
+        if name.is_empty() { "verdict".to_string() } else { escape::name(name).to_string() }
+    };
     head.extend(found.controllers.iter().map(|controller| name(&controller.name)));
     let mut rows = vec![head];
     for requirement in &found.requirements {
         let mut row = vec![
             escape::name(&requirement.name).to_string(),
             requirement.severity.name().to_string(),
-            match requirement.clauses.is_empty() {
-                true => "-".to_string(),
-                false => escape::name(&requirement.clauses.join("; ")).to_string(),
+            if requirement.clauses.is_empty() {
+                "-".to_string()
+            } else {
+                escape::name(&requirement.clauses.join("; ")).to_string()
             },
         ];
         let cells = found.cells.iter().filter(|cell| cell.requirement == requirement.name);

@@ -36,14 +36,11 @@ pub fn text(found: &Comparison) -> String {
     }
     parts.push(output::table(&table(found)));
     parts.extend(without_verdict(found));
-    parts.push(match found.at_any_time {
-        true => format!(
+    parts.push(if found.at_any_time { format!(
             "{} All p-values and intervals hold at any time; those marked with * are for a number of pairs that is fixed \
              beforehand.",
             found.verdict
-        ),
-        false => format!("{} The other p-values are of exact sign tests.", found.verdict),
-    });
+        ) } else { format!("{} The other p-values are of exact sign tests.", found.verdict) });
     let lists = [
         ("New failures: A succeeds, B fails", &found.new_failures),
         ("Fixed failures: A fails, B succeeds", &found.fixed_failures),

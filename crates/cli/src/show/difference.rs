@@ -39,7 +39,9 @@ fn verdict(found: &RunDifference) -> String {
             "all trials, simulations and traces are the same to the bit: digest {}; the files differ in what is below",
             found.first.digest
         ),
-        (false, _) => format!("different: digest {} of A, {} of B", found.first.digest, found.second.digest),
+        (false, _) => {
+            format!("different: digest {} of A, {} of B", found.first.digest, found.second.digest)
+        }
     }
 }
 
@@ -51,14 +53,15 @@ fn short(fact: &str) -> String {
         return fact;
     }
     let half = MAX_FACT / 2 - 1;
-    let (start, end): (String, String) =
-        (fact.chars().take(half).collect(), fact.chars().skip(count - half).collect());
+    let start: String = fact.chars().take(half).collect();
+    let end: String = fact.chars().skip(count - half).collect();
     format!("{start} … {end}")
 }
 
 fn results(found: &RunDifference) -> Vec<Vec<String>> {
     let mut rows = vec![["", "A", "B"].map(String::from).to_vec()];
-    let (a, b) = (&found.first.facts, &found.second.facts);
+    let a = &found.first.facts;
+    let b = &found.second.facts;
     let mut count =
         |name: &str, a: u64, b: u64| rows.push(vec![name.to_string(), a.to_string(), b.to_string()]);
     count("trials", a.trials, b.trials);
@@ -82,10 +85,14 @@ fn results(found: &RunDifference) -> Vec<Vec<String>> {
 }
 
 fn estimate(found: Estimate, is_fraction: bool) -> String {
-    let show = |value: f64| match is_fraction {
-        true if value > 0.0 && value < 1e-4 => probability_text(value),
-        true => format!("{:.2} %", 100.0 * value),
-        false => decimal(value, 4),
+    let show = |value: f64| {
+        if is_fraction && value > 0.0 && value < 1e-4 {
+            probability_text(value)
+        } else if is_fraction {
+            format!("{:.2} %", 100.0 * value)
+        } else {
+            decimal(value, 4)
+        }
     };
     let Some(value) = found.value else { return "-".to_string() };
     match (found.low, found.high) {
@@ -136,9 +143,10 @@ fn changes(found: &RunDifference) -> String {
         ]
     };
     rows.extend(counts.changes.iter().take(shown).map(row));
-    let title = match counts.changed > shown as u64 {
-        true => format!("Verdicts that changed, the first {shown} of {}:", counts.changed),
-        false => "Verdicts that changed:".to_string(),
+    let title = if counts.changed > shown as u64 {
+        format!("Verdicts that changed, the first {shown} of {}:", counts.changed)
+    } else {
+        "Verdicts that changed:".to_string()
     };
     format!("{title}\n{}", output::table(&rows))
 }

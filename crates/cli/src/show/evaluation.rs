@@ -20,7 +20,9 @@ fn heading(found: &Evaluation) -> String {
 /// Returns the rates, and the corners; after a screening also the disagreements of the two engines.
 pub fn text(found: &Evaluation) -> String {
     match &found.screening {
-        Some(counts) => format!("{}\n\n{}", heading(found), screening::evaluation_text(found, counts)),
+        Some(counts) => {
+            format!("{}\n\n{}", heading(found), screening::evaluation_text(found, counts))
+        }
         None => direct_text(found),
     }
 }

@@ -51,18 +51,20 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
     lines.extend([signature, format!("hashes: {} compared", plural(found.files, "file"))]);
     let is_read = !found.runs.is_empty();
     lines.extend(is_read.then(|| {
-        match found.pages_compared {
-            true => "README and pages: made again and compared",
-            false => "README and pages: not compared, because another build made them",
+        if found.pages_compared {
+            "README and pages: made again and compared"
+        } else {
+            "README and pages: not compared, because another build made them"
         }
         .to_string()
     }));
     for run in &found.runs {
         lines.push(run_text(run));
         for replayed in run.replayed.iter().take(MAX_LINES) {
-            let result = match replayed.differences.is_empty() {
-                true => "agrees to the bit".to_string(),
-                false => format!("DIFFERS: {}", escape::name(&replayed.differences.join("; "))),
+            let result = if replayed.differences.is_empty() {
+                "agrees to the bit".to_string()
+            } else {
+                format!("DIFFERS: {}", escape::name(&replayed.differences.join("; ")))
             };
             lines.push(format!("  trial {}, simulation {}: {result}", replayed.trial, replayed.simulation));
         }
@@ -71,8 +73,8 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         }
     }
     lines.extend(found.checks.iter().map(|check| {
-        let (verdicts, replayed) =
-            (plural(check.verdicts, "verdict"), plural(check.replayed, "counterexample"));
+        let verdicts = plural(check.verdicts, "verdict");
+        let replayed = plural(check.replayed, "counterexample");
         format!(
             "{}: {verdicts} derived again from the runs, {replayed} replayed",
             escape::name(&check.folder)
@@ -85,7 +87,8 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         lines.push(format!("{} more problems", found.problems.len() - MAX_LINES));
     }
     let sum = |count: fn(&VerifiedRun) -> u64| found.runs.iter().map(count).sum::<u64>();
-    let (chosen, replays) = (sum(|run| run.chosen), sum(|run| run.replayed.len() as u64));
+    let chosen = sum(|run| run.chosen);
+    let replays = sum(|run| run.replayed.len() as u64);
     let is_different = !found.problems.is_empty()
         || found.runs.iter().flat_map(|run| &run.replayed).any(|replayed| !replayed.differences.is_empty());
     let verdict = match () {

@@ -61,15 +61,16 @@ fn off_nominal_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String
 /// Describes how far a minimization came.
 fn result_text(minimized: &Minimized) -> String {
     let simulations = plural(minimized.simulations, "simulation");
-    let axes = match minimized.fewest_axes {
-        true => "no smaller set of axes fails at the recorded values",
-        false => "no single axis can go to nominal; smaller sets were not all tried",
+    let axes = if minimized.fewest_axes {
+        "no smaller set of axes fails at the recorded values"
+    } else {
+        "no single axis can go to nominal; smaller sets were not all tried"
     };
-    match minimized.complete {
-        true => format!("{simulations}: {axes}; no axis can move by 1 % of its width toward nominal"),
-        false if minimized.interrupted => {
-            format!("{simulations}: interrupted before the end of the minimization")
-        }
-        false => format!("{simulations}: the budget ended before the minimization; give a larger --budget"),
+    if minimized.complete {
+        format!("{simulations}: {axes}; no axis can move by 1 % of its width toward nominal")
+    } else if minimized.interrupted {
+        format!("{simulations}: interrupted before the end of the minimization")
+    } else {
+        format!("{simulations}: the budget ended before the minimization; give a larger --budget")
     }
 }

@@ -139,7 +139,8 @@ fn trials_text(found: &Falsification) -> String {
     if has_repeats {
         let repeats = || found.trials.iter().filter_map(|trial| trial.repeats.as_ref());
         let sum = |of: fn(&Repeats) -> u64| repeats().map(of).sum::<u64>();
-        let (failures, n) = (sum(|found| found.failures), sum(|found| found.failure_rate.n));
+        let failures = sum(|found| found.failures);
+        let n = sum(|found| found.failure_rate.n);
         text.push_str(&format!(
             "\nwith other seeds, the counterexamples fail in {failures} of {}",
             plural(n, "repeat")

@@ -41,17 +41,16 @@ pub fn text(found: &FormulaDescription, sentence: Option<&str>, width: usize) ->
     if let Some(sentence) = sentence {
         parts.push(output::wrapped(&escape::name(sentence), width));
     }
-    match found.words.is_empty() {
-        true => parts.push("The formula is too long to be put into words.".to_string()),
-        false => {
-            let lines: Vec<String> =
-                found.words.iter().map(|line| format!("  {}", escape::name(line))).collect();
-            parts.push(format!("In words:\n{}", lines.join("\n")));
-        }
+    if found.words.is_empty() {
+        parts.push("The formula is too long to be put into words.".to_string());
+    } else {
+        let lines: Vec<String> = found.words.iter().map(|line| format!("  {}", escape::name(line))).collect();
+        parts.push(format!("In words:\n{}", lines.join("\n")));
     }
-    match found.traps.is_empty() {
-        true => parts.push("No known trap.".to_string()),
-        false => parts.extend(found.traps.iter().map(|found| trap(found, width))),
+    if found.traps.is_empty() {
+        parts.push("No known trap.".to_string());
+    } else {
+        parts.extend(found.traps.iter().map(|found| trap(found, width)));
     }
     let columns = COLUMNS.min(width.saturating_sub(4)).max(20);
     parts.extend(found.examples.iter().take(MAX_DRAWN).map(|found| example(found, columns)));
@@ -182,9 +181,10 @@ fn signal_line(values: &FormulaValues, samples: usize, columns: usize) -> String
 fn signal_label(values: &FormulaValues) -> String {
     let (low, high) = extent(values);
     let name = escape::name(&values.signal);
-    match high > low {
-        true => format!("{name} from {} to {}", short_number(low), short_number(high)),
-        false => format!("{name} = {}", short_number(low)),
+    if high > low {
+        format!("{name} from {} to {}", short_number(low), short_number(high))
+    } else {
+        format!("{name} = {}", short_number(low))
     }
 }
 
@@ -195,7 +195,9 @@ pub fn patterns(found: &[RequirementPattern]) -> String {
             .parameters
             .iter()
             .map(|parameter| match &parameter.default {
-                Some(default) => format!("{} ({}, default {default})", parameter.name, parameter.kind),
+                Some(default) => {
+                    format!("{} ({}, default {default})", parameter.name, parameter.kind)
+                }
                 None => format!("{} ({})", parameter.name, parameter.kind),
             })
             .collect();

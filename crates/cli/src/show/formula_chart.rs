@@ -1,7 +1,7 @@
 //! A formula over traces, as a chart.
 
 use mishandle::results::{FormulaDescription, FormulaExample, FormulaLane};
-use mishandle_charts::{Area, Chart, ChartAxis, LegendEntry, Panel, Point, Scale, Series};
+use mishandle_report::charts::{Area, Chart, ChartAxis, LegendEntry, Panel, Point, Scale, Series};
 use mishandle_text::short_number;
 
 const HOLDS: &str = "#009e73";
@@ -64,7 +64,7 @@ fn panels(example: &FormulaExample) -> Vec<Panel> {
             x: x(""),
             y: ChartAxis::linear("", [low - margin, high + margin]),
             areas: Vec::new(),
-            series: vec![Series { color: SIGNAL, mark: mishandle_charts::Mark::Step, points }],
+            series: vec![Series { color: SIGNAL, mark: mishandle_report::charts::Mark::Step, points }],
             marks: Vec::new(),
         });
     }

@@ -56,7 +56,8 @@ fn validation_line(progress: &TrainingProgress, columns: usize) -> String {
     let (success, strict) =
         progress.validation.map_or((0.0, 0.0), |v| (v.success_rate, v.strict_success_rate));
     let steps = progress.steps_done();
-    let (percent, strict_percent) = (100.0 * success, 100.0 * strict);
+    let percent = 100.0 * success;
+    let strict_percent = 100.0 * strict;
     let long =
         (format!("{steps:>9} steps "), format!(" success {percent:5.1} %  strict {strict_percent:5.1} %"));
     let short = (format!("{steps:>7} "), format!(" {percent:5.1} {strict_percent:5.1} %"));

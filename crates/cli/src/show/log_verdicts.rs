@@ -93,7 +93,8 @@ fn total(verdict: &LogVerdict) -> Option<String> {
         spans.push((violation.start?.0, violation.end?.0));
     }
     spans.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut total, mut until) = (0.0, f64::NEG_INFINITY);
+    let mut total = 0.0;
+    let mut until = f64::NEG_INFINITY;
     for (start, end) in spans {
         total += (end - start.max(until)).max(0.0);
         until = until.max(end);
@@ -109,10 +110,12 @@ fn interval(violation: &mishandle::results::LogViolation) -> String {
         }
         (Some(start), ..) => format!("at {} s, {worst}", short(start.0)),
         _ => {
-            let (first, last) = (violation.start_sample.unwrap_or(0), violation.end_sample.unwrap_or(0));
-            match first == last {
-                true => format!("at sample {first}, {worst}"),
-                false => format!("from sample {first} to {last}, {worst}"),
+            let first = violation.start_sample.unwrap_or(0);
+            let last = violation.end_sample.unwrap_or(0);
+            if first == last {
+                format!("at sample {first}, {worst}")
+            } else {
+                format!("from sample {first} to {last}, {worst}")
             }
         }
     }

@@ -20,11 +20,10 @@ fn value_text(parameter: &MinedParameter, value: Number) -> String {
 /// Describes mined values.
 pub fn text(found: &Mining, width: usize) -> String {
     let mut parts = Vec::new();
-    let needed = match found.share.0 < 1.0 {
-        true => {
-            format!("at least {} % of {}", number_text(found.share.0 * 100.0), plural(found.traces, "trace"))
-        }
-        false => format!("all of {}", plural(found.traces, "trace")),
+    let needed = if found.share.0 < 1.0 {
+        format!("at least {} % of {}", number_text(found.share.0 * 100.0), plural(found.traces, "trace"))
+    } else {
+        format!("all of {}", plural(found.traces, "trace"))
     };
     let ranges: Vec<String> = found
         .parameters
@@ -84,9 +83,10 @@ pub fn text(found: &Mining, width: usize) -> String {
             let value = trace
                 .value
                 .map_or("violated with every value".to_string(), |value| value_text(parameter, value));
-            let value = match trace.value.is_some() && !trace.supports {
-                true => format!("{value} (no support)"),
-                false => value,
+            let value = if trace.value.is_some() && !trace.supports {
+                format!("{value} (no support)")
+            } else {
+                value
             };
             vec![escape::name(&trace.name), value]
         }));
@@ -121,9 +121,10 @@ fn one(found: &Mining, point: &MinedPoint) -> String {
         short_number(point.robustness.0)
     ));
     if point.support < point.satisfied {
-        let without = match point.satisfied - point.support > point.cut {
-            true => ": in the others, the condition of an implication never holds",
-            false => "",
+        let without = if point.satisfied - point.support > point.cut {
+            ": in the others, the condition of an implication never holds"
+        } else {
+            ""
         };
         lines.push(format!("  {} of them support it{without}", point.support));
     }

@@ -47,7 +47,8 @@ fn appearances(survey: &Modes) -> BTreeMap<u32, Vec<u32>> {
 }
 
 fn coverage(coverage: &Coverage) -> Option<String> {
-    let (visited, failing) = (coverage.visited_fraction()?, coverage.failing_fraction()?);
+    let visited = coverage.visited_fraction()?;
+    let failing = coverage.failing_fraction()?;
     Some(format!(
         "pairwise coverage: simulations in {:.0} % of {} of {}, failures in {:.0} % of the visited cells",
         100.0 * visited,

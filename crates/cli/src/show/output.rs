@@ -147,7 +147,8 @@ fn shortened(text: &str) -> Cow<'_, str> {
         return Cow::Borrowed(text);
     }
     let at = |characters: usize| text.char_indices().nth(characters).map_or(text.len(), |(index, _)| index);
-    let (first, last) = (&text[..at(MAX_MESSAGE / 2)], &text[at(count - MAX_MESSAGE / 2)..]);
+    let first = &text[..at(MAX_MESSAGE / 2)];
+    let last = &text[at(count - MAX_MESSAGE / 2)..];
     Cow::Owned(format!("{first} … ({} characters left out) … {last}", count - MAX_MESSAGE))
 }
 
@@ -221,10 +222,7 @@ pub fn table(rows: &[Vec<String>]) -> String {
 /// Returns the width of text output in columns: the width of the terminal, from 40 to 100, or 80
 /// without a terminal.
 pub fn width() -> usize {
-    match std::io::stdout().is_terminal() {
-        true => usize::from(Term::stdout().size().1).clamp(40, 100),
-        false => 80,
-    }
+    if std::io::stdout().is_terminal() { usize::from(Term::stdout().size().1).clamp(40, 100) } else { 80 }
 }
 
 /// Formats a table in `width` columns. The last column is wrapped, but never to less than 16

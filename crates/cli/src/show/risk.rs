@@ -155,7 +155,9 @@ fn answer(found: &Risk) -> String {
     );
     match assumption {
         None => format!("{value}, which assumes nothing"),
-        Some(assumption) => format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)"),
+        Some(assumption) => {
+            format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)")
+        }
     }
 }
 
@@ -170,9 +172,10 @@ fn parts(found: &Risk) -> Vec<Vec<String>> {
     let failures = |n: u64| plural(n, "failure");
     let mut rows =
         vec![["part", "simulations", "probability", "95 % interval", ""].map(String::from).to_vec()];
-    let note = match monte_carlo.failures >= FREQUENT {
-        true => format!("{}; enough for an answer", failures(monte_carlo.failures)),
-        false => failures(monte_carlo.failures),
+    let note = if monte_carlo.failures >= FREQUENT {
+        format!("{}; enough for an answer", failures(monte_carlo.failures))
+    } else {
+        failures(monte_carlo.failures)
     };
     rows.push(row("Monte Carlo", monte_carlo.simulations, Some(monte_carlo.failure_rate), note));
     if found.exploration.simulations > 0 {
@@ -201,9 +204,12 @@ fn splitting_note(splitting: &Splitting) -> String {
     let chains: Vec<String> = splitting
         .chains
         .iter()
-        .map(|chain| match chain.is_complete || chain.probability == 0.0 {
-            true => probability(chain.probability),
-            false => "unfinished".to_string(),
+        .map(|chain| {
+            if chain.is_complete || chain.probability == 0.0 {
+                probability(chain.probability)
+            } else {
+                "unfinished".to_string()
+            }
         })
         .collect();
     let acceptance: f64 = splitting.chains.iter().map(|chain| chain.acceptance).sum();

@@ -20,13 +20,12 @@ pub fn heading(subject: &Subject) -> String {
         text.push_str(&format!(", space {} ({})", subject.space, axes(free)));
     }
     for axis in subject.space_axes.iter().filter(|axis| subject.set_axes.contains(&axis.name)) {
-        text.push_str(&match axis.is_fixed() {
-            true => format!(", {}", axis_text(axis, Some(axis.low))),
-            false => {
-                let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
-                let [low, high] = [axis.low, axis.high].map(number_text);
-                format!(", {} from {low} to {high}{unit}", axis.name)
-            }
+        text.push_str(&if axis.is_fixed() {
+            format!(", {}", axis_text(axis, Some(axis.low)))
+        } else {
+            let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+            let [low, high] = [axis.low, axis.high].map(number_text);
+            format!(", {} from {low} to {high}{unit}", axis.name)
         });
     }
     if subject.action_noise > 0.0 {

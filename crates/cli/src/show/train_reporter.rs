@@ -29,7 +29,8 @@ impl TrainReporter {
     /// Creates the reporter and starts to listen to signals.
     pub fn start(plan: &TrainPlan) -> Result<TrainReporter> {
         let live = LiveCurve::new();
-        let (shown, cleared) = (live.clone(), live.clone());
+        let shown = live.clone();
+        let cleared = live.clone();
         let announce = move || {
             shown.suspend(|| {
                 output::message("finishing the current iteration; press Ctrl-C again to quit immediately");

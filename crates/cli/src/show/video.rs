@@ -125,7 +125,8 @@ impl Video {
             .spawn()
             .map_err(cannot_run)?;
         let messages = Arc::new(Mutex::new(Vec::new()));
-        let (stdin, stderr) = (process.stdin.take(), process.stderr.take());
+        let stdin = process.stdin.take();
+        let stderr = process.stderr.take();
         let kept = messages.clone();
         let reader = std::thread::spawn(move || drain(stderr, &kept));
         let (frames, queue) = channel();
@@ -149,7 +150,9 @@ impl Video {
         loop {
             match self.written.recv_timeout(POLL) {
                 Ok(Ok(())) => break,
-                Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => return self.report_early_end(),
+                Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => {
+                    return self.report_early_end();
+                }
                 Ok(Err(error)) => return Err(Error::new(error).context("cannot write to ffmpeg")),
                 Err(RecvTimeoutError::Disconnected) => return self.report_early_end(),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -183,7 +186,8 @@ impl Video {
 
     /// Waits until the encoder ends; `None` if a signal interrupts it.
     fn wait(&mut self) -> Result<Option<ExitStatus>> {
-        let (mut progress, mut length) = (Instant::now(), 0);
+        let mut progress = Instant::now();
+        let mut length = 0;
         loop {
             if let Some(status) = self.encoder.process.try_wait()? {
                 return Ok(Some(status));
@@ -207,7 +211,8 @@ impl Video {
     /// Returns the error of an encoder that closes its input before the last frame.
     fn report_early_end(&mut self) -> Result<ControlFlow<()>> {
         let Some(status) = self.wait()? else { return Ok(ControlFlow::Break(())) };
-        let (count, messages) = (self.count, self.encoder.messages());
+        let count = self.count;
+        let messages = self.encoder.messages();
         if status.success() {
             bail!("ffmpeg ended after {}, before the last{messages}", plural(count, "frame"));
         }

@@ -38,7 +38,8 @@ impl Bench {
     #[track_caller]
     pub fn check(&self, arguments: &str, code: i32) -> String {
         let output = self.run(arguments);
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        let out = text(&output.stdout);
+        let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "mishandle {arguments}\n{out}\n{err}");
         out
     }

@@ -223,7 +223,8 @@ mod tests {
                 [sequence(first, second, concordant), sequence(second, first, concordant)];
             there.look();
             back.look();
-            let (there, back) = (there.estimate(), back.estimate());
+            let there = there.estimate();
+            let back = back.estimate();
             let sum = |a: Option<f64>, b: Option<f64>| (a.expect("a bound") + b.expect("a bound")).abs();
             assert!(sum(there.low, back.high) < 1e-7 && sum(there.high, back.low) < 1e-7);
         }

@@ -71,7 +71,8 @@ impl RateSequence {
     /// Excludes the rates against which the capital exceeds 1 / α now.
     pub fn look(&mut self) {
         if self.n() > 0 {
-            let (mean, mut remaining) = (self.mean(), self.remaining);
+            let mean = self.mean();
+            let mut remaining = self.remaining;
             remaining.narrow(mean, |p| self.log_capital(p));
             self.remaining = remaining;
         }

@@ -127,7 +127,8 @@ pub fn pair_size(cells: [f64; 4], rule: StopRule, settings: SizeSettings) -> Siz
 /// Returns the smallest n up to `max` from which on `is_enough` holds, by bisection: powers rise
 /// with n but for small steps.
 fn smallest(max: u64, is_enough: impl Fn(u64) -> bool) -> Option<u64> {
-    let (mut less, mut enough) = (0, max);
+    let mut less = 0;
+    let mut enough = max;
     if !is_enough(max) {
         return None;
     }
@@ -227,7 +228,8 @@ fn summary(
 /// Returns the expected numbers of pairs, rounded.
 fn expected_counts([both, first_only, second_only, _]: [f64; 4], n: u64) -> PairedCounts {
     let count = |share: f64| (share * n as f64).round() as u64;
-    let (first_only, second_only) = (count(first_only), count(second_only));
+    let first_only = count(first_only);
+    let second_only = count(second_only);
     let both = count(both).min(n.saturating_sub(first_only + second_only));
     PairedCounts { both, first_only, second_only, neither: n.saturating_sub(both + first_only + second_only) }
 }
@@ -246,7 +248,8 @@ fn at_least(k: u64, n: u64, p: f64) -> f64 {
 
 /// Returns the smallest k in 0..=n + 1 for which `holds`, which stays true from there on.
 fn first_count(n: u64, holds: impl Fn(u64) -> bool) -> u64 {
-    let (mut low, mut high) = (0, n + 1);
+    let mut low = 0;
+    let mut high = n + 1;
     while low < high {
         let k = low + (high - low) / 2;
         if holds(k) { high = k } else { low = k + 1 }
@@ -284,7 +287,8 @@ fn mcnemar_power(first_only: f64, second_only: f64, n: u64) -> f64 {
         return 0.0;
     }
     let share = first_only.max(second_only) / discordant;
-    let (mean, deviation) = (discordant * n as f64, (discordant * (1.0 - discordant) * n as f64).sqrt());
+    let mean = discordant * n as f64;
+    let deviation = (discordant * (1.0 - discordant) * n as f64).sqrt();
     let low = (mean - DEVIATIONS * deviation).floor().max(0.0) as u64;
     let high = ((mean + DEVIATIONS * deviation).ceil() as u64).min(n);
     let power = |count: u64| {
@@ -301,7 +305,9 @@ mod tests {
 
     #[test]
     fn the_power_of_mcnemars_test_is_that_of_simulated_pairs() {
-        let (first_only, second_only, n) = (0.02, 0.06, 300);
+        let first_only = 0.02;
+        let second_only = 0.06;
+        let n = 300;
         let mut found = 0;
         for stream in 0..4000 {
             let mut sequence = Sequence::new(3, stream);
@@ -335,7 +341,8 @@ mod tests {
     fn a_fixed_number_is_enough_in_90_percent_of_new_samples() {
         // Counted with other seeds than those of the answer.
         let sample = |stream: u64, n: u64, cells: [f64; 4]| {
-            let (mut sequence, mut counts) = (Sequence::new(11, stream), PairedCounts::default());
+            let mut sequence = Sequence::new(11, stream);
+            let mut counts = PairedCounts::default();
             for _ in 0..n {
                 let [first, second] = pair(cells, &mut sequence);
                 counts.add(first, second);

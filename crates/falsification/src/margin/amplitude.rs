@@ -58,7 +58,8 @@ fn offsets_of<'a>(
 ) -> impl Iterator<Item = f64> + 'a {
     let pairs = space.axes().iter().zip(scenario.values()).filter(move |(axis, _)| is_asked(axis));
     pairs.filter_map(|(axis, value)| {
-        let (nominal, value) = (axis.unit_coordinate(axis.nominal?), axis.unit_coordinate((*value)?));
+        let nominal = axis.unit_coordinate(axis.nominal?);
+        let value = axis.unit_coordinate((*value)?);
         let room = if value < nominal { nominal - lowest(axis) } else { 1.0 - lowest(axis) - nominal };
         // An initial state may be where the range ends, or beyond.
         let room = if room > 0.0 { room } else { 1.0 };
@@ -142,7 +143,8 @@ pub(super) fn relative(space: &Space, scenario: &Scenario, amplitude: f64) -> Ve
                 let [low, high] = discrete_range(axis, nominal, amplitude);
                 return ((value - low + 0.5) / (high - low + 1.0)).clamp(0.0, 1.0);
             }
-            let (center, u) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));
+            let center = axis.unit_coordinate(nominal);
+            let u = axis.unit_coordinate(value);
             let room = if u < center { center - lowest(axis) } else { 1.0 - lowest(axis) - center };
             let side = if u == center { 0.0 } else { (u - center) / room / amplitude };
             0.5 + 0.5 * side.clamp(-1.0, 1.0)
@@ -173,7 +175,8 @@ fn at_amplitude(axis: &Axis, nominal: f64, u: f64, amplitude: f64) -> f64 {
         let [low, high] = discrete_range(axis, nominal, amplitude);
         return low + (u * (high - low + 1.0)).floor().min(high - low);
     }
-    let (center, low) = (axis.unit_coordinate(nominal), lowest(axis));
+    let center = axis.unit_coordinate(nominal);
+    let low = lowest(axis);
     let side = amplitude * (2.0 * u - 1.0);
     let room = if side < 0.0 { center - low } else { 1.0 - low - center };
     if side == 0.0 || room == 0.0 { nominal } else { axis.at(center + side * room) }
@@ -185,7 +188,8 @@ pub(super) fn scaled(space: &Space, scenario: &Scenario, amplitude: f64) -> Scen
     let factor = (amplitude / norms(space, scenario).amplitude).min(1.0);
     let value = |(axis, value): (&Axis, &Option<f64>)| match (*value, axis.nominal) {
         (Some(value), Some(nominal)) if is_disturbed(axis) && value != nominal => {
-            let (from, to) = (axis.unit_coordinate(nominal), axis.unit_coordinate(value));
+            let from = axis.unit_coordinate(nominal);
+            let to = axis.unit_coordinate(value);
             let offset: f64 = value - nominal;
             Some(match axis.levels() {
                 Some(_) => nominal + whole_steps(factor, offset.abs()).copysign(offset),

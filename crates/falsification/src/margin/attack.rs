@@ -91,7 +91,8 @@ impl Attempt<'_> {
     /// Returns changes of single axes: a disturbed axis to each of its ends, another one by a step.
     fn changes(&self, start: &[f64], amplitude: f64) -> Vec<(usize, f64)> {
         let of = |index: usize| {
-            let (axis, u) = (&self.space.axes()[index], start[index]);
+            let axis = &self.space.axes()[index];
+            let u = start[index];
             let ends = match axis {
                 axis if axis.is_fixed() || axis.nominal.is_none() => [u, u],
                 axis if is_disturbed(axis) && amplitude > 0.0 => [0.0, 1.0],

@@ -93,12 +93,15 @@ impl<'a> Attempt<'a> {
     /// Removes as many axes as possible from the witness, up to `end` simulations.
     pub(super) fn minimize(&mut self, end: u64) -> Result<(), FalsificationError> {
         let rest = end.saturating_sub(self.simulations);
-        let Some(found) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
+        let Some(found) = self.witness.as_ref().map(|found| found.request.clone()) else {
+            return Ok(());
+        };
         // The first simulation of a minimization repeats the witness.
         if rest < 2 || self.is_interrupted {
             return Ok(());
         }
-        let (before, watch) = (self.simulations, &mut *self.watch);
+        let before = self.simulations;
+        let watch = &mut *self.watch;
         let mut is_interrupted = false;
         let minimized = minimize(self.system, &found, rest, |done| {
             let flow = watch(before + done);
@@ -166,7 +169,8 @@ impl<'a> Attempt<'a> {
     /// Searches for a violation at the present amplitude with `share` simulations, up to the first
     /// batch with one. Returns whether there is one.
     pub(super) fn search(&mut self, share: u64) -> Result<bool, FalsificationError> {
-        let (amplitude, before) = (self.level().amplitude, self.level().simulations);
+        let amplitude = self.level().amplitude;
+        let before = self.level().simulations;
         if let Some(all) = all_scenarios(&self.space, amplitude, share) {
             return self.simulate_all(&all, share);
         }
@@ -339,9 +343,8 @@ impl<'a> Attempt<'a> {
     /// Returns a random corner of the unit cube, with random times of events.
     pub(super) fn random_corner(&mut self) -> Vec<f64> {
         let random = &mut self.random;
-        let end = |axis: &Axis| match is_time(axis) {
-            true => random.uniform(),
-            false => f64::from(u8::from(random.bits() & 1 == 1)),
+        let end = |axis: &Axis| {
+            if is_time(axis) { random.uniform() } else { f64::from(u8::from(random.bits() & 1 == 1)) }
         };
         self.space.axes().iter().map(end).collect()
     }

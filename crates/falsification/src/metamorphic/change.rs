@@ -81,7 +81,9 @@ impl AxisChange {
             (AxisChange::Category(name), AxisValues::Categorical(names)) if names.contains(name) => {
                 return Ok(());
             }
-            (_, AxisValues::Categorical(names)) => format!("one of its categories: {}", names.join(", ")),
+            (_, AxisValues::Categorical(names)) => {
+                format!("one of its categories: {}", names.join(", "))
+            }
             (AxisChange::Category(_), _) => {
                 "an offset, a factor or a value, because the axis is numeric".to_string()
             }

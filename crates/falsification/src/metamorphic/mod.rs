@@ -247,7 +247,8 @@ pub fn metamorphic(
     for (index, relation) in (1..).zip(relations) {
         let outcome = &found.relations[index as usize - 1];
         let Some(pair) = outcome.worst.first() else { continue };
-        let (trial, done) = (SOURCES + relations.len() as u32 + index, found.simulations);
+        let trial = SOURCES + relations.len() as u32 + index;
+        let done = found.simulations;
         match shrink(system, cases, (relation, trial), pair, |simulations| watch(done + simulations))? {
             Shrunk::Found(smallest) => {
                 found.simulations += smallest.simulations;
@@ -276,7 +277,8 @@ fn batch(
     // Places of source case and follow-up case, with the index of the relation.
     let mut pairs: Vec<(usize, usize, usize)> = Vec::new();
     for source in sources {
-        let (place, mut further) = (requests.len(), Vec::new());
+        let place = requests.len();
+        let mut further = Vec::new();
         for (index, relation) in relations.iter().enumerate() {
             let Some(scenario) = cases.follow_up(relation, &source.scenario, 1.0) else {
                 found.relations[index].out_of_bounds += 1;
@@ -296,7 +298,8 @@ fn batch(
     }
     found.simulations += requests.len() as u64;
     for (source, follow_up, index) in pairs {
-        let (source, follow_up) = (Case::from(&episodes[source]), Case::from(&episodes[follow_up]));
+        let source = Case::from(&episodes[source]);
+        let follow_up = Case::from(&episodes[follow_up]);
         found.relations[index].add(&relations[index], Pair { number: source.number, source, follow_up });
     }
     found.relations.iter_mut().for_each(RelationOutcome::keep_worst);

@@ -55,9 +55,10 @@ pub(super) fn shrink(
         found.simulations += 1;
         let case = Case::from(&episode);
         let is_broken = |(source, follow_up)| relation.holds.is_broken(source, follow_up);
-        match pair.source.robustness.zip(case.robustness).is_some_and(is_broken) {
-            true => (found.share, found.case) = (share, case),
-            false => (found.holds_at, intact) = (share, case.scenario),
+        if pair.source.robustness.zip(case.robustness).is_some_and(is_broken) {
+            (found.share, found.case) = (share, case);
+        } else {
+            (found.holds_at, intact) = (share, case.scenario);
         }
         if watch(found.simulations).is_break() {
             return Ok(Shrunk::Interrupted(found.simulations));

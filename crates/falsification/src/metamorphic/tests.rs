@@ -25,7 +25,8 @@ fn settings(pairs: u64) -> MetamorphicSettings {
 
 /// Tests relations of a function of x and y.
 fn test_of(
-    (sources, space): (Space, Space),
+    sources: Space,
+    space: Space,
     relations: &[Relation],
     settings: MetamorphicSettings,
     outcome: impl Fn(f64, f64) -> SimulatedEnd + 'static,
@@ -41,7 +42,7 @@ fn test_of(
 
 fn test(relations: &[Relation], settings: MetamorphicSettings) -> Metamorphic {
     let space = x_and_y(-1.0, 1.0);
-    test_of((space.clone(), space), relations, settings, |x, y| SimulatedEnd::Robustness(distance(x, y)))
+    test_of(space.clone(), space, relations, settings, |x, y| SimulatedEnd::Robustness(distance(x, y)))
 }
 
 #[test]
@@ -72,11 +73,13 @@ fn the_broken_pairs_are_those_of_a_brute_force_search() {
     let pairs = 2000;
     let found = test(&[relation(AxisChange::Offset(0.25), OutputRelation::SameVerdict)], settings(pairs));
     let found = &found.relations[0];
-    let (mut broken, mut out_of_bounds) = (Vec::new(), 0);
+    let mut broken = Vec::new();
+    let mut out_of_bounds = 0;
     for index in 0..pairs {
         let scenario = x_and_y(-1.0, 1.0).sample(SEED, index);
         let [x, y] = [0, 1].map(|axis| scenario.get(axis).expect("a value"));
-        let (source, follow_up) = (distance(x, y), distance(x + 0.25, y));
+        let source = distance(x, y);
+        let follow_up = distance(x + 0.25, y);
         if x + 0.25 > 1.0 {
             out_of_bounds += 1;
         } else if (source < 0.0) != (follow_up < 0.0) {
@@ -120,9 +123,10 @@ fn source_and_follow_up_swapped_turn_not_better_into_not_worse() {
     let whole = x_and_y(0.0, 1.0);
     let double = [relation(AxisChange::Factor(2.0), OutputRelation::NotBetter(None))];
     let halve = [relation(AxisChange::Factor(0.5), OutputRelation::NotWorse(None))];
-    let there = test_of((x_and_y(0.0, 0.5), whole.clone()), &double, settings(500), outcome);
-    let back = test_of((whole.clone(), whole), &halve, settings(500), outcome);
-    let (there, back) = (&there.relations[0], &back.relations[0]);
+    let there = test_of(x_and_y(0.0, 0.5), whole.clone(), &double, settings(500), outcome);
+    let back = test_of(whole.clone(), whole, &halve, settings(500), outcome);
+    let there = &there.relations[0];
+    let back = &back.relations[0];
     assert!(there.broken > 0);
     assert_eq!(there.broken, back.broken);
     for (a, b) in there.worst.iter().zip(&back.worst) {
@@ -140,7 +144,7 @@ fn a_pair_without_two_verdicts_is_no_evidence() {
         x => SimulatedEnd::Robustness(if x < 0.0 { -1.0 } else { 1.0 }),
     };
     let negate = relation(AxisChange::Factor(-1.0), OutputRelation::SameVerdict);
-    let found = test_of((space.clone(), space), &[negate], settings(400), outcome);
+    let found = test_of(space.clone(), space, &[negate], settings(400), outcome);
     let found = &found.relations[0];
     assert!(found.without_verdict > 100);
     assert_eq!(found.broken, found.pairs - found.without_verdict);
@@ -161,7 +165,7 @@ fn no_case_is_outside_of_its_bounds_and_axes_that_sources_lack_are_nominal() {
         assert!(friction == 1.0 && x <= 0.5 || friction == 0.8, "{x} {friction}");
         SimulatedEnd::Robustness(x)
     };
-    let found = test_of((sources, space), &relations, settings(300), outcome);
+    let found = test_of(sources, space, &relations, settings(300), outcome);
     let found = &found.relations[0];
     // A quarter of the sources is above 0.25.
     assert!((50..100).contains(&found.out_of_bounds), "{}", found.out_of_bounds);
@@ -173,11 +177,13 @@ fn the_smallest_change_crosses_the_border_of_the_verdict() {
     let space = x_and_y(0.0, 1.0);
     let outcome = |x: f64, _| SimulatedEnd::Robustness(0.5 - x);
     let relations = [relation(AxisChange::Offset(0.4), OutputRelation::SameVerdict)];
-    let found = test_of((space.clone(), space), &relations, settings(100), outcome);
+    let found = test_of(space.clone(), space, &relations, settings(100), outcome);
     let found = &found.relations[0];
-    let (worst, smallest) = (&found.worst[0], found.smallest_change.as_ref().expect("a change"));
+    let worst = &found.worst[0];
+    let smallest = found.smallest_change.as_ref().expect("a change");
     let x = worst.source.scenario.get(0).expect("a value");
-    let (lower, upper) = (x + 0.4 * smallest.holds_at, x + 0.4 * smallest.share);
+    let lower = x + 0.4 * smallest.holds_at;
+    let upper = x + 0.4 * smallest.share;
     assert!(lower <= 0.5 && upper > 0.5 && upper - lower < 0.4 / 1000.0, "{lower} {upper}");
     assert_eq!((smallest.pair, smallest.simulations), (worst.number, BISECTIONS));
     assert!(smallest.case.robustness.is_some_and(is_violated));
@@ -195,7 +201,7 @@ fn a_change_of_whole_numbers_is_bisected_to_one_of_them() {
         assert_eq!(delay.fract(), 0.0);
         SimulatedEnd::Robustness(3.5 - delay)
     };
-    let found = test_of((sources, space), &relations, settings(1), outcome);
+    let found = test_of(sources, space, &relations, settings(1), outcome);
     let smallest = found.relations[0].smallest_change.clone().expect("a change");
     assert_eq!(smallest.case.scenario.get(0), Some(4.0));
     assert!(smallest.simulations < 5, "{} simulations of 8 delays", smallest.simulations);

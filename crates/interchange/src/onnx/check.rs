@@ -109,7 +109,8 @@ fn check_opset(model: &ModelProto) -> Result<(), OnnxProblem> {
     if found.is_some_and(|found| OPSETS.contains(&found)) {
         return Ok(());
     }
-    let (first, last) = (OPSETS.start(), OPSETS.end());
+    let first = OPSETS.start();
+    let last = OPSETS.end();
     Err(OnnxProblem::Unsupported {
         found: found.map_or("no opset, or several".to_string(), |found| format!("the opset {found}")),
         hint: format!(

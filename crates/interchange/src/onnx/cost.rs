@@ -250,8 +250,9 @@ fn windows(node: &NodeProto, image: &[usize], kernel: &[usize]) -> Option<usize>
             .collect();
         (found.ints.len() == count && numbers.len() == count).then_some(numbers)
     };
-    let (strides, dilations, pads) =
-        (of("strides", dims, 1)?, of("dilations", dims, 1)?, of("pads", 2 * dims, 0)?);
+    let strides = of("strides", dims, 1)?;
+    let dilations = of("dilations", dims, 1)?;
+    let pads = of("pads", 2 * dims, 0)?;
     let is_small = image.iter().all(|side| *side <= MAX_SIDE) && kernel.iter().all(|side| *side <= MAX_STEP);
     let has_kernel = attribute(node, "kernel_shape").is_some_and(|own| {
         own.ints.iter().eq(kernel.iter().map(|side| *side as i64).collect::<Vec<_>>().iter())

@@ -40,7 +40,8 @@ pub(super) fn dry_run(
     // The outputs are read after all operators.
     last_readers.extend(kept.iter().map(|name| (name.as_str(), usize::MAX)));
     let context = Context::new(graph, opset);
-    let (mut products, mut held) = (0_usize, 0_usize);
+    let mut products = 0_usize;
+    let mut held = 0_usize;
     for (index_of_node, node) in graph.node.iter().enumerate() {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let Some(cost) = cost_of(operator) else { continue };

@@ -43,7 +43,8 @@ const HISTORY: [&str; 2] = ["history", "next_history"];
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn onnx_bytes(file: &ControllerFile, version: &str) -> Vec<u8> {
-    let (header, policy) = (&file.header, &file.policy);
+    let header = &file.header;
+    let policy = &file.policy;
     let layout = serde_json::to_string(&header.layout).unwrap_or_default();
     let [algorithm, hash, program] = PROVENANCE;
     let policy_hash = policy.hash();
@@ -153,7 +154,8 @@ impl Graph {
 fn graph(file: &ControllerFile) -> Message {
     let policy = &file.policy;
     let network = policy.network();
-    let (history, actions) = (policy.history(), file.header.layout.action_size());
+    let history = policy.history();
+    let actions = file.header.layout.action_size();
     let message = Message::default().text(2, &format!("{} {}", file.header.task, file.header.algorithm));
     let mut graph = Graph { message, last: "observation".to_string(), nodes: 0 };
     graph.value(11, "observation", history.observation_size());

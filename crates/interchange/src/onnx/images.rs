@@ -48,9 +48,10 @@ impl ImageInput {
     /// Returns the value of the images, the oldest first: red, green and blue of each pixel, rows
     /// from the top.
     pub(super) fn value(&self, rgb: &[u8]) -> Option<Value> {
-        match self.is_bytes {
-            true => self.tensor(rgb, i32::from),
-            false => self.tensor(rgb, |byte| f32::from(byte) / 255.0),
+        if self.is_bytes {
+            self.tensor(rgb, i32::from)
+        } else {
+            self.tensor(rgb, |byte| f32::from(byte) / 255.0)
         }
     }
 
@@ -63,13 +64,12 @@ impl ImageInput {
     where
         Value: From<Tensor<T>>,
     {
-        let numbers: Vec<T> = match self.channels_first {
-            true => {
-                let channels =
-                    |image: &'a [u8]| (0..3).flat_map(move |channel| image.iter().skip(channel).step_by(3));
-                rgb.chunks(self.image.bytes()).flat_map(channels).map(|x| convert(*x)).collect()
-            }
-            false => rgb.iter().map(|byte| convert(*byte)).collect(),
+        let numbers: Vec<T> = if self.channels_first {
+            let channels =
+                |image: &'a [u8]| (0..3).flat_map(move |channel| image.iter().skip(channel).step_by(3));
+            rgb.chunks(self.image.bytes()).flat_map(channels).map(|x| convert(*x)).collect()
+        } else {
+            rgb.iter().map(|byte| convert(*byte)).collect()
         };
         Tensor::try_from_data(&self.shape[..], numbers).ok().map(Value::from)
     }

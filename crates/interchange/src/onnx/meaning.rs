@@ -58,7 +58,8 @@ impl<'g> Context<'g> {
         }
         match operator(node) {
             "Softmax" | "LogSoftmax" if self.opset < SOFTMAX_OPSET => {
-                let (axis, last) = (attribute("axis").unwrap_or(1), rank as i64 - 1);
+                let axis = attribute("axis").unwrap_or(1);
+                let last = rank as i64 - 1;
                 (axis != last && axis != -1)
                     .then_some(("reduces several dimensions", "export with opset 13 or newer"))
             }

@@ -51,10 +51,8 @@ impl Names {
             let found = interface.state.len();
             return Err(invalid(format!("the state has {found} tensors; the limit is {MAX_STATES}")));
         }
-        let states = match interface.state.is_empty() {
-            true => recurrent(&inputs, &outputs),
-            false => interface.state.clone(),
-        };
+        let states =
+            if interface.state.is_empty() { recurrent(&inputs, &outputs) } else { interface.state.clone() };
         if interface.history == Some(0) {
             return Err(invalid("`history` is 0; expected the number of observations, at least 1".into()));
         }
@@ -181,14 +179,13 @@ pub(super) fn check_outputs(
         let found = values.get(action).map_or("of no tensor".to_string(), type_text);
         let is_chunk = |value: &Value| chunk_shape(value).filter(fits).is_some();
         if names.is_chunk || values.get(action).is_some_and(is_chunk) {
-            let reason = match names.is_chunk {
-                true => format!(
-                    "the output `{action}` has the shape {found}; expected [N, k, SIZE], k actions ahead"
-                ),
-                false => format!(
+            let reason = if names.is_chunk {
+                format!("the output `{action}` has the shape {found}; expected [N, k, SIZE], k actions ahead")
+            } else {
+                format!(
                     "the output `{action}` has the shape {found}, several actions ahead, and nothing says which are \
                      played; add the key `chunk`, such as {{\"execute\": 1}} or {{\"ensemble\": 0.01}} (docs/guide/onnx.md)"
-                ),
+                )
             };
             return Err(OnnxProblem::Interface { place: "its chunk".to_string(), reason });
         }

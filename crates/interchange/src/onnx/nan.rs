@@ -47,10 +47,7 @@ pub(super) fn keep_nan(graph: &mut GraphProto) {
         }
         let count = steps.len();
         for (index, (operator, bound)) in steps.into_iter().enumerate() {
-            let next = match index + 1 == count {
-                true => output.clone(),
-                false => format!("{prefix} of {output}"),
-            };
+            let next = if index + 1 == count { output.clone() } else { format!("{prefix} of {output}") };
             graph.node.push(NodeProto {
                 op_type: Some(operator.to_string()),
                 input: std::iter::once(value).chain(bound).collect(),

@@ -34,7 +34,9 @@ pub(super) fn asked_values(graph: &GraphProto, outputs: &[&str]) -> Vec<String> 
     outputs.iter().filter(|name| !written.contains(*name)).for_each(|name| ask(name));
     let mut depths: HashMap<&str, usize> = HashMap::new();
     for node in &graph.node {
-        let Some(first) = node.output.iter().find(|name| needed.contains(name.as_str())) else { continue };
+        let Some(first) = node.output.iter().find(|name| needed.contains(name.as_str())) else {
+            continue;
+        };
         let depth = |name: &String| depths.get(name.as_str()).copied().unwrap_or(0);
         let depth = 1 + node.input.iter().map(depth).max().unwrap_or(0);
         let own = outputs.iter().filter(|name| node.output.iter().any(|output| output == *name));

@@ -396,10 +396,7 @@ fn history(
     }
     let bytes = images.iter().map(|own| own.history.map_or(0, |_| own.image.bytes())).collect();
     let history = History::new(length, interface.padding.unwrap_or_default(), observation, bytes);
-    match history.memory_size() > MAX_STATE_NUMBERS {
-        true => Err(too_much_state()),
-        false => Ok(Some(history)),
-    }
+    if history.memory_size() > MAX_STATE_NUMBERS { Err(too_much_state()) } else { Ok(Some(history)) }
 }
 
 fn too_much_state() -> OnnxProblem {
@@ -455,7 +452,8 @@ impl Core {
         let observation_input = |(name, shape): &(&String, Vec<usize>)| {
             let all = || (0..observation_size).collect();
             let places = if expected.is_some() { places } else { all() };
-            let (has_history, shape) = (shape.len() == 3, shape.clone());
+            let has_history = shape.len() == 3;
+            let shape = shape.clone();
             Ok(ObservationInput { input: id(name)?, shape, has_history, places })
         };
         let observation_input = observation.as_ref().map(observation_input).transpose()?;
@@ -695,7 +693,8 @@ impl Controller for OnnxPolicy {
     fn worker(&self) -> Box<dyn ControllerWorker> {
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
-        let (images, frames) = (Vec::new(), Vec::new());
+        let images = Vec::new();
+        let frames = Vec::new();
         Box::new(OnnxWorker { core: self.core.clone(), pool, options, images, frames })
     }
 }

@@ -286,7 +286,8 @@ impl<'b> Machine<'b> {
     }
 
     fn name(&mut self) -> Result<(), TorchProblem> {
-        let (module, text) = (self.line()?, self.line()?);
+        let module = self.line()?;
+        let text = self.line()?;
         let name =
             name(module, text).ok_or_else(|| TorchProblem::Code { name: format!("{module}.{text}") })?;
         self.stack.push(Value::Name(name));
@@ -328,7 +329,9 @@ impl<'b> Machine<'b> {
     fn set_items(&mut self, count: usize) -> Result<(), TorchProblem> {
         let items = self.pop_many(count)?;
         let above = depth_above(&items)?;
-        let Some(Value::Dictionary(dictionary, depth)) = self.stack.last_mut() else { return Err(damaged()) };
+        let Some(Value::Dictionary(dictionary, depth)) = self.stack.last_mut() else {
+            return Err(damaged());
+        };
         *depth = above.max(*depth);
         let mut items = items.into_iter();
         while let Some(key) = items.next() {
@@ -357,7 +360,8 @@ impl<'b> Machine<'b> {
 
     /// Recognizes an empty dictionary, a tensor or a parameter.
     fn reduce(&mut self) -> Result<(), TorchProblem> {
-        let (arguments, function) = (self.pop()?, self.pop()?);
+        let arguments = self.pop()?;
+        let function = self.pop()?;
         let (Value::Name(function), Value::Sequence(arguments, _)) = (function, arguments) else {
             return Err(damaged());
         };

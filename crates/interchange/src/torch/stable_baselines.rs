@@ -227,7 +227,8 @@ impl<'d> Facts<'d> {
         for (side, bound) in [("low", -1.0), ("high", 1.0)] {
             let numbers = numbers(&space[side]);
             if numbers.len() != size || numbers.iter().any(|number| *number != bound) {
-                let (low, high) = (bound_text(&space["low"]), bound_text(&space["high"]));
+                let low = bound_text(&space["low"]);
+                let high = bound_text(&space["high"]);
                 return Err(differs(
                     format!("its actions are from {low} to {high}, but those of the tasks are from -1 to 1"),
                     "train it with actions from -1 to 1, or export it as ONNX with the scaling to them in the model \
@@ -404,7 +405,8 @@ fn json(data: Option<&[u8]>) -> Result<Value, TorchProblem> {
     let data =
         data.ok_or_else(|| archive("it has no entry `data`; save it with `model.save`".to_string()))?;
     let mut text = data.to_vec();
-    let (mut index, mut is_text) = (0, false);
+    let mut index = 0;
+    let mut is_text = false;
     while index < text.len() {
         match text[index] {
             b'"' => is_text = !is_text,

@@ -86,7 +86,8 @@ impl<'b> Checkpoint<'b> {
     /// more than `limit`.
     fn numbers(&self, reference: &Reference, limit: usize) -> Option<Vec<f64>> {
         let storage = self.archive.entry(&format!("{}/data/{}", self.prefix, reference.storage))?;
-        let (shape, strides) = (&reference.shape, &reference.strides);
+        let shape = &reference.shape;
+        let strides = &reference.strides;
         let width = if reference.number == Number::F64 { 8 } else { 4 };
         let count = shape.iter().try_fold(1_usize, |count, size| count.checked_mul(*size))?;
         // Memory is allocated for numbers that are in the file only.
@@ -95,7 +96,8 @@ impl<'b> Checkpoint<'b> {
         }
         let mut numbers = Vec::with_capacity(count);
         for index in 0..count {
-            let (mut rest, mut at) = (index, reference.offset);
+            let mut rest = index;
+            let mut at = reference.offset;
             for (size, stride) in shape.iter().zip(strides).rev() {
                 at = at.checked_add((rest % size).checked_mul(*stride)?)?;
                 rest /= size;

@@ -91,8 +91,12 @@ fn directory_entry<'b>(bytes: &'b [u8], entry: &'b [u8]) -> Option<Result<(Entry
     if !entry.starts_with(DIRECTORY) {
         return None;
     }
-    let (method, size, length) = (u16_at(entry, 10)?, u32_at(entry, 20)?, u32_at(entry, 24)?);
-    let (name_length, extra, comment) = (u16_at(entry, 28)?, u16_at(entry, 30)?, u16_at(entry, 32)?);
+    let method = u16_at(entry, 10)?;
+    let size = u32_at(entry, 20)?;
+    let length = u32_at(entry, 24)?;
+    let name_length = u16_at(entry, 28)?;
+    let extra = u16_at(entry, 30)?;
+    let comment = u16_at(entry, 32)?;
     let name = std::str::from_utf8(entry.get(DIRECTORY_BYTES..)?.get(..name_length)?).ok()?;
     if method != 0 || size != length {
         let reason = format!(
@@ -104,7 +108,8 @@ fn directory_entry<'b>(bytes: &'b [u8], entry: &'b [u8]) -> Option<Result<(Entry
     if !local.starts_with(LOCAL) {
         return None;
     }
-    let (own_name, own_extra) = (u16_at(local, 26)?, u16_at(local, 28)?);
+    let own_name = u16_at(local, 26)?;
+    let own_extra = u16_at(local, 28)?;
     if local.get(LOCAL_BYTES..)?.get(..own_name)? != name.as_bytes() {
         return None;
     }

@@ -10,7 +10,8 @@ fn crc32(bytes: &[u8]) -> u32 {
 
 /// Returns an archive of stored entries, or with another method of compression in the directory.
 pub fn archive(entries: &[(&str, &[u8])], method: u16) -> Vec<u8> {
-    let (mut bytes, mut directory) = (Vec::new(), Vec::new());
+    let mut bytes = Vec::new();
+    let mut directory = Vec::new();
     for (name, content) in entries {
         let offset = bytes.len() as u32;
         let sizes = [content.len() as u32; 2].map(u32::to_le_bytes).concat();
@@ -31,7 +32,8 @@ pub fn archive(entries: &[(&str, &[u8])], method: u16) -> Vec<u8> {
         directory.extend(offset.to_le_bytes());
         directory.extend(name.as_bytes());
     }
-    let (start, count) = (bytes.len() as u32, (entries.len() as u16).to_le_bytes());
+    let start = bytes.len() as u32;
+    let count = (entries.len() as u16).to_le_bytes();
     let length = (directory.len() as u32).to_le_bytes();
     bytes.extend(directory);
     bytes.extend(
@@ -61,7 +63,8 @@ pub fn state_dictionary(parts: &[Part]) -> Vec<u8> {
     let tuple = |sizes: &[usize]| {
         [b"(", &sizes.iter().flat_map(|size| integer(*size)).collect::<Vec<u8>>()[..], b"t"].concat()
     };
-    let (mut items, mut numbers) = (Vec::new(), Vec::new());
+    let mut items = Vec::new();
+    let mut numbers = Vec::new();
     for (name, shape, values) in parts {
         assert_eq!(shape.iter().product::<usize>(), values.len(), "{name}");
         let strides: Vec<usize> = (0..shape.len()).map(|axis| shape[axis + 1..].iter().product()).collect();

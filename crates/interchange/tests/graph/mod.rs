@@ -85,7 +85,8 @@ pub enum Of {
 /// images in its input `i`. It predicts `length` actions of `actions` numbers.
 pub fn seeing_policy([actions, length]: [usize; 2], history: usize, [width, height]: [usize; 2]) -> Vec<u8> {
     let [actions, length, width, height] = [actions, length, width, height].map(|size| size as i64);
-    let (inputs, outputs) = (history as i64 * 3 * width * height, length * actions);
+    let inputs = history as i64 * 3 * width * height;
+    let outputs = length * actions;
     let image = [3, height, width];
     let shape =
         if history == 1 { [&[1], &image[..]].concat() } else { [&[1, history as i64], &image[..]].concat() };

@@ -52,7 +52,8 @@ impl<R: Read> Ahead<R> {
     /// Returns the next line with its line break, which a quoted cell may contain, and steps over
     /// it; `None` at the end.
     fn line(&mut self) -> io::Result<Option<Vec<u8>>> {
-        let (mut at, mut is_quoted) = (self.taken, false);
+        let mut at = self.taken;
+        let mut is_quoted = false;
         loop {
             while at < self.bytes.len() {
                 let byte = self.bytes[at];
@@ -179,7 +180,8 @@ impl Head {
     }
 
     fn of(header: &[u8], delimiter: char, comment: Option<u8>, next_line: u64) -> Head {
-        let (mut names, mut foreign) = (Vec::new(), Vec::new());
+        let mut names = Vec::new();
+        let mut foreign = Vec::new();
         for (column, name) in split(header, delimiter).iter().enumerate() {
             if std::str::from_utf8(name).is_err() {
                 foreign.push(column);

@@ -416,7 +416,9 @@ impl Follow {
             return Ok(Some(found));
         }
         let (Some(name), Some(opened)) = (name, &file.opened) else { return Ok(None) };
-        let (mut signals, mut names, mut columns) = (Vec::new(), Vec::new(), Vec::new());
+        let mut signals = Vec::new();
+        let mut names = Vec::new();
+        let mut columns = Vec::new();
         for (column, own) in opened.signals.iter().enumerate() {
             let full = full_name(Some(name), own);
             if let Some(signal) = self.signals.iter().position(|signal| *signal == full) {
@@ -455,10 +457,7 @@ impl Follow {
                 topic.order(before - topic.shift, &self.options)?;
             }
         }
-        match self.grid.is_some() {
-            true => self.advance_grid(),
-            false => self.advance_even(),
-        }
+        if self.grid.is_some() { self.advance_grid() } else { self.advance_even() }
     }
 
     /// Finds the common origin of all topics, as soon as each of them has a row.
@@ -492,7 +491,9 @@ impl Follow {
             let times = self.topics.iter().map(|topic| topic.latest + topic.shift);
             clock = clock.max((times.fold(f64::NEG_INFINITY, f64::max) - lateness).next_down());
         }
-        let Some(time) = grid.next(&self.topics, clock, &mut self.sample)? else { return Ok(false) };
+        let Some(time) = grid.next(&self.topics, clock, &mut self.sample)? else {
+            return Ok(false);
+        };
         (self.time, self.taken) = (Some(time), self.taken + 1);
         self.start = grid.start.unwrap_or(0.0);
         Ok(true)

@@ -173,10 +173,7 @@ fn read(
     sinks.each = Some(Box::new(move |row| {
         let mut batch = rows.borrow_mut();
         batch.rows.push(row);
-        match batch.rows.len() < BATCH || batch.flush() {
-            true => Ok(()),
-            false => Err(content("nobody takes the rows")),
-        }
+        if batch.rows.len() < BATCH || batch.flush() { Ok(()) } else { Err(content("nobody takes the rows")) }
     }));
     let read = log.take(0).read(&mut sinks);
     // Also the rows before an error.

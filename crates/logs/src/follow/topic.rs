@@ -152,10 +152,8 @@ impl Topic {
         if self.has_ended {
             return f64::INFINITY;
         }
-        let arrived = match options.sort {
-            true => (self.passed + self.shift).next_down(),
-            false => self.latest + self.shift,
-        };
+        let arrived =
+            if options.sort { (self.passed + self.shift).next_down() } else { self.latest + self.shift };
         let last = self.last.as_ref().map(|last| (last.secs + self.shift).next_down());
         arrived.min(last.unwrap_or(f64::INFINITY))
     }

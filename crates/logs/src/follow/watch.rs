@@ -137,7 +137,8 @@ impl Watch {
         };
         let places = watched.iter().map(place).collect();
         let kept = groups.iter().map(Group::waits).max().unwrap_or(1);
-        let (names, times) = (names.to_vec(), VecDeque::new());
+        let names = names.to_vec();
+        let times = VecDeque::new();
         Ok(Watch { groups, places, names, is_strict, len: 0, times, kept })
     }
 
@@ -218,9 +219,10 @@ impl Group {
             let is_slow = has_open_window_ahead(&nodes);
             watched.push(State { formula, parts: found, answer: Answer::UNKNOWN, is_slow, next: 0 });
         }
-        let online = match is_strict {
-            true => Online::Whole(OnlineMonitor::new(&all, names, clock, None)?),
-            false => Online::Cut(CutMonitor::new(&all, names, clock)?),
+        let online = if is_strict {
+            Online::Whole(OnlineMonitor::new(&all, names, clock, None)?)
+        } else {
+            Online::Cut(CutMonitor::new(&all, names, clock)?)
         };
         Ok(Group { clock, online, watched, pushed: 0 })
     }

@@ -26,9 +26,10 @@ impl OpenLog {
                     let names = table.names();
                     for (index, name) in names.iter().enumerate().filter(|(index, _)| Some(*index) != time) {
                         let signal = full_name(topic.as_deref(), name);
-                        match names.iter().enumerate().any(|(other, same)| other != index && same == name) {
-                            true => drop(left_out.insert(signal, "two columns have its name".to_owned())),
-                            false => signals.push(signal),
+                        if names.iter().enumerate().any(|(other, same)| other != index && same == name) {
+                            drop(left_out.insert(signal, "two columns have its name".to_owned()));
+                        } else {
+                            signals.push(signal);
                         }
                     }
                 }

@@ -87,9 +87,10 @@ impl<R: Read + Seek> Archive<R> {
         let skipped = LOCAL_BYTES as u64 + u64::from(name) + u64::from(extra);
         self.file.seek(SeekFrom::Start(entry.at.checked_add(skipped).ok_or_else(damaged)?))?;
         let stored = self.file.by_ref().take(entry.stored_bytes);
-        Ok(match entry.is_deflated {
-            true => Box::new(DeflateDecoder::new(stored).take(entry.bytes)),
-            false => Box::new(stored.take(entry.bytes)),
+        Ok(if entry.is_deflated {
+            Box::new(DeflateDecoder::new(stored).take(entry.bytes))
+        } else {
+            Box::new(stored.take(entry.bytes))
         })
     }
 }
@@ -98,7 +99,9 @@ impl Entry {
     /// Reads an entry of the directory, and returns the bytes after it.
     fn read(bytes: &[u8]) -> Option<(Result<Entry>, &[u8])> {
         let [name, extra, comment] = [28, 30, 32].map(|at| u16_at(bytes, at).map(usize::from));
-        let (name, extra, comment) = (name?, extra?, comment?);
+        let name = name?;
+        let extra = extra?;
+        let comment = comment?;
         let text = bytes.get(ENTRY_BYTES..ENTRY_BYTES + name)?;
         let extra = bytes.get(ENTRY_BYTES + name..ENTRY_BYTES + name + extra)?;
         let after = bytes.get(ENTRY_BYTES + name + extra.len() + comment..)?;
@@ -130,7 +133,8 @@ impl Entry {
 /// Returns the content of the extra field with large numbers.
 fn extra_64(mut extra: &[u8]) -> Option<&[u8]> {
     loop {
-        let (kind, length) = (u16_at(extra, 0)?, usize::from(u16_at(extra, 2)?));
+        let kind = u16_at(extra, 0)?;
+        let length = usize::from(u16_at(extra, 2)?);
         let body = extra.get(4..4 + length)?;
         if kind == 1 {
             return Some(body);

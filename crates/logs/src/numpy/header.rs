@@ -82,7 +82,8 @@ impl Header {
         let mut parser = Parser { rest: text.trim(), depth: 0 };
         let Literal::Dict(entries) = parser.literal()? else { return None };
         let entry = |name: &str| entries.iter().find(|(key, _)| key == name).map(|(_, value)| value);
-        let (mut fields, mut item_bytes) = (Vec::new(), 0);
+        let mut fields = Vec::new();
+        let mut item_bytes = 0;
         add_fields(entry("descr")?, "", &mut fields, &mut item_bytes)?;
         let Literal::Bool(is_fortran) = *entry("fortran_order")? else { return None };
         let Literal::List(shape) = entry("shape")? else { return None };

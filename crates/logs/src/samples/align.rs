@@ -148,9 +148,8 @@ impl Topic {
             tracks.push((is_complete, Track { name, times: Rc::new(of_values), values, rounding }));
         }
         let all = Rc::new(times.into_secs());
-        let shared = |(is_complete, track): (bool, Track)| match is_complete {
-            true => Track { times: Rc::clone(&all), ..track },
-            false => track,
+        let shared = |(is_complete, track): (bool, Track)| {
+            if is_complete { Track { times: Rc::clone(&all), ..track } } else { track }
         };
         Ok(tracks.into_iter().map(shared).collect())
     }

@@ -41,8 +41,8 @@ impl Grid {
             let sample = sample as f64;
             let difference = time - first - sample * near;
             let inside = error * (1.0 - INSIDE) + noise;
-            push_corner(&mut grid.above, (sample, difference + inside));
-            push_corner(&mut grid.below, (sample, inside - difference));
+            push_corner(&mut grid.above, sample, difference + inside);
+            push_corner(&mut grid.below, sample, inside - difference);
             if sample > 0.0 {
                 let closed = error * (1.0 + INSIDE) + noise;
                 grid.anchored.0 = grid.anchored.0.max((difference - closed) / sample);
@@ -80,7 +80,8 @@ impl Grid {
 
     /// Returns the difference with the most room.
     fn roomiest(&self) -> f64 {
-        let (mut low, mut high) = (-self.limit, self.limit);
+        let mut low = -self.limit;
+        let mut high = self.limit;
         for _ in 0..HALVINGS {
             let third = (high - low) / 3.0;
             if self.room(low + third) < self.room(high - third) {
@@ -108,7 +109,7 @@ impl Grid {
 }
 
 /// Appends a corner to a lower hull, and removes the corners that are now above it.
-fn push_corner(hull: &mut Vec<(f64, f64)>, (x, y): (f64, f64)) {
+fn push_corner(hull: &mut Vec<(f64, f64)>, x: f64, y: f64) {
     while let [.., (x0, y0), (x1, y1)] = hull.as_slice()
         && (y1 - y0) * (x - x0) >= (y - y0) * (x1 - x0)
     {

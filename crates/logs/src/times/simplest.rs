@@ -25,8 +25,9 @@ fn fewest_digits(low: f64, high: f64, least: i32) -> Option<(f64, i32)> {
     let first = high.log10().floor() as i32;
     let middle = 0.5 * (low + high);
     (least.max(first - 16)..=first).rev().find_map(|last| {
-        let number =
-            |units: f64| if last < 0 { units / 10_f64.powi(-last) } else { units * 10_f64.powi(last) };
+        let number = |units: f64| {
+            if last < 0 { units / 10_f64.powi(-last) } else { units * 10_f64.powi(last) }
+        };
         let units = middle / 10_f64.powi(last);
         let near = [units.round(), units.floor(), units.ceil()].map(number);
         let found = near.into_iter().find(|number| low <= *number && *number <= high)?;

@@ -22,7 +22,8 @@ impl CheckFigures {
     /// Simulates the counterexamples again and draws them. A cell whose counterexample cannot be
     /// drawn says why; systems in Python have no figures.
     pub fn draw(found: &Check, must_end: MustEnd<'_>) -> CheckFigures {
-        let (mut cells, mut strips) = (Vec::new(), 0);
+        let mut cells = Vec::new();
+        let mut strips = 0;
         if is_python(&found.target_kind) {
             return CheckFigures { cells };
         }
@@ -31,9 +32,10 @@ impl CheckFigures {
             else {
                 continue;
             };
-            let html = match must_end() {
-                true => Err(PictureError::Interrupted),
-                false => draw(cell, Path::new(file), &mut strips, must_end),
+            let html = if must_end() {
+                Err(PictureError::Interrupted)
+            } else {
+                draw(cell, Path::new(file), &mut strips, must_end)
             };
             let html = html.unwrap_or_else(|error| note(&error));
             cells.push(([cell.requirement.clone(), cell.controller.clone()], html));

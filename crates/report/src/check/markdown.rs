@@ -11,7 +11,9 @@ pub fn summary(found: &Check) -> String {
     let untested = found.cells.iter().filter(|cell| cell.is_untested()).count();
     let count = |verdict| {
         let mark = match verdict {
-            NOT_VIOLATED if untested > 0 => format!(" ({untested} of them not tested: constant signal)"),
+            NOT_VIOLATED if untested > 0 => {
+                format!(" ({untested} of them not tested: constant signal)")
+            }
             _ => String::new(),
         };
         format!("{} {verdict}{mark}", found.count(verdict))

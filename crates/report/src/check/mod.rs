@@ -36,9 +36,10 @@ pub fn marked_verdict(found: &Check, cell: &CheckCell) -> String {
 }
 
 fn mark(found: &Check, cell: &CheckCell) -> Option<&'static str> {
-    match cell.verdict == VIOLATED && !found.fails(cell) {
-        true => found.requirement(cell).map(|requirement| requirement.severity.name()),
-        false => cell.is_untested().then_some(UNTESTED),
+    if cell.verdict == VIOLATED && !found.fails(cell) {
+        found.requirement(cell).map(|requirement| requirement.severity.name())
+    } else {
+        cell.is_untested().then_some(UNTESTED)
     }
 }
 

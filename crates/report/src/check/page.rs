@@ -58,10 +58,7 @@ fn controller_name(name: &str) -> String {
 }
 
 fn clauses(requirement: &CheckedRequirement) -> String {
-    match requirement.clauses.is_empty() {
-        true => "–".to_string(),
-        false => text(&requirement.clauses.join("; ")),
-    }
+    if requirement.clauses.is_empty() { "–".to_string() } else { text(&requirement.clauses.join("; ")) }
 }
 
 fn judgment(found: &Check, cell: &CheckCell) -> String {
@@ -92,10 +89,8 @@ fn section(found: &Check, requirement: &CheckedRequirement, id: usize, figures: 
     facts.extend(requirement.max_failure_rate.map(|limit| ("largest failure rate", percent(limit))));
     out += &list(&facts);
     for cell in cells_of(found, requirement) {
-        let controller = match cell.controller.is_empty() {
-            true => String::new(),
-            false => format!("{}: ", text(&cell.controller)),
-        };
+        let controller =
+            if cell.controller.is_empty() { String::new() } else { format!("{}: ", text(&cell.controller)) };
         out += &format!("<h3>{controller}{}</h3>\n<p>{}.</p>\n", judgment(found, cell), text(&cell.evidence));
         out.extend(cell.counterexample.as_ref().map(|violation| counterexample(found, violation)));
         out += figures.html(cell);

@@ -173,9 +173,10 @@ pub fn survival_curves(of: &str, runs: &[&GridFalsification]) -> Option<Block> {
     }
     let name = |group: &[&GridFalsification]| {
         let plan = &group[0].plan;
-        match plan.controller.is_empty() {
-            true => target_cell(plan),
-            false => format!("{} {}", target_cell(plan), code(&plan.controller)),
+        if plan.controller.is_empty() {
+            target_cell(plan)
+        } else {
+            format!("{} {}", target_cell(plan), code(&plan.controller))
         }
     };
     let chart = |group: &Vec<&GridFalsification>| {
@@ -191,9 +192,10 @@ pub fn survival_curves(of: &str, runs: &[&GridFalsification]) -> Option<Block> {
     let charts: String = groups.iter().filter(has_failures).map(chart).collect();
     let names: Vec<String> =
         groups.iter().filter(|group| !has_failures(group)).map(|group| name(group)).collect();
-    let flat = match names.is_empty() {
-        true => String::new(),
-        false => format!(" No search falsifies {}, so they have no chart.", names.join(", ")),
+    let flat = if names.is_empty() {
+        String::new()
+    } else {
+        format!(" No search falsifies {}, so they have no chart.", names.join(", "))
     };
     (!groups.is_empty()).then(|| Block::Charts {
         heading: format!("Survival curves{of}"),

@@ -46,7 +46,8 @@ pub fn statistics_page(name: &str, runs: &[GridRun]) -> Option<Page> {
         GridRun::Falsification(found) => Some(&**found),
         GridRun::Evaluation(..) => None,
     });
-    let (evaluations, falsifications): (Vec<_>, Vec<_>) = (evaluations.collect(), falsifications.collect());
+    let evaluations: Vec<_> = evaluations.collect();
+    let falsifications: Vec<_> = falsifications.collect();
     let mut blocks = Vec::new();
     if !evaluations.is_empty() {
         blocks.extend(evaluated(&evaluations));
@@ -141,7 +142,9 @@ pub fn percent_with_interval(rate: &Estimate, decimals: usize) -> String {
 /// Formats an estimate with its interval.
 pub fn with_interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
     match (estimate.value, estimate.low.zip(estimate.high)) {
-        (Some(value), Some((low, high))) => format!("{} [{}, {}]", show(value), show(low), show(high)),
+        (Some(value), Some((low, high))) => {
+            format!("{} [{}, {}]", show(value), show(low), show(high))
+        }
         (Some(value), None) => show(value),
         (None, _) => NOTHING.to_string(),
     }

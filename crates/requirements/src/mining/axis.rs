@@ -67,7 +67,8 @@ impl Axis {
 
     /// Returns the index of the tightest value that is at least as loose as this one.
     pub fn index(&self, value: f64) -> u64 {
-        let (mut tight, mut loose) = (0, self.last);
+        let mut tight = 0;
+        let mut loose = self.last;
         let is_loose = |index: u64| match self.tightest {
             Tightest::Low => self.value(index) >= value,
             Tightest::High => self.value(index) <= value,
@@ -98,7 +99,8 @@ impl Axis {
 /// Returns the first index from 0 to `last` at which `holds`, which is monotone, is true. It is not
 /// called for `last`, where it must be true.
 pub(super) fn first<E>(last: u64, mut holds: impl FnMut(u64) -> Result<bool, E>) -> Result<u64, E> {
-    let (mut low, mut high) = (0, last);
+    let mut low = 0;
+    let mut high = last;
     while low < high {
         let middle = low + (high - low) / 2;
         if holds(middle)? { high = middle } else { low = middle + 1 }

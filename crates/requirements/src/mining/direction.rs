@@ -67,9 +67,8 @@ pub(super) fn tightest(formula: &Formula, shown: &Formula, parameter: usize, nam
         let is_own = |bound: &SyntaxBound| bound.parameter == Some(parameter);
         let text = match &tree.nodes[node].interval {
             Some(bounds) if bounds.iter().any(is_own) => {
-                let bound = |bound: &SyntaxBound| match is_own(bound) {
-                    true => name.to_owned(),
-                    false => number_text(bound.value),
+                let bound = |bound: &SyntaxBound| {
+                    if is_own(bound) { name.to_owned() } else { number_text(bound.value) }
                 };
                 format!(
                     "{}[{}:{}]",

@@ -96,12 +96,11 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
         found.outcome = "loosest-fails".to_owned();
         return Ok(found);
     }
-    let points = match miner.is_met(&tightest)? {
-        true => {
-            found.outcome = "tightest-holds".to_owned();
-            vec![tightest]
-        }
-        false => miner.front(asked.points)?,
+    let points = if miner.is_met(&tightest)? {
+        found.outcome = "tightest-holds".to_owned();
+        vec![tightest]
+    } else {
+        miner.front(asked.points)?
     };
     for point in points {
         found.points.push(miner.point(&point)?);
@@ -265,10 +264,8 @@ impl<'a> Miner<'a> {
                     trace,
                 )?))
             };
-            let value = match holds(axis.last)? {
-                true => Some(Number(axis.value(first(axis.last, holds)?))),
-                false => None,
-            };
+            let value =
+                if holds(axis.last)? { Some(Number(axis.value(first(axis.last, holds)?))) } else { None };
             found.push(MinedTrace { name: trace.name.clone(), value, supports: false });
         }
         Ok(found)
@@ -328,7 +325,8 @@ impl<'a> Miner<'a> {
             }
         }
         let order = |a: &Vec<u64>, b: &Vec<u64>| {
-            let (a, b) = (self.values(a), self.values(b));
+            let a = self.values(a);
+            let b = self.values(b);
             a.iter()
                 .zip(&b)
                 .map(|(a, b)| a.total_cmp(b))
@@ -343,7 +341,8 @@ impl<'a> Miner<'a> {
     fn point(&self, point: &[u64]) -> Result<MinedPoint> {
         let values = self.values(point);
         let formula = self.formula(&values)?;
-        let (mut support, mut cut) = (0, 0);
+        let mut support = 0;
+        let mut cut = 0;
         let mut least = f64::NAN;
         let mut satisfied = Vec::new();
         for trace in self.traces {

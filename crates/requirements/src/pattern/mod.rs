@@ -126,7 +126,8 @@ impl Pattern {
                 return Err(question(format!("the parameter `{name}` is set twice")));
             }
         }
-        let (mut formula, mut words) = (String::new(), String::new());
+        let mut formula = String::new();
+        let mut words = String::new();
         let mut values = Vec::new();
         for slot in self.slots {
             let given = settings.iter().find(|(name, _)| name == slot.name);

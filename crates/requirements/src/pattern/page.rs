@@ -49,10 +49,12 @@ fn filled(text: &str) -> String {
     for word in text.split(' ') {
         let line = lines.len() - 1;
         let has_room = lines[line].chars().count() + 1 + word.chars().count() <= 120;
-        match lines[line].is_empty() {
-            true => lines[line].push_str(word),
-            false if has_room => lines[line].extend([" ", word]),
-            false => lines.push(word.to_owned()),
+        if lines[line].is_empty() {
+            lines[line].push_str(word);
+        } else if has_room {
+            lines[line].extend([" ", word]);
+        } else {
+            lines.push(word.to_owned());
         }
     }
     lines.join("\n")

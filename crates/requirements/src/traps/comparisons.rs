@@ -75,7 +75,8 @@ pub(super) fn equality(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>
         if tree.number(left).is_some() && tree.number(right).is_some() {
             continue;
         }
-        let (a, b) = (tree.text(left), tree.text(right));
+        let a = tree.text(left);
+        let b = tree.text(right);
         let is_formula =
             |node: usize| tree.operator(node).is_some() && !tree.nodes[node].is_term && !is_number[node];
         if is_formula(left) && is_formula(right) {
@@ -147,8 +148,8 @@ pub(super) fn chained(tree: &Tree<'_>, found: &mut Found<'_>) {
             continue;
         }
         let [low, middle] = [0, 1].map(|n| tree.text(tree.nodes[left].operands[n]));
-        let (first, last) =
-            (tree.operator(left).unwrap_or_default(), tree.operator(index).unwrap_or_default());
+        let first = tree.operator(left).unwrap_or_default();
+        let last = tree.operator(index).unwrap_or_default();
         found.warn(
             "chained-comparison",
             index,

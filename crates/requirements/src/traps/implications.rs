@@ -88,8 +88,9 @@ fn unmet(tree: &Tree<'_>, context: &Context, node: usize, found: &mut Found<'_>)
     );
     let instead =
         Some("a trace in which the condition holds, or a condition that these traces meet".to_owned());
-    match all {
-        true => found.warn("vacuous-implication", node, why, instead),
-        false => found.note("vacuous-implication", node, why, instead),
+    if all {
+        found.warn("vacuous-implication", node, why, instead);
+    } else {
+        found.note("vacuous-implication", node, why, instead);
     }
 }

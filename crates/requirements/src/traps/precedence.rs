@@ -28,7 +28,8 @@ pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
             let is_rule = prefix == "always" && name == "implies";
             if is_rule || !is_written_around {
                 let window = window(tree, left);
-                let (p, q) = (tree.text(operand), tree.text(right));
+                let p = tree.text(operand);
+                let q = tree.text(right);
                 found.warn(
                     "precedence",
                     left,
@@ -118,8 +119,8 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
             "`{name}` is not a function: what it applies to continues after the parenthesis, so this is {name}({around})"
         );
         // `always (x + y) <= 3` is often meant as it is.
-        match top == operator && !matches!(name, "next" | "prev" | "s_next" | "s_prev") {
-            true => found.note(
+        if top == operator && !matches!(name, "next" | "prev" | "s_next" | "s_prev") {
+            found.note(
                 "precedence",
                 operator,
                 why,
@@ -127,8 +128,9 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
                     "{name}{}({around}) if this is meant, otherwise {meant}",
                     window(tree, operator)
                 )),
-            ),
-            false => found.warn("precedence", operator, why, Some(meant)),
+            );
+        } else {
+            found.warn("precedence", operator, why, Some(meant));
         }
     }
 }
@@ -181,15 +183,14 @@ fn part_as_written(tree: &Tree<'_>, node: usize, written: &[Option<usize>]) -> S
     let has_operator = tree.operator(node).is_some();
     if let Some(operator) = written[node] {
         let name = tree.operator(operator).unwrap_or_default();
-        let (window, number) = (window(tree, operator), tree.text(node));
-        return match has_operator {
-            true => format!("({name}{window} ({number}))"),
-            false => format!("({name}{window} {number})"),
+        let window = window(tree, operator);
+        let number = tree.text(node);
+        return if has_operator {
+            format!("({name}{window} ({number}))")
+        } else {
+            format!("({name}{window} {number})")
         };
     }
     let text = as_written(tree, node, written);
-    match tree.nodes[node].in_parentheses && has_operator {
-        true => format!("({text})"),
-        false => text,
-    }
+    if tree.nodes[node].in_parentheses && has_operator { format!("({text})") } else { text }
 }

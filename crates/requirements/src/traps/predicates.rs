@@ -17,7 +17,9 @@ const WHOLE_TURN: f64 = std::f64::consts::TAU;
 pub(super) fn units(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     let units = units_of(tree, &context.units);
     for (index, node) in tree.nodes.iter().enumerate() {
-        let (SyntaxKind::Operator(name), [left, right]) = (node.kind, &node.operands[..]) else { continue };
+        let (SyntaxKind::Operator(name), [left, right]) = (node.kind, &node.operands[..]) else {
+            continue;
+        };
         let is_sum = matches!(name, "+" | "-");
         if !is_sum && !is_comparison(name) {
             continue;
@@ -105,9 +107,10 @@ pub(super) fn truth_values(tree: &Tree<'_>, context: &Context, found: &mut Found
             continue;
         }
         let text = tree.text(index);
-        let why = match is_flag(context, name) {
-            true => format!("a signal alone holds from 0 on, and {text} is 0 or 1: it always holds"),
-            false => "a signal alone holds from 0 on: a flag with the values 0 and 1 always holds".to_owned(),
+        let why = if is_flag(context, name) {
+            format!("a signal alone holds from 0 on, and {text} is 0 or 1: it always holds")
+        } else {
+            "a signal alone holds from 0 on: a flag with the values 0 and 1 always holds".to_owned()
         };
         found.warn(
             "flag-always-holds",

@@ -150,8 +150,8 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
         let is_open = tree.is_unbounded(index);
         if is_existential && is_open && !is_negated[index] {
             let target = tree.text(*node.operands.last().unwrap_or(&index));
-            match below[index] {
-                true => found.warn(
+            if below[index] {
+                found.warn(
                     "unbounded-eventually",
                     index,
                     format!(
@@ -159,8 +159,9 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
                          later, and a trace that ends before it violates the formula"
                     ),
                     Some(format!("a deadline, such as {name}[0:2s]")),
-                ),
-                false => found.warn(
+                );
+            } else {
+                found.warn(
                     "unbounded-eventually",
                     index,
                     format!(
@@ -168,7 +169,7 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
                          satisfy what this one violates"
                     ),
                     Some(format!("a deadline, such as {name}[0:10s]")),
-                ),
+                );
             }
         }
     }
@@ -194,7 +195,8 @@ fn beyond_the_end(tree: &Tree<'_>, outermost: usize, is_negated: &[bool], found:
     for node in (0..outermost).rev() {
         is_inside[node] = tree.parents[node].is_some_and(|parent| parent <= outermost && is_inside[parent]);
     }
-    let (mut misses, mut fails) = (false, false);
+    let mut misses = false;
+    let mut fails = false;
     for node in (0..=outermost).filter(|node| is_inside[*node]) {
         let inner = tree.nodes[node].operands.iter().map(|operand| reach[*operand]).fold(0.0, f64::max);
         let own = tree.nodes[node].interval.filter(|_| is_bounded_ahead(tree, node));
@@ -265,10 +267,14 @@ fn history(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     let secs = |samples: usize| context.period.map(|period| samples.saturating_sub(1) as f64 * period);
     let Some(episode) = context.episode_secs.or_else(|| secs(context.samples?)) else { return };
     for (index, node) in tree.nodes.iter().enumerate() {
-        let Some([_, end]) = node.interval.filter(|[_, end]| end.value.is_finite()) else { continue };
+        let Some([_, end]) = node.interval.filter(|[_, end]| end.value.is_finite()) else {
+            continue;
+        };
         let own = seconds(end, context.unit).or_else(|| Some(end.value * context.period?));
         let Some(own) = own.filter(|own| *own > episode * (1.0 + WHOLE)) else { continue };
-        let Some(name @ ("historically" | "once" | "since")) = tree.operator(index) else { continue };
+        let Some(name @ ("historically" | "once" | "since")) = tree.operator(index) else {
+            continue;
+        };
         found.warn(
             "horizon-beyond-episode",
             index,

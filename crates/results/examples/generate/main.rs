@@ -57,19 +57,19 @@ fn schema(document: &Document) -> String {
     if let Some(required) = object["required"].as_array_mut() {
         required.insert(0, Value::from("schema"));
     }
-    let schema = match document.is_array {
-        false => object,
-        true => {
-            let (dialect, types) = (object["$schema"].take(), object["$defs"].take());
-            if let Some(entries) = object.as_object_mut() {
-                entries.retain(|_, value| !value.is_null());
-            }
-            let mut array = json!({ "$schema": dialect, "type": "array", "items": object });
-            if !types.is_null() {
-                array["$defs"] = types;
-            }
-            array
+    let schema = if document.is_array {
+        let dialect = object["$schema"].take();
+        let types = object["$defs"].take();
+        if let Some(entries) = object.as_object_mut() {
+            entries.retain(|_, value| !value.is_null());
         }
+        let mut array = json!({ "$schema": dialect, "type": "array", "items": object });
+        if !types.is_null() {
+            array["$defs"] = types;
+        }
+        array
+    } else {
+        object
     };
     format!("{schema:#}\n")
 }

@@ -75,7 +75,9 @@ impl Page<'_> {
             Shape::Seed => "seed",
             Shape::Object(name) => {
                 return match self.document(name) {
-                    Some(document) => format!("[`{}`](#{})", document.command, anchor(document.command)),
+                    Some(document) => {
+                        format!("[`{}`](#{})", document.command, anchor(document.command))
+                    }
                     None if self.has_section(name) => format!("[{name}](#{})", name.to_lowercase()),
                     None => "object".to_string(),
                 };

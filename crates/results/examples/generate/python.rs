@@ -26,10 +26,7 @@ fn class(object: &Object) -> String {
 
 fn field(field: &Field) -> String {
     let kind = kind(&field.shape);
-    let kind = match field.is_required || kind.ends_with("| None") {
-        true => kind,
-        false => format!("{kind} | None"),
-    };
+    let kind = if field.is_required || kind.ends_with("| None") { kind } else { format!("{kind} | None") };
     let default = if field.is_required { "" } else { " = None" };
     format!("    {}: {kind}{default}\n{}", field.key, docstring(&field.description))
 }
@@ -46,7 +43,9 @@ fn kind(shape: &Shape) -> String {
         Shape::Fixed(item, length) => {
             format!("tuple[{}]", vec![kind(item); *length as usize].join(", "))
         }
-        Shape::Map(item) => format!("dict[str, {}]", axis_value(item).unwrap_or_else(|| kind(item))),
+        Shape::Map(item) => {
+            format!("dict[str, {}]", axis_value(item).unwrap_or_else(|| kind(item)))
+        }
         Shape::OneOf(shapes) => shapes.iter().map(kind).collect::<Vec<_>>().join(" | "),
     }
 }

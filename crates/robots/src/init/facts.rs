@@ -110,8 +110,9 @@ pub(crate) fn wrong(source: &str, message: impl std::fmt::Display) -> RobotError
 
 /// Checks that a list has a number for each name.
 pub(crate) fn check_length(source: &str, what: &str, found: usize, names: usize) -> Result<(), RobotError> {
-    match found == names {
-        true => Ok(()),
-        false => Err(wrong(source, format!("`{what}` has {found} numbers, but there are {names} joints"))),
+    if found == names {
+        Ok(())
+    } else {
+        Err(wrong(source, format!("`{what}` has {found} numbers, but there are {names} joints")))
     }
 }

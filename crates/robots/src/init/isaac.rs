@@ -58,7 +58,8 @@ fn read_actions(actions: &[std::rc::Rc<Yaml>], facts: &mut PolicyFacts) -> Resul
                 }
             }
         };
-        let (scale, offset) = (spread("scale", 1.0)?, spread("offset", 0.0)?);
+        let scale = spread("scale", 1.0)?;
+        let offset = spread("offset", 0.0)?;
         if action.get("clip").is_some() {
             facts.remarks.push("the clipping of the actions must be written by hand".to_string());
         }
@@ -92,9 +93,10 @@ fn read_robot(file: &Yaml, facts: &mut PolicyFacts) -> Result<(), RobotError> {
         let values =
             value.numbers().ok_or_else(|| wrong(&source, format!("`{key}` is not a list of numbers")))?;
         check_length(&source, key, values.len(), joints.len())?;
-        match values.iter().all(|value| value.is_finite()) {
-            true => Ok(Some(values)),
-            false => Err(wrong(&source, format!("`{key}` has a number that is not finite"))),
+        if values.iter().all(|value| value.is_finite()) {
+            Ok(Some(values))
+        } else {
+            Err(wrong(&source, format!("`{key}` has a number that is not finite")))
         }
     };
     if let Some(default) = numbers("default_joint_pos")? {
@@ -111,7 +113,8 @@ fn read_robot(file: &Yaml, facts: &mut PolicyFacts) -> Result<(), RobotError> {
                 |name: &String| joints.iter().position(|known| known == name).map(|index| values[index]);
             facts.joints.iter().filter_map(value).collect()
         };
-        let (stiffness, damping) = (own(&stiffness), own(&damping));
+        let stiffness = own(&stiffness);
+        let damping = own(&damping);
         // Explicit actuator models, such as networks, leave the gains of the simulator at 0.
         let is_known = stiffness.len() == facts.joints.len() && stiffness.iter().any(|kp| *kp > 0.0);
         facts.gains = is_known.then_some([stiffness, damping]);

@@ -35,11 +35,14 @@ pub fn mjlab_facts(metadata: &[(String, String)], source: &str) -> Result<Option
     let lists = |key: &str| -> Vec<Option<Vec<f64>>> {
         get(key).unwrap_or_default().split(',').map(|entry| list(entry, ';')).collect()
     };
-    let (scales, clips) = (lists("observation_terms_scale"), lists("observation_terms_clip"));
+    let scales = lists("observation_terms_scale");
+    let clips = lists("observation_terms_clip");
     let histories = lists("observation_terms_history_length");
     let part = |(index, name): (usize, String)| {
         let entry = |lists: &[Option<Vec<f64>>]| lists.get(index).cloned().unwrap_or(Some(Vec::new()));
-        let (scale, clip, history) = (entry(&scales), entry(&clips), entry(&histories));
+        let scale = entry(&scales);
+        let clip = entry(&clips);
+        let history = entry(&histories);
         let is_unclear = scale.is_none() || clip.is_none() || history.is_none();
         let scale = scale.unwrap_or_default();
         let clip = match clip.unwrap_or_default().as_slice() {
@@ -94,8 +97,9 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 
 fn list(text: &str, separator: char) -> Option<Vec<f64>> {
     let text = text.trim();
-    match text.is_empty() {
-        true => Some(Vec::new()),
-        false => text.split(separator).map(|number| number.trim().parse().ok()).collect(),
+    if text.is_empty() {
+        Some(Vec::new())
+    } else {
+        text.split(separator).map(|number| number.trim().parse().ok()).collect()
     }
 }

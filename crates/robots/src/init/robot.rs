@@ -88,7 +88,8 @@ impl RobotFacts {
         (document, model): (String, Model),
         facts: &PolicyFacts,
     ) -> Result<RobotFacts, RobotError> {
-        let (mut unknown, mut remarks) = (Vec::new(), facts.remarks.clone());
+        let mut unknown = Vec::new();
+        let mut remarks = facts.remarks.clone();
         let names = moved_joints(&model, facts, &mut unknown)?;
         let first = model.names(ElementKind::Key).into_iter().next();
         let keyframe = first.map(|name| if name.is_empty() { "0".to_string() } else { name });
@@ -158,7 +159,9 @@ fn is_writable(name: &str) -> bool {
 pub(crate) fn named_as_in(model: &Model, facts: &PolicyFacts) -> PolicyFacts {
     let known = model.names(ElementKind::Joint);
     let all = || facts.joints.iter().chain(&facts.observed_joints);
-    let Some(first) = all().next().filter(|first| !known.contains(first)) else { return facts.clone() };
+    let Some(first) = all().next().filter(|first| !known.contains(first)) else {
+        return facts.clone();
+    };
     let prefixes = known.iter().filter_map(|name| name.strip_suffix(first.as_str()));
     let prefixes = prefixes.filter(|prefix| prefix.ends_with('/'));
     let fits = |prefix: &&str| all().all(|name| known.contains(&format!("{prefix}{name}")));
@@ -197,9 +200,10 @@ fn moved_joints(
     } else {
         unknown.push("which joints the actions move, and in which order: here that of the model".to_string());
         let moves = |joint: &usize| matches!(model.joint_kind(*joint), JointKind::Hinge | JointKind::Slide);
-        match of_actuators.is_empty() {
-            true => (0..model.joint_count()).filter(moves).map(|joint| known[joint].clone()).collect(),
-            false => of_actuators,
+        if of_actuators.is_empty() {
+            (0..model.joint_count()).filter(moves).map(|joint| known[joint].clone()).collect()
+        } else {
+            of_actuators
         }
     };
     if names.iter().any(String::is_empty) {
@@ -407,8 +411,5 @@ fn floor(document: &str, model: &Model) -> Floor {
 /// Returns the 64-bit number of the shortest text of a number that was stored with 32 bits.
 pub(crate) fn shortest(number: f64) -> f64 {
     let narrow = number as f32;
-    match f64::from(narrow) == number {
-        true => narrow.to_string().parse().unwrap_or(number),
-        false => number,
-    }
+    if f64::from(narrow) == number { narrow.to_string().parse().unwrap_or(number) } else { number }
 }

@@ -36,7 +36,8 @@ pub(crate) fn file(
     facts: &PolicyFacts,
     sizes: PolicySizes,
 ) -> Result<FirstFile, RobotError> {
-    let (unknown, remarks) = (robot.unknown.clone(), robot.remarks.clone());
+    let unknown = robot.unknown.clone();
+    let remarks = robot.remarks.clone();
     let allow_outside = paths.allow_outside;
     let mut writer = Writer { robot, facts, sizes, allow_outside, text: String::new(), unknown, remarks };
     writer.model(&paths.model);
@@ -66,9 +67,10 @@ impl<'a> Writer<'a> {
     /// The comment at the top, which repeats what is not known.
     fn head(&self, name: &str) -> String {
         let mut head = String::new();
-        let source = match self.facts.source.is_empty() {
-            true => "from the model alone".to_string(),
-            false => format!("from the model and {}", comment(&self.facts.source)),
+        let source = if self.facts.source.is_empty() {
+            "from the model alone".to_string()
+        } else {
+            format!("from the model and {}", comment(&self.facts.source))
         };
         let _ = writeln!(head, "# Written by `mishandle target init` {source}.");
         for (what, lines) in [("not known", &self.unknown), ("note", &self.remarks)] {
@@ -123,9 +125,10 @@ impl<'a> Writer<'a> {
         if robot.joints.iter().any(|joint| joint.scale.is_none()) {
             self.unknown.push("the scale of the actions: here 1".to_string());
         }
-        match scales.iter().all(|scale| *scale == scales[0]) {
-            true => self.line(format!("scale = {}", scales[0])),
-            false => self.line(format!("scale = {}", list(&scales))),
+        if scales.iter().all(|scale| *scale == scales[0]) {
+            self.line(format!("scale = {}", scales[0]));
+        } else {
+            self.line(format!("scale = {}", list(&scales)));
         }
         if let Some(offset) = self.offset() {
             self.line(format!("offset = {}    # joint positions for an action of 0", list(&offset)));
@@ -241,25 +244,24 @@ impl<'a> Writer<'a> {
     fn parts(&mut self) -> Vec<PartLine> {
         let robot = self.robot;
         let own;
-        let parts = match self.facts.parts.is_empty() {
-            false => &self.facts.parts,
-            true => {
-                self.unknown.push(
-                    "the parts of the observation and their order: here base, joints and last action"
-                        .to_string(),
-                );
-                let base = ["base_ang_vel", "projected_gravity"].into_iter().filter(|_| robot.base.is_some());
-                let part = |name: &str| PartFacts {
-                    name: name.to_string(),
-                    is_relative: Some(true),
-                    ..PartFacts::default()
-                };
-                own = base.chain(["joint_pos", "joint_vel", "actions"]).map(part).collect::<Vec<_>>();
-                &own
-            }
+        let parts = if self.facts.parts.is_empty() {
+            self.unknown.push(
+                "the parts of the observation and their order: here base, joints and last action".to_string(),
+            );
+            let base = ["base_ang_vel", "projected_gravity"].into_iter().filter(|_| robot.base.is_some());
+            let part = |name: &str| PartFacts {
+                name: name.to_string(),
+                is_relative: Some(true),
+                ..PartFacts::default()
+            };
+            own = base.chain(["joint_pos", "joint_vel", "actions"]).map(part).collect::<Vec<_>>();
+            &own
+        } else {
+            &self.facts.parts
         };
         let mut lines = Vec::new();
-        let (mut sum, mut without_size) = (0, Vec::new());
+        let mut sum = 0;
+        let mut without_size = Vec::new();
         for (part, name) in parts.iter().zip(keys(parts)) {
             let own_group = self.own_group(part, &name);
             let others = match &robot.observed {
@@ -330,7 +332,8 @@ impl<'a> Writer<'a> {
 
     /// Returns the hint that a number of inputs is that of the usual observation of Gymnasium.
     fn gymnasium(&self, size: usize) -> Option<String> {
-        let (positions, velocities) = (self.robot.model.qpos_size(), self.robot.model.qvel_size());
+        let positions = self.robot.model.qpos_size();
+        let velocities = self.robot.model.qvel_size();
         // A robot's place in its plane or on its line is left out.
         let left_out = [0, 1, 2].into_iter().find(|left_out| positions + velocities == size + left_out)?;
         Some(format!(
@@ -349,21 +352,20 @@ impl<'a> Writer<'a> {
             if self.offset().is_some() { "offset + scale * action" } else { "default + scale * action" };
         let action = match self.facts.action {
             _ if self.acts_by_control() => "scale * action".to_string(),
-            _ if self.moves_by_force() => match robot.joints.iter().all(|joint| joint.gains.is_some()) {
-                true => {
+            _ if self.moves_by_force() => {
+                if robot.joints.iter().all(|joint| joint.gains.is_some()) {
                     self.remarks.push(
                         "the actuators of the model take forces, so the file computes them once per control step; \
                          position actuators would do it in every physics step"
                             .to_string(),
                     );
                     format!("kp * ({target} - qpos(joints)) - kd * qvel(joints)")
-                }
-                false => {
+                } else {
                     self.unknown
                         .push("stiffness and damping of the joints, whose actuators take forces".to_string());
                     target.to_string()
                 }
-            },
+            }
             _ => target.to_string(),
         };
         if self.replaces_motors() {
@@ -374,9 +376,10 @@ impl<'a> Writer<'a> {
             );
         }
         if self.facts.action == ActionKind::Unknown {
-            let meaning = match self.acts_by_control() {
-                true => "controls of the actuators, which take forces",
-                false => "targets of joint positions",
+            let meaning = if self.acts_by_control() {
+                "controls of the actuators, which take forces"
+            } else {
+                "targets of joint positions"
             };
             self.unknown.push(format!("the meaning of the actions: here {meaning}"));
         }
@@ -456,7 +459,8 @@ impl<'a> Writer<'a> {
         }
         if !robot.body.is_empty() && robot.mass > 0.0 {
             let body = &robot.body;
-            let (payload, push) = (rounded(PAYLOAD * robot.mass), rounded(PUSH * GRAVITY * robot.mass));
+            let payload = rounded(PAYLOAD * robot.mass);
+            let push = rounded(PUSH * GRAVITY * robot.mass);
             axes.push(format!(
                 "payload = {{ kind = \"model\", range = [0, {payload}], nominal = 0, unit = \"kg\", add = \"body_mass('{body}')\" }}"
             ));

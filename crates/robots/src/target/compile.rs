@@ -1,6 +1,6 @@
 //! Compiling the expressions of a target file.
 
-use mishandle_expression::Argument;
+use crate::expression::Argument;
 use mishandle_world::{ElementKind, Joint, Mocap, Model, Servo};
 
 use crate::axes::ObservedPart;
@@ -122,7 +122,8 @@ impl RobotFile {
                 return Err(Problem::new(&named.value.value.text.span, message));
             }
         }
-        let (mut reductions, mut plain_signals) = (Vec::new(), Vec::new());
+        let mut reductions = Vec::new();
+        let mut plain_signals = Vec::new();
         for (index, named) in description.signals.iter().enumerate() {
             let expression = &named.value.value;
             match named.value.over {
@@ -146,7 +147,8 @@ impl RobotFile {
                 return Err(Problem::new(&named.value.text.span, "a condition of [ends] is one number"));
             }
         }
-        let (start, command) = (start.finish(), command.finish());
+        let start = start.finish();
+        let command = command.finish();
         if start.reads_forces() || start.reads_poses() {
             return Err(Problem::new(
                 &description.model_file.span,
@@ -245,18 +247,16 @@ fn start_values(
     for named in entries {
         let name = &named.key.name;
         let is_group = library.constants.iter().any(|constant| constant.key.name == *name);
-        let argument = match is_group {
-            true => Argument::Name(name.clone()),
-            false => Argument::Text(name.clone()),
-        };
+        let argument = if is_group { Argument::Name(name.clone()) } else { Argument::Text(name.clone()) };
         let joints = library
             .elements(ElementKind::Joint, Some(&argument))
             .map_err(|message| Problem::new(&named.key.span, message))?;
         let range = |joint: usize| {
             let joint = library.model.joint_at(joint);
-            match of_positions {
-                true => joint.qpos..joint.qpos + joint.kind.positions(),
-                false => joint.dof..joint.dof + joint.kind.velocities(),
+            if of_positions {
+                joint.qpos..joint.qpos + joint.kind.positions()
+            } else {
+                joint.dof..joint.dof + joint.kind.velocities()
             }
         };
         let indices: Vec<usize> = joints.into_iter().flat_map(range).collect();

@@ -41,7 +41,8 @@ impl RobotFile {
     /// name.
     pub fn on_device(&self, robot: &ControlledRobot, space: &Space) -> Result<DeviceRobot, RobotError> {
         let environment = robot.environment(space)?;
-        let (robot, parameters) = (&*robot.robot, &*environment.parameters);
+        let robot = &*robot.robot;
+        let parameters = &*environment.parameters;
         self.check_expressions(robot).map_err(|problem| self.at(problem))?;
         let pushed = self.pushed(robot, parameters).map_err(|problem| self.at(problem))?;
         let changes = parameters.iter().filter_map(|parameter| match parameter {

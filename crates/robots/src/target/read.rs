@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use mishandle_expression::Argument;
+use crate::expression::Argument;
 use mishandle_files::{limits, read_bounded};
 use mishandle_rollout::Identity;
 use mishandle_simulators::{ProgramPolicy, ProgramSettings};
@@ -175,7 +175,7 @@ fn check_groups(description: &Description, library: &Library<'_>) -> Result<(), 
 /// Compiles each constant that is not a group, so that a mistake in one is reported where it
 /// stands.
 fn check_constants(description: &Description, library: &Library<'_>) -> Result<(), Problem> {
-    use mishandle_expression::Names;
+    use crate::expression::Names;
     for named in &description.constants {
         match &named.value {
             Constant::Expression(expression) => {
@@ -234,7 +234,8 @@ fn remembered_parts(
     for named in &description.memory {
         let mut phase = PhaseBuilder::new(library);
         let size = phase.add(&named.value.start)?;
-        let (name, is_number) = (named.key.name.clone(), phase.is_number(0));
+        let name = named.key.name.clone();
+        let is_number = phase.is_number(0);
         parts.push(RememberedPart { name, place: first..first + size, is_number });
         first += size;
     }

@@ -1,10 +1,10 @@
 //! The spaces of a robot, and the disturbances that every robot has.
 
+use mishandle_camera::sight::Sight;
 use mishandle_rollout::{
     Axis, AxisKind, ControlLoop, Disturbance, Effect, LoopPart, LoopSpaces, RolloutError, Space, delays,
     distinct,
 };
-use mishandle_sight::Sight;
 
 use crate::axes::{ObservedPart, Parameter};
 use crate::axis_table::AxisEffect;

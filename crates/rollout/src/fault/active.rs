@@ -51,9 +51,10 @@ impl ActiveFault {
             return None;
         }
         let has_channel = description.parameters.contains(&P::Channel);
-        let entries = match has_channel {
-            true => site.entries(value(P::Channel) as usize),
-            false => (0..site.ranges.len()).collect(),
+        let entries = if has_channel {
+            site.entries(value(P::Channel) as usize)
+        } else {
+            (0..site.ranges.len()).collect()
         };
         let exchanged = match kind {
             FaultKind::Swap => site.exchanged(value(P::Channel) as usize, value(P::Partner) as usize),
@@ -135,7 +136,9 @@ impl ActiveFault {
         for entry in self.entries.iter().copied() {
             let (center, half) = self.site.center_and_half(entry);
             let [low, high] = self.site.ranges[entry];
-            let (neutral, x, m) = (self.site.neutral(entry), values[entry].to_f64(), self.magnitude);
+            let neutral = self.site.neutral(entry);
+            let x = values[entry].to_f64();
+            let m = self.magnitude;
             let elapsed = self.life.elapsed(step);
             let faulty = match self.kind {
                 FaultKind::Stuck => between(x, center + m * half, share),
@@ -203,9 +206,10 @@ impl ActiveFault {
     /// Shows values of earlier control steps during the fault.
     fn delay<T: Real>(&mut self, step: usize, is_whole: bool, values: &mut [T]) -> bool {
         self.line.push(&self.lateness, values.iter().map(|value| value.to_f64()));
-        let arrival = match is_whole {
-            true => self.lateness.arrival(step, self.seed, (Stream::Fault, self.draw())),
-            false => Some(step),
+        let arrival = if is_whole {
+            self.lateness.arrival(step, self.seed, (Stream::Fault, self.draw()))
+        } else {
+            Some(step)
         };
         let entries = self.entries.iter().copied();
         match self.line.show(arrival) {

@@ -262,7 +262,8 @@ impl FaultSite {
     pub fn disturbances(self) -> Vec<Disturbance> {
         let site = Arc::new(self);
         let axis = |parameter: Parameter| {
-            let (name, unit) = (site.axis_name(parameter), parameter.unit());
+            let name = site.axis_name(parameter);
+            let unit = parameter.unit();
             let bounds = parameter.bounds(&site);
             Axis::new(AxisKind::Fault, &name, unit, bounds, Some(parameter.nominal()))
                 .with_values(parameter.values(&site))

@@ -36,7 +36,8 @@ impl FaultSite {
     /// Returns the kinds of faults that are possible here. The number of a kind in a scenario is
     /// its index.
     pub fn kinds(&self) -> impl Iterator<Item = &'static Description> {
-        let (has_numbers, has_pair) = (self.has_numbers, self.has_whole());
+        let has_numbers = self.has_numbers;
+        let has_pair = self.has_whole();
         self.side.kinds().iter().filter(move |kind| {
             (has_numbers || !kind.needs_numbers) && (has_pair || kind.kind != FaultKind::Swap)
         })
@@ -74,7 +75,8 @@ impl FaultSite {
             return (0..count).map(|entry| (entry, (entry + 1) % count)).collect();
         };
         let second = partner.checked_sub(1).unwrap_or((first + 1) % self.channels.len());
-        let (a, b) = (&self.channels[first].entries, &self.channels[second].entries);
+        let a = &self.channels[first].entries;
+        let b = &self.channels[second].entries;
         let pairs = a.iter().zip(b).filter(|(a, b)| a != b);
         pairs.flat_map(|(a, b)| [(*a, *b), (*b, *a)]).collect()
     }

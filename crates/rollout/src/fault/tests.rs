@@ -105,7 +105,8 @@ fn share(step: usize) -> f64 {
 fn check_values(rows: &[[[f32; ENTRIES]; 2]], expected: impl Fn(usize, usize, f64) -> f64) {
     for (step, [before, after]) in rows.iter().enumerate() {
         for entry in [0, 1] {
-            let (x, found) = (f64::from(before[entry]), f64::from(after[entry]));
+            let x = f64::from(before[entry]);
+            let found = f64::from(after[entry]);
             let value = expected(step, entry, x);
             assert!((found - value).abs() < 1e-6, "{found} is not {value} in step {step}");
         }

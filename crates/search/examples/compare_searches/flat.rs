@@ -53,7 +53,9 @@ fn quantile(p: f64) -> f64 {
 /// A ball around a point inside, with all axes, but not the center of the box. Its radius is that
 /// of a normal sum.
 fn flat_ball(u: &[f64], instance: &Instance) -> f64 {
-    let (mut squares, mut mean, mut variance) = (0.0, 0.0, 0.0);
+    let mut squares = 0.0;
+    let mut mean = 0.0;
+    let mut variance = 0.0;
     for (x, t) in u.iter().zip(&instance.target) {
         let offset = 0.3 * (t - 0.5);
         squares += (x - 0.5 - offset) * (x - 0.5 - offset);
@@ -74,13 +76,15 @@ fn flat_band(u: &[f64], instance: &Instance) -> f64 {
     let sum: f64 = u.iter().enumerate().map(|(k, x)| weight(k) * (x - 0.5)).sum();
     let scale = (0..u.len()).map(|k| weight(k) * weight(k) / 12.0).sum::<f64>().sqrt();
     // Above the quantile, with a probability of half of the share on each side of it.
-    let (low, high) = (quantile(1.6 * share(instance)), quantile(0.6 * share(instance)));
+    let low = quantile(1.6 * share(instance));
+    let high = quantile(0.6 * share(instance));
     half(is_inside(u) && (high..low).contains(&(sum / scale)))
 }
 
 /// Two axes with a certain difference, without the faces of the box.
 fn flat_xor(u: &[f64], instance: &Instance) -> f64 {
-    let (a, b) = (u[axis(instance, 0)], u[axis(instance, 1)]);
+    let a = u[axis(instance, 0)];
+    let b = u[axis(instance, 1)];
     let difference = 0.1 + 0.2 * instance.parameters[1];
     half(is_inside(u) && (a - b - difference).abs() < 0.6 * share(instance))
 }

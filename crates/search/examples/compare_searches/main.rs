@@ -202,7 +202,8 @@ impl Comparison {
             print!(" {:>14}", name.get(end..).unwrap_or(name));
         }
         println!();
-        let (mut seconds, mut count) = (vec![0.0; searches.len()], vec![0; searches.len()]);
+        let mut seconds = vec![0.0; searches.len()];
+        let mut count = vec![0; searches.len()];
         let cells = self.cells();
         for (problem, d) in &cells {
             print!("{:<18}", format!("{}, {d}", problem.name));

@@ -35,7 +35,8 @@ fn pendulum(u: &[f64], angle: f64, steps: usize, value: impl Fn(&[f64; 4], f64) 
     const GRAVITY: f64 = 9.81;
     let centered = |i: usize| 2.0 * u[i] - 1.0;
     let mut x = [angle * centered(0), angle * centered(1), 2.0 * centered(2), 2.0 * centered(3)];
-    let (mass, rod) = (2_f64.powf(centered(4)), 2_f64.powf(centered(5)));
+    let mass = 2_f64.powf(centered(4));
+    let rod = 2_f64.powf(centered(5));
     let slope = |x: &[f64; 4]| {
         let (sin, cos) = (x[0] - x[1]).sin_cos();
         let total = 1.0 + mass;
@@ -115,8 +116,10 @@ fn relay(u: &[f64], instance: &Instance) -> f64 {
 fn two_relays(u: &[f64], instance: &Instance) -> f64 {
     let p = &instance.parameters;
     let mut x = [0.5, 0.5];
-    let (mut open, mut worst) = ([false, false], -1.0_f64);
-    let (upper, lower) = (0.8 + 0.3 * p[0], 0.5 + 0.2 * p[1]);
+    let mut open = [false, false];
+    let mut worst = -1.0_f64;
+    let upper = 0.8 + 0.3 * p[0];
+    let lower = 0.5 + 0.2 * p[1];
     for i in 0..1200 {
         let inflow = [0.3 + 0.6 * u[i / 200], 0.2 + 0.6 * u[6 + i / 200]];
         for k in 0..2 {
@@ -168,7 +171,8 @@ fn moved(mut x: [f64; 10], h: f64, modes: &[Mode; 4], [throttle, brake]: [f64; 2
         x[0] += h * (x[1] - 0.5 * throttle * h);
         x[1] -= throttle * h;
     } else {
-        let (final_speed, decay) = (-throttle / brake, (-brake * h).exp());
+        let final_speed = -throttle / brake;
+        let decay = (-brake * h).exp();
         let excess = x[1] - final_speed;
         x[0] += final_speed * h + excess * (1.0 - decay) / brake;
         x[1] = final_speed + excess * decay;
@@ -208,7 +212,8 @@ fn chasing_cars(u: &[f64], _: &Instance) -> f64 {
                 (0..4).any(|k| next(&x, k).is_some())
             };
             // The modes change inside the step, at a time that is known to 1e-8 s.
-            let (mut before, mut after) = (0.0, left);
+            let mut before = 0.0;
+            let mut after = left;
             if ends(left) {
                 while after - before > 1e-8 {
                     let middle = 0.5 * (before + after);

@@ -92,7 +92,8 @@ fn both_fail(x: &[f64], t: &[f64]) -> Vec<f64> {
 /// One of two ramps of each coordinate must be low.
 fn min_max(x: &[f64], t: &[f64]) -> Vec<f64> {
     let ramps = |(x, t): (&f64, &f64)| {
-        let (low, high) = (0.3 + 0.3 * t, 0.9 - 0.2 * t);
+        let low = 0.3 + 0.3 * t;
+        let high = 0.9 - 0.2 * t;
         (x - low).abs().min((x - high).abs()) - 0.09
     };
     x.iter().zip(t).map(ramps).collect()

@@ -67,7 +67,8 @@ fn of_plant(problem: &Problem, variant: &Variant, seed: u64) -> usize {
 }
 
 fn of_function(function: &Function, variant: &Variant, seed: u64) -> usize {
-    let (targets, parts) = (function.targets(seed), function.parts());
+    let targets = function.targets(seed);
+    let parts = function.parts();
     let space = SearchSpace {
         parts: Some(parts.clone()),
         ..SearchSpace::from(&vec![Coordinate::Continuous; function.axes])

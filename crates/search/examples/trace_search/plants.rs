@@ -34,7 +34,8 @@ fn steps(
 
 /// Two rooms with a heater each, °C and m°C.
 fn heaters(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
-    let (coupling, loss) = (0.4 + 0.4 * p[0], [0.3 + 0.4 * p[1], 0.3 + 0.4 * p[2]]);
+    let coupling = 0.4 + 0.4 * p[0];
+    let loss = [0.3 + 0.4 * p[1], 0.3 + 0.4 * p[2]];
     let dt = 6.0 / STEPS as f64;
     steps(
         input,
@@ -67,7 +68,8 @@ fn tanks(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
 
 /// Two masses and springs, m and mm.
 fn masses(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
-    let (k, c) = ([1.0 + p[0], 0.5 + p[1]], 0.3 + 0.3 * p[2]);
+    let k = [1.0 + p[0], 0.5 + p[1]];
+    let c = 0.3 + 0.3 * p[2];
     let dt = 8.0 / STEPS as f64;
     steps(
         input,
@@ -85,7 +87,8 @@ fn masses(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
 
 /// A stirred tank with an exothermic reaction: temperature K, concentration mmol/m³ of the product.
 fn reactor(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
-    let (rate, cooling) = (0.6 + 0.4 * p[0], 0.8 + 0.4 * p[1]);
+    let rate = 0.6 + 0.4 * p[0];
+    let cooling = 0.8 + 0.4 * p[1];
     let dt = 6.0 / STEPS as f64;
     steps(
         input,
@@ -102,7 +105,8 @@ fn reactor(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
 
 /// A car: speed m/s, and slip of the tires in thousandths, both driven by throttle and grade.
 fn vehicle(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
-    let (mass, drag) = (0.8 + 0.4 * p[0], 0.05 + 0.05 * p[1]);
+    let mass = 0.8 + 0.4 * p[0];
+    let drag = 0.05 + 0.05 * p[1];
     let dt = 10.0 / STEPS as f64;
     steps(
         input,
@@ -137,7 +141,8 @@ fn relay(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
 fn switching(input: &dyn Fn(f64) -> [f64; 2], p: &[f64]) -> Vec<[f64; 2]> {
     let shift = 1.0 + 0.5 * p[0];
     let dt = 10.0 / STEPS as f64;
-    let (mut gear, mut wait) = (0_usize, 0);
+    let mut gear = 0_usize;
+    let mut wait = 0;
     steps(
         input,
         vec![0.0, 0.0],

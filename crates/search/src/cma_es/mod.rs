@@ -170,7 +170,8 @@ impl CmaEs {
     /// Sets the distribution to one around `start`.
     fn start(&mut self, start: &[f64]) {
         let samples = self.population * n_categories(&self.coordinates);
-        let (mut mean, mut least) = (Vec::new(), Vec::new());
+        let mut mean = Vec::new();
+        let mut least = Vec::new();
         self.categories.clear();
         for (coordinate, x) in self.coordinates.iter().zip(start) {
             if let Coordinate::Categorical { levels } = coordinate {
@@ -268,7 +269,8 @@ impl RoundBased for CmaEs {
         ranking.sort_by(|i, j| values[*i].total_cmp(&values[*j]));
         self.update(&ranking);
         let value = |rank: usize| values[ranking[rank]];
-        let (lowest, highest) = (value(0), value(values.len() - 1));
+        let lowest = value(0);
+        let highest = value(values.len() - 1);
         if let Some(gaussian) = &mut self.gaussian
             && lowest == value((0.7 * values.len() as f64) as usize)
         {

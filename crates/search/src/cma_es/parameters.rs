@@ -22,7 +22,8 @@ pub(super) struct Parameters {
 impl Parameters {
     /// Computes the parameters for `n` numbers and a population of at least 2.
     pub(super) fn new(n: usize, population: usize) -> Self {
-        let (dimension, lambda) = (n as f64, population as f64);
+        let dimension = n as f64;
+        let lambda = population as f64;
         let raw: Vec<f64> = (1..=population).map(|i| ((lambda + 1.0) / 2.0).ln() - (i as f64).ln()).collect();
         let mu = population / 2;
         let (positive, negative) = raw.split_at(mu);
@@ -35,7 +36,8 @@ impl Parameters {
             .min(1.0 + 2.0 * mu_eff_negative / (mu_eff + 2.0))
             .min((1.0 - c_1 - c_mu) / (dimension * c_mu));
         let sum = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
-        let (sum_positive, sum_negative) = (sum(positive), sum(negative).max(f64::MIN_POSITIVE));
+        let sum_positive = sum(positive);
+        let sum_negative = sum(negative).max(f64::MIN_POSITIVE);
         let scaled = |w: &f64| if *w > 0.0 { w / sum_positive } else { w * limit / sum_negative };
         let c_sigma = (mu_eff + 2.0) / (dimension + mu_eff + 5.0);
         let d_sigma = 1.0 + 2.0 * (((mu_eff - 1.0) / (dimension + 1.0)).sqrt() - 1.0).max(0.0) + c_sigma;

@@ -25,7 +25,8 @@ pub(super) fn designed_corners(coordinates: &[Coordinate], random: &mut Sequence
     let levels: Vec<Permutation> = coordinates.iter().map(|_| Permutation::new(2 * n_rows, random)).collect();
     let mut seen = BTreeSet::new();
     let corner = |run: u64| -> Vec<u64> {
-        let (row, is_opposite) = (rows.at(run / 2) as usize, run % 2 == 1);
+        let row = rows.at(run / 2) as usize;
+        let is_opposite = run % 2 == 1;
         let mut column = 0;
         let bound = |(c, order): (&Coordinate, &Permutation)| match n_bounds(*c) {
             2 => {

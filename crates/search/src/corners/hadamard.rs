@@ -41,7 +41,8 @@ impl Hadamard {
     /// Returns whether the sign in this row and column is +1.
     pub(crate) fn is_positive(&self, row: usize, column: usize) -> bool {
         let overlap = (row / self.base) & (column / self.base);
-        let (i, j) = (row % self.base, column % self.base);
+        let i = row % self.base;
+        let j = column % self.base;
         let base_is_positive = i == 0 || j == 0 || {
             let q = self.base - 1;
             i != j && !self.is_square[(j + q - i) % q]

@@ -154,7 +154,8 @@ impl PointSequence for Corners {
         if i < n_remaining {
             return self.remaining_corner(i);
         }
-        let (i, ordered) = (i - n_remaining, self.ordered());
+        let i = i - n_remaining;
+        let ordered = self.ordered();
         // With a single axis, facets are corners.
         let n_facets = if ordered.len() > 1 { 2 * ordered.len() as u64 } else { 0 };
         if i >= n_facets {

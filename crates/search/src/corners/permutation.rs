@@ -100,7 +100,8 @@ mod tests {
     /// standard errors.
     #[test]
     fn the_first_entry_is_uniform() {
-        let (n, keys) = (8, 8000);
+        let n = 8;
+        let keys = 8000;
         let mut counts = [0.0; 8];
         for seed in 0..keys {
             counts[Permutation::new(n, &mut Sequence::new(seed, 0)).at(0) as usize] += 1.0;

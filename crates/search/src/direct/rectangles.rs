@@ -152,7 +152,8 @@ impl Rectangles {
     /// times its absolute value.
     pub(super) fn take_potentially_optimal(&mut self, epsilon: f64) -> Vec<usize> {
         let chosen = self.potentially_optimal(epsilon);
-        let (mut first, mut others) = (Vec::new(), Vec::new());
+        let mut first = Vec::new();
+        let mut others = Vec::new();
         for size in chosen {
             let Some(group) = self.groups.get_mut(&size) else { continue };
             let Some(Reverse(best)) = group.pop() else { continue };

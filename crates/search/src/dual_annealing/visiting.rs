@@ -53,7 +53,8 @@ impl VisitingDistribution {
         if j < u.len() {
             let jumps: Vec<f64> = u.iter().map(|_| self.jump(temperature, stream)).collect();
             // One fraction for all long upward jumps and one for all long downward jumps.
-            let (up, down) = (stream.uniform(), stream.uniform());
+            let up = stream.uniform();
+            let down = stream.uniform();
             visited.iter_mut().zip(jumps).for_each(|(x, jump)| *x = wrapped(*x + limited(jump, up, down)));
         } else {
             let jump = self.jump(temperature, stream);

@@ -40,7 +40,8 @@ impl Batch {
         let scaled = model.scaled(&surrogate.space().features(candidates.points()));
         let posterior = model.posterior(&scaled);
         let taken = vec![false; candidates.len()];
-        let (variance, noise) = (model.variance, model.noise);
+        let variance = model.variance;
+        let noise = model.noise;
         Some(Self { scaled, posterior, variance, noise, columns: Vec::new(), taken })
     }
 
@@ -68,8 +69,12 @@ impl Batch {
         (range, region): (Range<usize>, &Region),
         kappa: f64,
     ) {
-        let (Some(model), Some(start)) = (surrogate.model(), self.lowest(range, kappa)) else { return };
-        let Some(point) = refined(surrogate, candidates.point(start), region, kappa) else { return };
+        let (Some(model), Some(start)) = (surrogate.model(), self.lowest(range, kappa)) else {
+            return;
+        };
+        let Some(point) = refined(surrogate, candidates.point(start), region, kappa) else {
+            return;
+        };
         if history.contains(&point) {
             return;
         }
@@ -93,7 +98,8 @@ impl Batch {
         &mut self,
         candidates: &Candidates,
         history: &History,
-        (level, ripple): (f64, f64),
+        level: f64,
+        ripple: f64,
         stream: &mut Sequence,
     ) -> Option<usize> {
         let probability = |i: usize| {
@@ -127,7 +133,8 @@ impl Batch {
         self.taken[j] = true;
         let deviation = (self.posterior.variances[j] + self.variance * self.noise).sqrt();
         let whitened = &self.posterior.whitened;
-        let (rows, norms) = (&self.scaled.rows, &self.scaled.squared_norms);
+        let rows = &self.scaled.rows;
+        let norms = &self.scaled.squared_norms;
         let products = rows * rows.row(j).transpose();
         let explained = whitened.tr_mul(&whitened.column(j));
         let mut column: Vec<f64> = (0..self.taken.len())

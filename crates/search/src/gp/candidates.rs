@@ -121,7 +121,8 @@ impl CandidateGenerator {
     pub(crate) fn local(&mut self, history: &History, region: &Region, n: usize) -> Candidates {
         let d = self.space.dimension();
         let mut candidates = Candidates::new(d);
-        let (mut point, mut offsets) = (vec![0.0; d], vec![0.0; d]);
+        let mut point = vec![0.0; d];
+        let mut offsets = vec![0.0; d];
         let share = (CHANGED / d as f64).min(1.0);
         for _ in 0..n {
             self.sobol.write_next(&mut offsets);

@@ -104,7 +104,8 @@ fn bounds(dimension: usize) -> Vec<(f64, f64)> {
 /// `None` if R̃ is not numerically positive definite.
 pub(super) fn negative_log_posterior(data: &Data<'_>, parameters: &LogParameters) -> Option<(f64, Vec<f64>)> {
     let correlation_parameters = parameters.correlation(data.coordinate_of);
-    let (noise, n) = (correlation_parameters.noise, data.targets.len());
+    let noise = correlation_parameters.noise;
+    let n = data.targets.len();
     let factors: Vec<f64> = correlation_parameters.lengths.iter().map(|length| length.recip()).collect();
     let points = ScaledPoints::new(data.features, &factors);
     let squared = points.squared_distances(&points);

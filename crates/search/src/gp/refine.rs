@@ -32,8 +32,9 @@ pub(super) fn refined(surrogate: &Surrogate, start: &[f64], region: &Region, kap
     for _ in 0..EFFORT {
         let Some(unit) = search.round().first() else { break };
         // At the upper edge exactly 1, so that points on a face are on it.
-        let inside =
-            |(t, (low, width)): (&f64, &(f64, f64))| if *t == 1.0 { low + width } else { low + t * width };
+        let inside = |(t, (low, width)): (&f64, &(f64, f64))| {
+            if *t == 1.0 { low + width } else { low + t * width }
+        };
         let point: Vec<f64> = unit.iter().zip(&edges).map(inside).map(|x| x.clamp(0.0, 1.0)).collect();
         let features = space.features(std::iter::once(point.as_slice()));
         let (value, by_feature) = bound_and_gradient(model, &features, kappa);

@@ -73,7 +73,8 @@ impl GaussianProcess {
     /// definite.
     #[must_use]
     pub(super) fn extend(&mut self, features: &DMatrix<f64>) -> bool {
-        let (n, added) = (self.len(), features.ncols());
+        let n = self.len();
+        let added = features.ncols();
         let points = ScaledPoints::new(features, &self.factors);
         let mut across = self.points.correlations(&points);
         solve_lower(&self.factor, &mut across);

@@ -156,7 +156,8 @@ mod tests {
 
     #[test]
     fn steps_stay_in_the_box_and_change_the_level_of_an_integer() {
-        let (space, mut stream) = (mixed(), Sequence::new(1, 0));
+        let space = mixed();
+        let mut stream = Sequence::new(1, 0);
         assert_eq!(space.stepped(0, 0.9, 0.3, &mut stream), 1.0);
         assert_eq!(space.stepped(1, 0.375, 1e-6, &mut stream), 0.625);
         assert_eq!(space.stepped(1, 0.375, -1e-6, &mut stream), 0.125);

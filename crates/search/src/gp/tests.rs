@@ -110,7 +110,8 @@ fn estimated_mean_maximizes_the_likelihood() {
     for case in cases() {
         let mut model = case.model(case.points.len());
         model.condition(&case.targets);
-        let (mean, variance) = (model.mean, model.variance);
+        let mean = model.mean;
+        let variance = model.variance;
         let mut likelihood_at = |mean| {
             model.condition_with(&case.targets, mean, variance);
             model.log_likelihood()
@@ -144,7 +145,8 @@ fn gradient_of_the_posterior_density_agrees_with_differences() {
                 |parameters: &LogParameters| negative_log_posterior(data, parameters).expect("definite").0;
             let (_, gradient) = negative_log_posterior(data, &at).expect("positive definite");
             for (k, g) in gradient.iter().enumerate() {
-                let (mut below, mut above) = (at.clone(), at.clone());
+                let mut below = at.clone();
+                let mut above = at.clone();
                 below.0[k] -= 1e-5;
                 above.0[k] += 1e-5;
                 let difference = (value(&above) - value(&below)) / 2e-5;
@@ -203,9 +205,11 @@ fn samples_have_the_moments_of_the_posterior() {
         let model = case.conditioned();
         let queries = columns(&case.queries);
         let posterior = model.posterior(&model.scaled(&queries));
-        let (mut sums, mut squares) = (vec![0.0; queries.ncols()], vec![0.0; queries.ncols()]);
+        let mut sums = vec![0.0; queries.ncols()];
+        let mut squares = vec![0.0; queries.ncols()];
         let mut stream = Sequence::new(3, 0);
-        let (rounds, per_round) = (100, 20);
+        let rounds = 100;
+        let per_round = 20;
         for _ in 0..rounds {
             let samples = posterior_samples(&model, &queries, per_round, &mut stream);
             for (i, row) in samples.row_iter().enumerate() {
@@ -215,7 +219,8 @@ fn samples_have_the_moments_of_the_posterior() {
         }
         let n = f64::from(rounds) * per_round as f64;
         for i in 0..sums.len() {
-            let (mean, variance) = (sums[i] / n, squares[i] / n - (sums[i] / n) * (sums[i] / n));
+            let mean = sums[i] / n;
+            let variance = squares[i] / n - (sums[i] / n) * (sums[i] / n);
             let expected = posterior.variances[i];
             let scale = model.variance.sqrt();
             assert!(

@@ -117,7 +117,8 @@ pub(crate) fn mean_ranks(values: &[f64]) -> Vec<f64> {
 
 /// Returns Spearman's rank correlation; 0 if one side is constant.
 pub(crate) fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (mean_ranks(a), mean_ranks(b));
+    let a = mean_ranks(a);
+    let b = mean_ranks(b);
     let mean = 0.5 * (a.len() as f64 + 1.0);
     let sum = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - mean) * (y - mean)).sum::<f64>();
     let scale = (sum(&a, &a) * sum(&b, &b)).sqrt();
@@ -249,7 +250,8 @@ mod tests {
     /// squares to 4.5 each.
     #[test]
     fn rank_correlation_averages_ties() {
-        let (a, b) = ([0.0, 1.0, 1.0, 9.0], [8.0, 2.0, 2.0, 3.0]);
+        let a = [0.0, 1.0, 1.0, 9.0];
+        let b = [8.0, 2.0, 2.0, 3.0];
         assert_eq!(mean_ranks(&a), [1.0, 2.5, 2.5, 4.0]);
         assert_eq!(mean_ranks(&b), [4.0, 1.5, 1.5, 3.0]);
         assert!((rank_correlation(&a, &b) + 1.5 / 4.5).abs() < 1e-15);

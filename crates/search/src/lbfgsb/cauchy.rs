@@ -68,7 +68,8 @@ impl<'a> Path<'a> {
     }
 
     fn add_coordinate(&mut self, i: usize, descent: f64) {
-        let (below, above) = (self.x[i], 1.0 - self.x[i]);
+        let below = self.x[i];
+        let above = 1.0 - self.x[i];
         self.is_fixed[i] = if below <= 0.0 { descent <= 0.0 } else { above <= 0.0 && descent >= 0.0 };
         if self.is_fixed[i] || descent == 0.0 {
             return;

@@ -98,11 +98,13 @@ impl LineSearch {
             return TrialResult::Accept;
         }
         if !self.second_stage && value <= self.best.value && value > bound {
-            let (mut best, mut other) = (self.best.subtract_line(line), self.other.subtract_line(line));
+            let mut best = self.best.subtract_line(line);
+            let mut other = self.other.subtract_line(line);
             self.interpolate(&mut best, &mut other, trial.subtract_line(line));
             (self.best, self.other) = (best.add_line(line), other.add_line(line));
         } else {
-            let (mut best, mut other) = (self.best, self.other);
+            let mut best = self.best;
+            let mut other = self.other;
             self.interpolate(&mut best, &mut other, trial);
             (self.best, self.other) = (best, other);
         }
@@ -146,7 +148,7 @@ impl LineSearch {
             self.bracketed = true;
             farther(cubic_step(trial, *best, along), secant_step(*best, trial), trial.step)
         } else if trial.slope.abs() < best.slope.abs() {
-            let cubic = cubic_step_ahead(*best, trial, along, (self.low, self.high));
+            let cubic = cubic_step_ahead(*best, trial, along, self.low, self.high);
             let secant = secant_step(*best, trial);
             if self.bracketed {
                 let nearer =
@@ -176,7 +178,8 @@ impl LineSearch {
 
     /// Bisects an interval that shrinks too slowly, and clamps the step to the limits.
     fn set_interval(&mut self) {
-        let (best, other) = (self.best.step, self.other.step);
+        let best = self.best.step;
+        let other = self.other.step;
         if self.bracketed {
             if (other - best).abs() >= 0.66 * self.previous_width {
                 self.step = best + 0.5 * (other - best);
@@ -217,7 +220,7 @@ fn cubic_step(from: Trial, to: Trial, negate: bool) -> f64 {
 
 /// Returns the minimizer of the cubic interpolant if it is beyond the trial, otherwise the end of
 /// the interval there.
-fn cubic_step_ahead(best: Trial, trial: Trial, along: bool, (low, high): (f64, f64)) -> f64 {
+fn cubic_step_ahead(best: Trial, trial: Trial, along: bool, low: f64, high: f64) -> f64 {
     let (theta, gamma) = cubic_coefficients(best, trial, true);
     let gamma = if along { -gamma } else { gamma };
     let p = (gamma - trial.slope) + theta;

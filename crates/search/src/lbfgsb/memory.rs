@@ -119,7 +119,8 @@ impl Memory {
 
     /// Returns row `i` of W: coordinate `i` of every y, then of every θs.
     pub(super) fn row(&self, i: usize) -> Vec<f64> {
-        let (y, s) = (self.y.iter(), self.s.iter());
+        let y = self.y.iter();
+        let s = self.s.iter();
         y.map(|y| y[i]).chain(s.map(|s| self.theta * s[i])).collect()
     }
 

@@ -110,7 +110,8 @@ impl Ray {
         if step == 1.0 {
             return self.target.clone();
         }
-        let (x, d) = (self.start.x.iter(), self.direction.iter());
+        let x = self.start.x.iter();
+        let d = self.direction.iter();
         x.zip(d).map(|(x, d)| clipped(step * d + x)).collect()
     }
 }
@@ -227,7 +228,9 @@ impl Lbfgsb {
                 return cauchy.x;
             }
             match self.reduced.factor(&self.memory) {
-                Some(factor) => return subspace_minimum(x, gradient, &cauchy, &self.memory, &factor),
+                Some(factor) => {
+                    return subspace_minimum(x, gradient, &cauchy, &self.memory, &factor);
+                }
                 None => self.memory.clear(),
             }
         }
@@ -284,7 +287,8 @@ impl Lbfgsb {
         if self.n_evaluations > self.options.max_evaluations {
             return self.stop(SearchEnd::EvaluationLimit);
         }
-        let (old, new) = (ray.start.value, self.current.value);
+        let old = ray.start.value;
+        let new = self.current.value;
         let is_flat = old - new <= self.options.ftol * old.abs().max(new.abs()).max(1.0);
         if self.projected_gradient() <= self.options.gtol || is_flat {
             return self.stop(SearchEnd::Converged);
@@ -302,7 +306,8 @@ impl Lbfgsb {
             return;
         }
         let squared = step * step * dot(&ray.direction, &ray.direction);
-        let (new, old) = (self.current.gradient.iter(), &ray.start.gradient);
+        let new = self.current.gradient.iter();
+        let old = &ray.start.gradient;
         let change = new.zip(old).map(|(new, old)| new - old).collect();
         let moved = ray.direction.iter().map(|d| step * d).collect();
         // If the factorization fails, the memory has cleared itself, and no further action is

@@ -71,13 +71,15 @@ impl ReducedMatrix {
         let over = |set: &[usize], a: &[f64], b: &[f64]| set.iter().map(|&i| a[i] * b[i]).sum::<f64>();
         for i in 0..n_old {
             for j in 0..n_old {
-                let (s_i, y_j) = (&memory.s[i], &memory.y[j]);
+                let s_i = &memory.s[i];
+                let y_j = &memory.y[j];
                 let change =
                     |a: &[f64], b: &[f64]| over(&self.became_free, a, b) - over(&self.became_fixed, a, b);
                 let sign = if i <= j { 1.0 } else { -1.0 };
                 self.sy.add(i, j, sign * change(s_i, y_j));
                 if j <= i {
-                    let (yy, ss) = (change(&memory.y[i], y_j), change(s_i, &memory.s[j]));
+                    let yy = change(&memory.y[i], y_j);
+                    let ss = change(s_i, &memory.s[j]);
                     self.yy.add(i, j, yy);
                     self.ss.add(i, j, -ss);
                 }
@@ -95,7 +97,8 @@ impl ReducedMatrix {
         }
         let fixed: Vec<usize> = (0..self.d).filter(|i| !self.free.contains(i)).collect();
         let over = |set: &[usize], a: &[f64], b: &[f64]| set.iter().map(|&i| a[i] * b[i]).sum::<f64>();
-        let (s, y) = (&memory.s, &memory.y);
+        let s = &memory.s;
+        let y = &memory.y;
         for j in 0..=newest {
             self.yy.set(newest, j, over(&self.free, &y[newest], &y[j]));
             self.ss.set(newest, j, over(&fixed, &s[newest], &s[j]));
@@ -107,7 +110,8 @@ impl ReducedMatrix {
     }
 
     fn assembled(&self, memory: &Memory) -> Option<SquareMatrix> {
-        let (n, theta) = (memory.len(), memory.theta);
+        let n = memory.len();
+        let theta = memory.theta;
         let mut k = SquareMatrix::zero(2 * n);
         for i in 0..n {
             for j in 0..=i {

@@ -42,7 +42,8 @@ fn newton_step(
     memory: &Memory,
     factor: &SquareMatrix,
 ) -> Vec<f64> {
-    let (n, theta) = (memory.len(), memory.theta);
+    let n = memory.len();
+    let theta = memory.theta;
     let middle = memory.middle(&cauchy.c);
     let rows: Vec<Vec<f64>> = cauchy.free.iter().map(|&i| memory.row(i)).collect();
     let reduced = |(row, &i): (&Vec<f64>, &usize)| -theta * (cauchy.x[i] - x[i]) - g[i] + dot(row, &middle);
@@ -63,7 +64,8 @@ fn newton_step(
 /// Returns the Cauchy point plus the step, truncated at the first bound.
 fn truncated_at_bound(cauchy: &CauchyPoint, mut step: Vec<f64>) -> Vec<f64> {
     let mut point = cauchy.x.clone();
-    let (mut scale, mut first) = (1.0, None);
+    let mut scale = 1.0;
+    let mut first = None;
     for (k, (&i, &d)) in cauchy.free.iter().zip(&step).enumerate() {
         let room = if d < 0.0 { -point[i] } else { 1.0 - point[i] };
         let possible = if d == 0.0 {

@@ -267,7 +267,7 @@ impl Portfolio {
                 Source::Global => batch.choose(0..n_global, kappa),
                 Source::Local => batch.choose(n_global..candidates.len(), kappa),
                 Source::Ripple => {
-                    batch.choose_by_ripple(&candidates, &self.history, (level, ripple), &mut self.stream)
+                    batch.choose_by_ripple(&candidates, &self.history, level, ripple, &mut self.stream)
                 }
                 _ => None,
             });
@@ -319,7 +319,9 @@ impl Portfolio {
             Source::Coordinate => changed_coordinate(best, space, &mut self.stream),
             Source::Polish => self.polish.propose(best, space, &mut self.stream),
             Source::Restart => self.restarts.propose(space),
-            Source::Sobol | Source::Ripple | Source::Global | Source::Local | Source::Trace => return None,
+            Source::Sobol | Source::Ripple | Source::Global | Source::Local | Source::Trace => {
+                return None;
+            }
         };
         Some(point).filter(|point| !self.history.contains(point))
     }
@@ -360,9 +362,11 @@ impl Portfolio {
         let [without, with] = distances.map(normal_tail);
         let more_probable = (1.0 - without / with.max(f64::MIN_POSITIVE)).max(0.0);
         let of_model = RIPPLE * evidence[0].stalled() * more_probable * (1.0 - free);
-        let (model, ripple) = (1.0 - free - of_model, ripple + of_model);
+        let model = 1.0 - free - of_model;
+        let ripple = ripple + of_model;
         let trace = self.trace.as_ref().map_or(0.0, Trace::share);
-        let (global, local) = (model * (1.0 - local), model * local);
+        let global = model * (1.0 - local);
+        let local = model * local;
         let [sobol, corner, coordinate, polish, ripple, global, local] =
             [sobol, corner, coordinate, polish, ripple, global, local].map(|share| (1.0 - trace) * share);
         let restart = if self.options.restarts {
@@ -391,7 +395,8 @@ impl Portfolio {
     /// Adapts shares, steps and trust region to the values of a round.
     fn adapt(&mut self, round: &[Vec<f64>], values: &[f64]) {
         let mut best = self.history.values()[self.history.by_value()[0]];
-        let (mut lowest, mut n_local) = (f64::INFINITY, 0);
+        let mut lowest = f64::INFINITY;
+        let mut n_local = 0;
         let sources = mem::take(&mut self.sources);
         for ((source, point), &value) in sources.into_iter().zip(round).zip(values) {
             let is_success = is_success(value, best);

@@ -64,7 +64,8 @@ mod tests {
     #[test]
     fn steps_converge_on_a_sphere() {
         let space = TypedSpace::new(&[Coordinate::Continuous; 5]);
-        let (mut polish, mut stream) = (Polish::new(), Sequence::new(2, 0));
+        let mut polish = Polish::new();
+        let mut stream = Sequence::new(2, 0);
         let distance = |u: &[f64]| u.iter().map(|x| (x - 0.4) * (x - 0.4)).sum::<f64>().sqrt();
         let mut best = space.center();
         for _ in 0..1000 {

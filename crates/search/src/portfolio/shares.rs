@@ -115,7 +115,8 @@ mod tests {
     fn credits_follow_the_shares_for_any_round_size() {
         let shares = [0.5, 0.0, 0.125, 0.125, 0.125, 0.0, 0.0625, 0.0625, 0.0];
         for n in [1, 3, 16] {
-            let (mut credits, mut counts) = (Credits::default(), [0; N_SOURCES]);
+            let mut credits = Credits::default();
+            let mut counts = [0; N_SOURCES];
             for _ in 0..960 / n {
                 credits.divide(n, &shares).iter().for_each(|source| counts[*source as usize] += 1);
             }

@@ -89,7 +89,8 @@ mod tests {
     #[test]
     fn one_coordinate_changes() {
         let space = TypedSpace::new(&[crate::Coordinate::Continuous; 6]);
-        let (best, mut stream) = (space.center(), Sequence::new(1, 0));
+        let best = space.center();
+        let mut stream = Sequence::new(1, 0);
         let changes = |point: Vec<f64>| -> Vec<usize> { (0..6).filter(|&k| point[k] != best[k]).collect() };
         let changed: Vec<Vec<usize>> =
             (0..100).map(|_| changes(changed_coordinate(&best, &space, &mut stream))).collect();

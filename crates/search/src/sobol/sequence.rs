@@ -131,7 +131,8 @@ mod tests {
         for seed in 0..3 {
             let points = points(2, 1 << m, seed);
             for a in 0..=m {
-                let (columns, rows) = (f64::from(1 << a), f64::from(1 << (m - a)));
+                let columns = f64::from(1 << a);
+                let rows = f64::from(1 << (m - a));
                 let mut boxes: Vec<[u32; 2]> =
                     points.iter().map(|u| [(u[0] * columns) as u32, (u[1] * rows) as u32]).collect();
                 boxes.sort_unstable();

@@ -56,7 +56,8 @@ impl Evaluation<'_> {
 
     /// Follows the chain of decisive operands from the formula to a predicate.
     pub(crate) fn diagnosis(&self) -> Result<DenseDiagnosis, DenseError> {
-        let (mut node, mut is_negated) = (self.formula.nodes.len() - 1, false);
+        let mut node = self.formula.nodes.len() - 1;
+        let mut is_negated = false;
         let mut point = self.first();
         let mut values = Values::new(self, self.formula, &self.starts, node, point)?;
         let robustness = values.of(node);
@@ -113,13 +114,15 @@ impl Evaluation<'_> {
         let left = self.formula.operands(node, &self.starts)[0];
         let (p, q): (Vec<_>, Vec<_>) =
             aligned(&self.function(left)?, &self.function(node - 1)?).into_iter().unzip();
-        let (p, q) = (Piecewise { knots: p }, Piecewise { knots: q });
+        let p = Piecewise { knots: p };
+        let q = Piecewise { knots: q };
         let [from, to] = window;
-        let (mut held, mut best) = (Least::default(), None);
+        let mut held = Least::default();
+        let mut best = None;
         let mut add = |(point, next): (Point, usize)| {
             held.add(sign * p.value(point, next), point);
             if from <= point && point <= to {
-                offer(&mut best, held.found, (sign * q.value(point, next), point));
+                offer(&mut best, held.found, sign * q.value(point, next), point);
             }
         };
         // The bound of the window that is nearer to the start is a point of its own.

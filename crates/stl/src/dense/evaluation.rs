@@ -199,7 +199,8 @@ fn apply(
     Ok(match operator {
         Operator::Until => until(&p, &q, [begin, end], domain),
         Operator::Release => {
-            let (p, q) = (p.map(|p| -p), q.map(|q| -q));
+            let p = p.map(|p| -p);
+            let q = q.map(|q| -q);
             until(&p, &q, [begin, end], domain).map(|result| -result)
         }
         Operator::Since => {

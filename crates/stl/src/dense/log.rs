@@ -44,7 +44,8 @@ impl<'a> Log<'a> {
             });
         }
         let first = late.map_or(earliest.start(), |late| late.start());
-        let (start, end) = (ticks(earliest.start()), ticks(latest.end()));
+        let start = ticks(earliest.start());
+        let end = ticks(latest.end());
         Ok(Log { signals: read, start, end, first: ticks(first) })
     }
 }

@@ -108,7 +108,8 @@ fn push<E: Extremum>(out: &mut Builder, [x, y]: [Sample; 2], before: Option<&Cel
             return;
         }
     }
-    let (before, after) = (before.map_or(at, |cell| cell.ends[1]), after.map_or(at, |cell| cell.ends[0]));
+    let before = before.map_or(at, |cell| cell.ends[1]);
+    let after = after.map_or(at, |cell| cell.ends[0]);
     out.push(Knot { time: x.knot.time, before, at, after });
 }
 
@@ -136,7 +137,8 @@ pub(crate) fn abs(x: &Piecewise) -> Piecewise {
 pub(crate) fn aligned(x: &Piecewise, y: &Piecewise) -> Vec<(Knot, Knot)> {
     let mut knots: Vec<(Knot, Knot)> = Vec::new();
     let result = merge(x, y, |in_x, in_y| {
-        let (in_x, in_y) = (in_x.knot, in_y.knot);
+        let in_x = in_x.knot;
+        let in_y = in_y.knot;
         if let Some((x0, y0)) = knots.last()
             && let Some(Crossing { time, value }) =
                 crossing([x0.time, in_x.time], [x0.after, in_x.before], [y0.after, in_y.before])

@@ -94,7 +94,9 @@ impl Piecewise {
 
     /// Returns the function on `[start, end]`, with the value `outside` where it is not defined.
     pub(crate) fn clip(&self, start: Ticks, end: Ticks, outside: f64) -> Piecewise {
-        let Some((first, last)) = self.domain() else { return Piecewise::constant(outside, start, end) };
+        let Some((first, last)) = self.domain() else {
+            return Piecewise::constant(outside, start, end);
+        };
         if start > end || first > end || last < start {
             return Piecewise::constant(outside, start, end);
         }
@@ -139,7 +141,9 @@ impl Piecewise {
         from: Point,
         to: Point,
     ) -> impl DoubleEndedIterator<Item = (Point, usize)> + use<'_> {
-        let (mut head, mut tail, mut inside) = (Vec::new(), Vec::new(), 0..0);
+        let mut head = Vec::new();
+        let mut tail = Vec::new();
+        let mut inside = 0..0;
         if let Some((from, to)) = self.cut(from, to) {
             head = self
                 .points_at(from.time, |side| side >= from.side && (from.time < to.time || side <= to.side));
@@ -169,9 +173,10 @@ impl Piecewise {
     fn points_at(&self, time: Ticks, has: impl Fn(Side) -> bool) -> Vec<(Point, usize)> {
         let next = self.knots.partition_point(|knot| knot.time < time);
         let point = |side| (Point { time, side }, next);
-        match self.knots[next].time == time {
-            true => SIDES.into_iter().filter(|side| has(*side)).map(point).collect(),
-            false => vec![point(Side::At)],
+        if self.knots[next].time == time {
+            SIDES.into_iter().filter(|side| has(*side)).map(point).collect()
+        } else {
+            vec![point(Side::At)]
         }
     }
 
@@ -188,7 +193,8 @@ impl Piecewise {
 
     /// Returns the value at a time between knot `next` and the one before it.
     fn between(&self, next: usize, time: Ticks) -> Knot {
-        let (a, b) = (&self.knots[next - 1], &self.knots[next]);
+        let a = &self.knots[next - 1];
+        let b = &self.knots[next];
         if a.after == b.before {
             return Knot::continuous(time, a.after);
         }
@@ -219,7 +225,8 @@ pub(crate) struct Share {
 /// Returns where a line from `a` to `b` crosses zero; the signs must differ.
 pub(crate) fn zero_crossing(a: f64, b: f64) -> Share {
     // A quarter, so that the difference of two large numbers does not overflow.
-    let (a, b) = (0.25 * a, 0.25 * b);
+    let a = 0.25 * a;
+    let b = 0.25 * b;
     if a == b {
         return Share { value: 0.5, rest: 0.0 };
     }
@@ -238,7 +245,8 @@ pub(crate) fn time_at(from: Ticks, to: Ticks, share: Share) -> Ticks {
     const ONE: f64 = (1_u64 << BITS) as f64;
     let parts = (share.value * ONE).floor();
     let rest = share.value - parts / ONE + share.rest;
-    let (high, low) = ((to - from) >> BITS, (to - from) & ((1 << BITS) - 1));
+    let high = (to - from) >> BITS;
+    let low = (to - from) & ((1 << BITS) - 1);
     let whole = high * parts as Ticks + ((low * parts as Ticks) >> BITS);
     from + whole + ((to - from) as f64 * rest).round() as Ticks
 }
@@ -294,8 +302,11 @@ pub(crate) fn merge<F, Error>(x: &Piecewise, y: &Piecewise, mut visit: F) -> Res
 where
     F: FnMut(Sample, Sample) -> Result<(), Error>,
 {
-    let (Some((x_start, x_end)), Some((y_start, y_end))) = (x.domain(), y.domain()) else { return Ok(()) };
-    let (start, end) = (x_start.max(y_start), x_end.min(y_end));
+    let (Some((x_start, x_end)), Some((y_start, y_end))) = (x.domain(), y.domain()) else {
+        return Ok(());
+    };
+    let start = x_start.max(y_start);
+    let end = x_end.min(y_end);
     if start > end {
         return Ok(());
     }
@@ -308,7 +319,8 @@ where
             let knot = if is_knot { function.knots[next] } else { function.between(next, time) };
             Sample { knot, is_knot }
         };
-        let (in_x, in_y) = (sample(x, next[0]), sample(y, next[1]));
+        let in_x = sample(x, next[0]);
+        let in_y = sample(y, next[1]);
         visit(in_x, in_y)?;
         if time == end {
             return Ok(());

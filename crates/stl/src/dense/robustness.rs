@@ -70,7 +70,8 @@ impl DenseRobustness {
     pub(crate) fn within(self, start: Ticks, end: Ticks) -> DenseRobustness {
         match self.function.domain() {
             Some((first, last)) if first < start || end < last => {
-                let (start, end) = (start.max(first), end.min(last));
+                let start = start.max(first);
+                let end = end.min(last);
                 DenseRobustness { function: self.function.clip(start, end, 0.0) }
             }
             _ => self,
@@ -97,7 +98,8 @@ impl DenseRobustness {
         if time.is_nan() || time.abs() > MAX_SECONDS {
             return None;
         }
-        let (time, knots) = (ticks(time), &self.function.knots);
+        let time = ticks(time);
+        let knots = &self.function.knots;
         let next = knots.partition_point(|knot| knot.time < time);
         // The nearest `f64` finds a breakpoint between two of them.
         let near = &knots[next.saturating_sub(1)..(next + 1).min(knots.len())];
@@ -135,7 +137,8 @@ impl DenseRobustness {
             }
             is_open = is_violated(knot.at);
             let Some(next) = knots.get(index + 1) else { break };
-            let (a, b) = (knot.after, next.before);
+            let a = knot.after;
+            let b = next.before;
             let crossing = || time_at(knot.time, next.time, zero_crossing(a, b));
             is_open = match (is_violated(a), is_violated(b)) {
                 (true, true) => {

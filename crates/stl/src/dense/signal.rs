@@ -102,7 +102,8 @@ impl DenseSignal {
     /// Returns the signal as a function, at least between the samples next to a time.
     pub(crate) fn around(&self, end: Ticks, time: Ticks) -> Piecewise {
         let next = self.times.partition_point(|sample| ticks(*sample) < time);
-        let (first, last) = (next.saturating_sub(2), (next + 3).min(self.times.len()));
+        let first = next.saturating_sub(2);
+        let last = (next + 3).min(self.times.len());
         let near = DenseSignal {
             name: String::new(),
             times: self.times[first..last].to_vec(),

@@ -51,13 +51,15 @@ fn unbounded(p: &Piecewise, q: &Piecewise) -> Piecewise {
     let knots = aligned(p, q);
     let blank = |knot: &(Knot, Knot)| Knot::continuous(knot.0.time, f64::INFINITY);
     let mut outer: Vec<Knot> = knots.iter().map(blank).collect();
-    let (mut inner, mut least) = (outer.clone(), outer.clone());
+    let mut inner = outer.clone();
+    let mut least = outer.clone();
     let mut next = f64::NEG_INFINITY;
     for index in (0..knots.len()).rev() {
         let (p, q) = knots[index];
         let mut after = f64::NEG_INFINITY;
         if let Some((p_next, q_next)) = knots.get(index + 1) {
-            let ([p0, p1], [q0, q1]) = ([p.after, p_next.before], [q.after, q_next.before]);
+            let [p0, p1] = [p.after, p_next.before];
+            let [q0, q1] = [q.after, q_next.before];
             let (lines, number) = if p0 <= p1 {
                 ([[p0, p1], [q0, q1]], Maximum::pick(q1, next))
             } else {

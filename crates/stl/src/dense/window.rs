@@ -68,7 +68,8 @@ fn inside<E: Extremum>(x: &Piecewise, [begin, end]: [Ticks; 2]) -> Piecewise {
     let mut out = Builder::default();
     // Knots of the window with their extrema, each of which is more extreme than all later ones.
     let mut window: VecDeque<(usize, f64)> = VecDeque::new();
-    let (mut entering, mut leaving) = (0, 0);
+    let mut entering = 0;
+    let mut leaving = 0;
     while leaving < knots.len() {
         let leave = knots[leaving].time - begin;
         let time = knots.get(entering).map_or(leave, |knot| leave.min(knot.time - end));

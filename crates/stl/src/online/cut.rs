@@ -147,10 +147,7 @@ impl CutMonitor {
 }
 
 fn unlimited(value: f64) -> f64 {
-    match value.abs() >= INSIDE {
-        true => f64::INFINITY.copysign(value),
-        false => value,
-    }
+    if value.abs() >= INSIDE { f64::INFINITY.copysign(value) } else { value }
 }
 
 /// Returns the formula in which no sample outside the trace has an effect.

@@ -187,7 +187,8 @@ impl Graph {
             let Some(need) = needs[id] else { continue };
             self.nodes[id].need = need;
             let Some((operator, window)) = self.nodes[id].operator() else { continue };
-            let (begin, end) = (window.begin, window.end);
+            let begin = window.begin;
+            let end = window.end;
             let [first, last] = match operator {
                 Operator::Always | Operator::Eventually | Operator::Unless => [need.saturating_add(end); 2],
                 Operator::Until | Operator::Release => {
@@ -213,7 +214,9 @@ impl Graph {
         }
         for id in 0..self.nodes.len() {
             let node = self.nodes[id].clone();
-            let Some((operator, window)) = node.operator().filter(|_| !node.is_state) else { continue };
+            let Some((operator, window)) = node.operator().filter(|_| !node.is_state) else {
+                continue;
+            };
             let [first, last] = node.operands.map(|operand| self.nodes[operand].reach.ahead);
             let has_exact = node.operands.iter().all(|operand| !self.nodes[*operand].reach.is_unbounded);
             // An operand is read from this many samples before the first sample without exact
@@ -236,9 +239,10 @@ impl Graph {
                     read.keep = read.keep.max(lag);
                 }
                 if node.reach.is_unbounded {
-                    let head = match node.accumulates() && has_exact {
-                        true => node.need.saturating_add(window.begin),
-                        false => read.need.saturating_add(1),
+                    let head = if node.accumulates() && has_exact {
+                        node.need.saturating_add(window.begin)
+                    } else {
+                        read.need.saturating_add(1)
                     };
                     read.head = read.head.max(head);
                 }

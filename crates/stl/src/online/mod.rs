@@ -189,7 +189,9 @@ impl OnlineMonitor {
         for (column, name) in &self.graph.columns {
             let value = sample[*column];
             if !value.is_finite() {
-                let (signal, step, time_secs) = (name.clone(), self.len, self.clock.time_secs(self.len));
+                let signal = name.clone();
+                let step = self.len;
+                let time_secs = self.clock.time_secs(self.len);
                 return Err(MonitorError::NotFinite { signal, value, step, time_secs });
             }
         }

@@ -82,7 +82,9 @@ impl Operand<'_> {
             // Read without effect, and perhaps not kept.
             return side.unknown();
         }
-        let Some(unknown) = sample.checked_sub(self.cell.len) else { return self.cell.exact(sample) };
+        let Some(unknown) = sample.checked_sub(self.cell.len) else {
+            return self.cell.exact(sample);
+        };
         if self.node.is_direct {
             return self.direct(sample, side);
         }
@@ -189,9 +191,10 @@ impl Operand<'_> {
     fn fold(self, pick: Pick, samples: std::ops::Range<usize>, side: Side) -> f64 {
         if (self.node.is_direct || self.node.folded.is_some()) && samples.start >= self.cell.len {
             // The bounds are monotone.
-            return match samples.is_empty() {
-                true => pick.neutral(),
-                false => pick.of(self.at(samples.start, side), self.at(samples.end - 1, side)),
+            return if samples.is_empty() {
+                pick.neutral()
+            } else {
+                pick.of(self.at(samples.start, side), self.at(samples.end - 1, side))
             };
         }
         let end = samples.end.min(self.top().max(samples.start).saturating_add(1)).max(samples.start);
@@ -227,7 +230,8 @@ pub(super) fn bound(
     length: Length,
     buffers: &mut Buffers,
 ) {
-    let (mut low, mut high) = (std::mem::take(&mut cell.low), std::mem::take(&mut cell.high));
+    let mut low = std::mem::take(&mut cell.low);
+    let mut high = std::mem::take(&mut cell.high);
     low.clear();
     high.clear();
     let Some((operator, window)) =
@@ -508,7 +512,8 @@ fn behind(pick: Pick, values: &mut [f64], window: Window, scratch: &mut [f64]) {
 /// Returns the bounds of a pointwise operator from those of its operands. Arithmetic without a
 /// value has none.
 fn pointwise_bounds(operator: Operator, x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
-    let (least, greatest) = (Pick::Least, Pick::Greatest);
+    let least = Pick::Least;
+    let greatest = Pick::Greatest;
     match operator {
         Operator::Not | Operator::Negate => (-x.1, -x.0),
         Operator::And => (least.of(x.0, y.0), least.of(x.1, y.1)),
@@ -547,8 +552,9 @@ fn edge_bounds(operator: Operator, x: Operand<'_>, sample: usize) -> (f64, f64) 
     let both = |sample| (x.at(sample, Side::Low), x.at(sample, Side::High));
     let before = sample.checked_sub(1).map_or((start, start), both);
     let now = both(sample);
-    match is_rise {
-        true => (Pick::Least.of(-before.1, now.0), Pick::Least.of(-before.0, now.1)),
-        false => (Pick::Least.of(before.0, -now.1), Pick::Least.of(before.1, -now.0)),
+    if is_rise {
+        (Pick::Least.of(-before.1, now.0), Pick::Least.of(-before.0, now.1))
+    } else {
+        (Pick::Least.of(before.0, -now.1), Pick::Least.of(before.1, -now.0))
     }
 }

@@ -70,9 +70,10 @@ impl Cell {
     pub fn new(node: &Node, samples: usize) -> Cell {
         let keep = if node.keep > 1 { node.keep.min(samples) } else { 0 };
         // The bounds of nodes that wait for samples ahead, and of those after unknown samples.
-        let partial = match node.is_state {
-            true => 0,
-            false => node.reach.ahead.saturating_add(node.slack).min(node.need).saturating_add(2),
+        let partial = if node.is_state {
+            0
+        } else {
+            node.reach.ahead.saturating_add(node.slack).min(node.need).saturating_add(2)
         };
         let partial = preallocated(partial);
         let mut cell = Cell {
@@ -99,7 +100,8 @@ impl Cell {
         self.accumulated = node.operator().filter(|_| node.accumulates()).map(|(operator, window)| {
             let from = node.need.saturating_add(window.begin);
             let to = if window.is_unbounded() { usize::MAX } else { window.end.saturating_add(1) };
-            let (all, held) = (Function::identity(pick(operator)), pick(operator).dual().neutral());
+            let all = Function::identity(pick(operator));
+            let held = pick(operator).dual().neutral();
             Accumulated { from, to, next: from, all, held }
         });
     }
@@ -325,7 +327,8 @@ impl Cell {
                 }
             }
             (Memory::Nothing, _) => {
-                let (x, y) = (x.exact(sample), y.exact(sample));
+                let x = x.exact(sample);
+                let y = y.exact(sample);
                 pointwise::apply_once(operator, x, y).map_err(|undefined| undefined.after(sample))?
             }
         };
@@ -344,9 +347,10 @@ impl Cell {
         }
         let next = accumulated.next;
         if next < accumulated.to && next < x.len && next < y.len {
-            let function = match is_unary {
-                true => Function { p: pick.dual().neutral(), q: x.exact(next) },
-                false => Function { p: x.exact(next), q: y.exact(next) },
+            let function = if is_unary {
+                Function { p: pick.dual().neutral(), q: x.exact(next) }
+            } else {
+                Function { p: x.exact(next), q: y.exact(next) }
             };
             accumulated.all = accumulated.all.after(pick, function);
             accumulated.next += 1;

@@ -175,10 +175,7 @@ impl Composition {
     }
 
     fn compose(&self, first: Function, last: Function) -> Function {
-        match self.is_reversed {
-            true => last.after(self.pick, first),
-            false => first.after(self.pick, last),
-        }
+        if self.is_reversed { last.after(self.pick, first) } else { first.after(self.pick, last) }
     }
 
     pub fn push(&mut self, function: Function) {

@@ -61,7 +61,8 @@ fn held_signals_equal_the_discrete_definitions_at_instants_and_between_them() {
             signals.push(DenseSignal::new(*name, times, values, Interpolation::Hold).unwrap());
         }
         let grid = tree.on_grid(2);
-        let (expected, holds) = (grid.evaluate(&columns), grid.holds(&columns));
+        let expected = grid.evaluate(&columns);
+        let holds = grid.holds(&columns);
         let monitor = monitor(&text);
         let found = monitor.robustness_signal(&signals).unwrap();
         let context = format!("{text} on {signals:?}: {found:?}");
@@ -104,8 +105,8 @@ fn error_bound(tree: &Tree, slope: f64, step: f64) -> (f64, f64) {
             (slope_x, error + own)
         }
         Tree::Two(name, _, x, y) => {
-            let ((slope_x, error_x), (slope_y, error_y)) =
-                (error_bound(x, slope, step), error_bound(y, slope, step));
+            let (slope_x, error_x) = error_bound(x, slope, step);
+            let (slope_y, error_y) = error_bound(y, slope, step);
             match (*name, &**x, &**y) {
                 ("*", Tree::Number(factor), _) => (factor.abs() * slope_y, factor.abs() * error_y),
                 ("*", _, Tree::Number(factor)) => (factor.abs() * slope_x, factor.abs() * error_x),
@@ -184,7 +185,8 @@ fn linear_signals_are_close_to_the_discrete_definitions_on_a_fine_grid() {
     let mut random = Random(45);
     let mut bounds = Vec::new();
     for case in 0..2_500 {
-        let (n, size) = (1 + random.below(5), 1 + random.below(4));
+        let n = 1 + random.below(5);
+        let size = 1 + random.below(4);
         let tree = random_tree(&mut random, size, n + 1);
         bounds.extend(compare_on_grid(&mut random, &tree, n, case % 3 == 0));
     }
@@ -206,7 +208,8 @@ fn functions_with_jumps_and_slopes_are_close_to_the_discrete_definitions_on_a_fi
             let begin = random.below(n);
             random.pick(&[None, Some((0, 1)), Some((begin, begin + 1)), Some((begin, usize::MAX))])
         };
-        let (x, y) = (operand(&mut random, 1), operand(&mut random, 2));
+        let x = operand(&mut random, 1);
+        let y = operand(&mut random, 2);
         let bounds = window(&mut random);
         let one = |random: &mut Random, x| Box::new(Tree::One(random.pick(&TIMED_ONE), window(random), x));
         let tree = match case % 3 {
@@ -226,7 +229,8 @@ fn check_shape(found: &DenseRobustness, text: &str) {
     }
     for pair in points.windows(2) {
         assert!(pair[0].time < pair[1].time, "{text}: {points:?}");
-        let (a, b) = (pair[0].after, pair[1].before);
+        let a = pair[0].after;
+        let b = pair[1].before;
         assert!(a == b || (a.is_finite() && b.is_finite()), "{text}: {points:?}");
     }
 }
@@ -239,7 +243,8 @@ fn held_samples_of_a_period_have_the_values_of_discrete_time_at_the_samples() {
     let mut random = Random(46);
     let mut compared = 0;
     for _ in 0..6_000 {
-        let (n, size) = (1 + random.below(20), random.below(6));
+        let n = 1 + random.below(20);
+        let size = random.below(6);
         let tree = random_tree(&mut random, size, n);
         // Bounds in units of 100 ms.
         let text = tree.write(&mut random);

@@ -27,12 +27,14 @@ fn a_part_of_the_function_is_that_of_the_whole() {
         let whole = evaluate(text, signals).unwrap();
         let (start, end) = whole.domain().unwrap();
         let mut time = || start + (end - start) * random.below(9) as f64 / 8.0;
-        let (a, b) = (time(), time());
+        let a = time();
+        let b = time();
         let part = monitor.robustness_within(signals, a.min(b), a.max(b)).unwrap();
         assert_eq!(part.domain(), Some((a.min(b), a.max(b))), "{text} on {signals:?}");
         for step in 0..=16 {
             let time = a + (b - a) * f64::from(step) / 16.0;
-            let (found, expected) = (part.at(time).unwrap(), whole.at(time).unwrap());
+            let found = part.at(time).unwrap();
+            let expected = whole.at(time).unwrap();
             assert!(is_near(found, expected), "{text} at {time}: {found} {expected} on {signals:?}");
         }
     });

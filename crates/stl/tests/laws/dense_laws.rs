@@ -47,7 +47,8 @@ fn check_equal(one: &DenseRobustness, other: &DenseRobustness, context: &str) {
     let Some((start, end)) = one.domain() else { return };
     for step in 0..=96 {
         let time = start + (end - start) * f64::from(step) / 96.0;
-        let (a, b) = (one.at(time).unwrap(), other.at(time).unwrap());
+        let a = one.at(time).unwrap();
+        let b = other.at(time).unwrap();
         assert!(is_near(a, b), "{a} and {b} at {time}: {context}: {one:?} {other:?}");
     }
 }
@@ -68,7 +69,8 @@ fn a_shift_of_all_times_shifts_the_result() {
         let (start, end) = found.domain().unwrap();
         assert_eq!(shifted.domain(), Some((start + shift, end + shift)), "{text}");
         for time in (0..=((end - start) * 8.0) as usize).map(|time| time as f64 / 8.0) {
-            let (a, b) = (found.at(time).unwrap(), shifted.at(time + shift).unwrap());
+            let a = found.at(time).unwrap();
+            let b = shifted.at(time + shift).unwrap();
             assert!(is_near(a, b), "{text} at {time}: {a} {b} on {signals:?}");
         }
     });
@@ -95,7 +97,8 @@ fn a_sample_that_adds_no_information_changes_nothing() {
     for_random_cases(3, 3_000, |_, text, signals, random| {
         let place = random.below(1000);
         let more = mapped(signals, |signal| {
-            let (mut times, mut values) = (signal.times().to_vec(), signal.values().to_vec());
+            let mut times = signal.times().to_vec();
+            let mut values = signal.values().to_vec();
             let at = 1 + place % (times.len() - 1);
             let value = match signal.interpolation() {
                 Interpolation::Hold => values[at - 1],
@@ -106,7 +109,8 @@ fn a_sample_that_adds_no_information_changes_nothing() {
             (times, values)
         });
         let context = format!("{text} on {signals:?}");
-        let (one, other) = (evaluate(text, signals).unwrap(), evaluate(text, &more).unwrap());
+        let one = evaluate(text, signals).unwrap();
+        let other = evaluate(text, &more).unwrap();
         check_equal(&one, &other, &context);
         if signals.iter().all(|signal| signal.interpolation() == Interpolation::Hold) {
             assert_eq!(one, other, "{context}");
@@ -117,7 +121,8 @@ fn a_sample_that_adds_no_information_changes_nothing() {
 #[test]
 fn operators_are_the_negations_of_their_duals() {
     for_random_cases(4, 1_500, |_, text, signals, random| {
-        let (begin, end) = (random.below(4), random.below(4));
+        let begin = random.below(4);
+        let end = random.below(4);
         let window = format!("[{begin}:{}]", begin + end);
         for (one, other) in [("always", "eventually"), ("historically", "once")] {
             let found = evaluate(&format!("{one}{window}({text})"), signals).unwrap();
@@ -139,7 +144,8 @@ fn no_continuation_changes_a_decided_value() {
         if !tree.is_bounded() {
             return;
         }
-        let (end, steps) = (signals[0].end(), 1 + random.below(20));
+        let end = signals[0].end();
+        let steps = 1 + random.below(20);
         let extra: Vec<Vec<f64>> = signals.iter().map(|_| random.column(steps)).collect();
         let index = |signal: &DenseSignal| NAMES.iter().position(|name| *name == signal.name()).unwrap();
         let longer = mapped(signals, |signal| {
@@ -149,8 +155,8 @@ fn no_continuation_changes_a_decided_value() {
         let monitor = compile(text, signals).unwrap();
         let decided = monitor.decided_robustness_signal(signals).unwrap();
         let Some((first, last)) = decided.domain() else { return };
-        let (cut, continued) =
-            (monitor.robustness_signal(signals).unwrap(), monitor.robustness_signal(&longer).unwrap());
+        let cut = monitor.robustness_signal(signals).unwrap();
+        let continued = monitor.robustness_signal(&longer).unwrap();
         for step in 0..=32 {
             let time = first + (last - first) * f64::from(step) / 32.0;
             let value = decided.at(time).unwrap();
@@ -167,8 +173,8 @@ fn no_continuation_changes_a_decided_value() {
 fn the_first_value_is_that_of_the_whole_signal() {
     for_random_cases(6, 3_000, |_, text, signals, _| {
         let monitor = compile(text, signals).unwrap();
-        let (first, all) =
-            (monitor.robustness(signals).unwrap(), monitor.robustness_signal(signals).unwrap());
+        let first = monitor.robustness(signals).unwrap();
+        let all = monitor.robustness_signal(signals).unwrap();
         assert!(is_near(first, all.first().unwrap()), "{text} on {signals:?}: {first} {all:?}");
     });
 }
@@ -261,7 +267,8 @@ fn signals_of_different_spans() {
     };
     let fast = |interpolation| of("a", &[0.0, 0.9, 1.0], &[1.0, 1.0, -2.0], interpolation);
     let slow = |interpolation| of("b", &[0.5, 0.75], &[3.0, 4.0], interpolation);
-    let (held, line) = (Interpolation::Hold, Interpolation::Linear);
+    let held = Interpolation::Hold;
+    let line = Interpolation::Linear;
     let domain = |text: &str, signals: &[DenseSignal]| evaluate(text, signals).unwrap().domain();
     // A held value holds until the end of the log, so that the last sample of `a` counts.
     let signals = [fast(held), slow(held)];
@@ -396,7 +403,8 @@ fn the_cost_is_linear_in_the_number_of_breakpoints() {
             let values: Vec<f64> = (0..n).map(|_| random.below(2001) as f64 / 1000.0 - 1.0).collect();
             [signal(&times, &values, interpolation)]
         };
-        let (short, long) = (log(10_000), log(100_000));
+        let short = log(10_000);
+        let long = log(100_000);
         for text in texts {
             let monitor = compile(text, &short).unwrap();
             let time = |signals: &[DenseSignal], repetitions: usize| {
@@ -410,7 +418,8 @@ fn the_cost_is_linear_in_the_number_of_breakpoints() {
             let best = |signals, repetitions| {
                 (0..3).map(|_| time(signals, repetitions)).fold(f64::INFINITY, f64::min)
             };
-            let (parts, whole) = (best(&short, 10), best(&long, 1));
+            let parts = best(&short, 10);
+            let whole = best(&long, 1);
             assert!(
                 whole < 4.0 * parts + 0.05,
                 "{text}: {whole} s for 100,000 samples, {parts} s for ten of 10,000"

@@ -35,7 +35,8 @@ fn robustness(text: &str, columns: &[Vec<f64>]) -> Vec<f64> {
 
 #[track_caller]
 fn check_equal(one: &str, other: &str, columns: &[Vec<f64>]) {
-    let (a, b) = (robustness(one, columns), robustness(other, columns));
+    let a = robustness(one, columns);
+    let b = robustness(other, columns);
     assert_eq!(a, b, "{one} against {other} on {columns:?}");
 }
 
@@ -87,9 +88,10 @@ fn windows_of_all_lengths_on_long_traces_follow_the_definitions() {
             let n = random.pick(&[1, 64, 65, 250, 301, 1024, 1088, 1500, 2100]);
             let begin = random.pick(&[0, 0, 1, 7, 300]);
             let window = Some((begin, begin + length - 1));
-            let tree = match TIMED_ONE.contains(&name) {
-                true => Tree::One(name, window, Box::new(Tree::Signal(0))),
-                false => Tree::Two(name, window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1))),
+            let tree = if TIMED_ONE.contains(&name) {
+                Tree::One(name, window, Box::new(Tree::Signal(0)))
+            } else {
+                Tree::Two(name, window, Box::new(Tree::Signal(0)), Box::new(Tree::Signal(1)))
             };
             // Left operands that rarely fall and right operands that rarely rise, so that distant
             // samples matter.
@@ -108,7 +110,8 @@ fn windows_of_all_lengths_on_long_traces_follow_the_definitions() {
 
 /// Returns a random interval as text, and the same one sample longer at its end.
 fn intervals(random: &mut Random) -> (String, String) {
-    let (begin, length) = (random.below(5), random.below(12));
+    let begin = random.below(5);
+    let length = random.below(12);
     (format!("[{begin}:{}]", begin + length), format!("[{begin}:{}]", begin + length + 1))
 }
 
@@ -180,11 +183,9 @@ fn a_longer_window_never_raises_always_and_never_lowers_eventually_and_until() {
             let operand = if operand.is_empty() { " a" } else { operand };
             let short = robustness(&format!("{operator}{shorter}{operand}"), &columns);
             let long = robustness(&format!("{operator}{longer}{operand}"), &columns);
-            let is_ordered =
-                |(short, long): (&f64, &f64)| match grows.iter().any(|(name, _)| *name == operator) {
-                    true => short <= long,
-                    false => short >= long,
-                };
+            let is_ordered = |(short, long): (&f64, &f64)| {
+                if grows.iter().any(|(name, _)| *name == operator) { short <= long } else { short >= long }
+            };
             assert!(
                 short.iter().zip(&long).all(is_ordered),
                 "{operator}{shorter} and {longer} on {columns:?}"
@@ -210,7 +211,8 @@ fn robustness_is_monotonic_in_the_trace() {
         let mut better = columns.clone();
         better.iter_mut().flatten().for_each(|value| *value += random.below(3) as f64);
         for formula in formulas {
-            let (low, high) = (robustness(formula, &columns), robustness(formula, &better));
+            let low = robustness(formula, &columns);
+            let high = robustness(formula, &better);
             assert!(
                 low.iter().zip(&high).all(|(low, high)| low <= high),
                 "{formula} on {columns:?}, {better:?}"
@@ -262,7 +264,8 @@ fn continued(random: &mut Random, columns: &[Vec<f64>], samples: usize) -> Vec<V
 #[test]
 fn a_decided_value_follows_the_definitions_and_reads_no_sample_beyond_the_trace() {
     let mut random = Random(8);
-    let (mut unbounded, mut values) = (0, 0);
+    let mut unbounded = 0;
+    let mut values = 0;
     for case in 0..5000 {
         let n = 1 + random.below(if case % 10 == 0 { 30 } else { 12 });
         let size = random.below(5);
@@ -283,7 +286,8 @@ fn a_decided_value_follows_the_definitions_and_reads_no_sample_beyond_the_trace(
 #[test]
 fn no_continuation_of_the_trace_changes_a_decided_value_of_bounded_windows() {
     let mut random = Random(16);
-    let (mut formulas, mut values) = (0, 0);
+    let mut formulas = 0;
+    let mut values = 0;
     while formulas < 1500 {
         let n = 1 + random.below(20);
         let size = random.below(5);
@@ -609,7 +613,8 @@ fn a_recording_has_the_values_of_its_trace() {
         let n = 1 + random.below(if case % 50 == 0 { 4000 } else { 14 });
         let text = Tree::random(&mut random, 6, n.min(50)).write(&mut random);
         let columns = random_columns(&mut random, n);
-        let (trace, recording) = (trace_of(&columns), recording_of(&text, &columns));
+        let trace = trace_of(&columns);
+        let recording = recording_of(&text, &columns);
         assert_eq!(recording.len(), n);
         let mut monitor = monitor(&text);
         let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
@@ -688,7 +693,8 @@ fn sub_formulas_have_the_values_of_the_definitions() {
 #[test]
 fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
     let mut random = Random(15);
-    let (mut formulas, mut samples) = (0, 0);
+    let mut formulas = 0;
+    let mut samples = 0;
     while formulas < 3000 {
         let n = 1 + random.below(40);
         let size = 1 + random.below(3);
@@ -704,7 +710,8 @@ fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
             .iter()
             .map(|column| [random.column(before), column.clone(), random.column(12)].concat())
             .collect();
-        let (short, long) = (robustness(&text, &columns), robustness(&text, &longer));
+        let short = robustness(&text, &columns);
+        let long = robustness(&text, &longer);
         for step in covered(tree.offsets(), n) {
             samples += 1;
             assert_eq!(short[step], long[step + before], "{text} at {step} of {columns:?} in {longer:?}");
@@ -716,7 +723,8 @@ fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
 #[test]
 fn a_diagnosis_leads_to_a_value_with_the_robustness_of_the_formula() {
     let mut random = Random(77);
-    let (mut ended_at_predicate, mut cases) = (0, 0);
+    let mut ended_at_predicate = 0;
+    let mut cases = 0;
     for _ in 0..20_000 {
         let n = 1 + random.below(14);
         let size = 1 + random.below(6);

@@ -17,10 +17,12 @@ fn random_name(random: &mut Random) -> String {
 fn every_name_can_be_written_and_a_printed_formula_parses_to_itself() {
     let mut random = Random(61);
     for _ in 0..20_000 {
-        let (x, y) = (random_name(&mut random), random_name(&mut random));
+        let x = random_name(&mut random);
+        let y = random_name(&mut random);
         let spell = |name: &str| spelled(name).into_owned();
         let always_quoted = |name: &str| format!("`{}`", name.replace('`', "``"));
-        let (p, q) = (spell(&x), always_quoted(&y));
+        let p = spell(&x);
+        let q = always_quoted(&y);
         for text in [
             p.clone(),
             format!("{p} release {q}"),

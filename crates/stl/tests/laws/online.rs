@@ -33,7 +33,8 @@ fn known(bounds: Option<(f64, f64)>) -> Bounds {
 /// A random formula with its text, and a trace.
 fn case(random: &mut Random, case: usize) -> (Tree, String, Vec<Vec<f64>>) {
     let samples = 1 + random.below(if case.is_multiple_of(20) { 40 } else { 14 });
-    let (size, n) = (random.below(6), 1 + samples * random.below(4) / 3);
+    let size = random.below(6);
+    let n = 1 + samples * random.below(4) / 3;
     let tree = Tree::random(random, size, n);
     let text = tree.write(random);
     (tree, text, NAMES.map(|_| random.column(samples)).to_vec())
@@ -42,7 +43,8 @@ fn case(random: &mut Random, case: usize) -> (Tree, String, Vec<Vec<f64>>) {
 #[test]
 fn the_bounds_follow_the_definitions_at_every_prefix() {
     let mut random = Random(41);
-    let (mut prefixes, mut early) = (0, 0);
+    let mut prefixes = 0;
+    let mut early = 0;
     for number in 0..formulas(4000) {
         let (tree, text, columns) = case(&mut random, number);
         // Shorter than the trace, as long, or longer.
@@ -69,7 +71,8 @@ fn the_bounds_follow_the_definitions_at_every_prefix() {
 #[test]
 fn the_bounds_without_a_length_are_those_of_all_lengths() {
     let mut random = Random(42);
-    let (mut prefixes, mut wider) = (0, 0);
+    let mut prefixes = 0;
+    let mut wider = 0;
     for number in 0..formulas(400) {
         let (tree, text, columns) = case(&mut random, number);
         let mut monitor = online(&[&text], None);
@@ -244,7 +247,8 @@ fn a_rejected_sample_leaves_the_monitor_unchanged() {
     for number in 0..formulas(500) {
         let (_, text, columns) = case(&mut random, number);
         let text = format!("({text}) and a < 1e300 and 1 / b < 1e300");
-        let (mut plain, mut tried) = (online(&[&text], None), online(&[&text], None));
+        let mut plain = online(&[&text], None);
+        let mut tried = online(&[&text], None);
         for step in 0..columns[0].len() {
             let good: Vec<f64> = sample(&columns, step).iter().map(|value| value.abs() + 1.0).collect();
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -256,7 +260,8 @@ fn a_rejected_sample_leaves_the_monitor_unchanged() {
             zero[1] = 0.0;
             assert!(tried.push(&zero).is_err(), "{text}: 1 / 0");
             assert_eq!(tried.len(), step, "{text}");
-            let (expected, found) = (plain.push(&good), tried.push(&good));
+            let expected = plain.push(&good);
+            let found = tried.push(&good);
             assert_eq!(found, expected, "{text}");
             assert_eq!(tried.decided(0), plain.decided(0), "{text}");
             assert_eq!(bits(tried.bounds(0)), bits(plain.bounds(0)), "{text}");

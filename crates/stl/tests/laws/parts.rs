@@ -27,7 +27,9 @@ fn value(composition: &Composition, parts: &[f64]) -> f64 {
 /// A random formula whose outer operators are those that are split.
 fn random_formula(random: &mut Random, n: usize) -> Formula {
     let mut text = |depth: usize| Tree::random(random, depth, n).write(random);
-    let (p, q, r) = (text(2), text(1), text(2));
+    let p = text(2);
+    let q = text(1);
+    let r = text(2);
     let begin = random.below(4);
     let window = random.pick(&["", "[0:2]", "[1:inf]", "[2:4]"]).to_owned();
     let outer = format!("[{begin}:{}]", begin + random.below(8));
@@ -49,7 +51,8 @@ fn for_random_cases(
     mut check: impl FnMut(&mut Random, &Formula, &[Vec<f64>], usize, &Decomposition, &[f64]),
 ) {
     let mut random = Random(seed);
-    let (mut cases, mut with_several) = (0, 0);
+    let mut cases = 0;
+    let mut with_several = 0;
     while cases < 5000 {
         let n = 1 + random.below(30);
         let formula = random_formula(&mut random, n.min(5));

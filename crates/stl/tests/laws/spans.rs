@@ -24,9 +24,10 @@ fn visited(text: &str, trace: &Trace, samples: Range<usize>, is_decided: bool) -
         found.extend_from_slice(values);
     };
     let mut monitor = monitor(text, trace);
-    let result = match is_decided {
-        true => monitor.visit_decided_robustness(trace, samples.clone(), visit),
-        false => monitor.visit_robustness(trace, samples.clone(), visit),
+    let result = if is_decided {
+        monitor.visit_decided_robustness(trace, samples.clone(), visit)
+    } else {
+        monitor.visit_robustness(trace, samples.clone(), visit)
     };
     result.unwrap_or_else(|error| panic!("{text}: {error}"));
     found
@@ -35,9 +36,10 @@ fn visited(text: &str, trace: &Trace, samples: Range<usize>, is_decided: bool) -
 /// Returns the values at all samples, or at all decided ones.
 fn signal(text: &str, trace: &Trace, is_decided: bool) -> Vec<f64> {
     let mut monitor = monitor(text, trace);
-    match is_decided {
-        true => monitor.decided_robustness_signal(trace).unwrap().to_vec(),
-        false => monitor.robustness_signal(trace).unwrap().to_vec(),
+    if is_decided {
+        monitor.decided_robustness_signal(trace).unwrap().to_vec()
+    } else {
+        monitor.robustness_signal(trace).unwrap().to_vec()
     }
 }
 
@@ -123,7 +125,8 @@ fn a_decided_diagnosis_leads_to_the_first_decided_value() {
     let mut random = Random(44);
     let mut counts = [0, 0];
     for _ in 0..20_000 {
-        let (n, size) = (1 + random.below(14), 1 + random.below(6));
+        let n = 1 + random.below(14);
+        let size = 1 + random.below(6);
         let tree = Tree::random(&mut random, size, n);
         let text = tree.write(&mut random);
         let trace = trace(&mut random, n);

@@ -146,7 +146,8 @@ fn random_body(random: &mut Random, defined: &[String]) -> String {
 #[test]
 fn a_line_break_between_statements_is_a_semicolon_or_an_error_that_names_it() {
     let mut random = Random(51);
-    let (mut same, mut refused) = (0, 0);
+    let mut same = 0;
+    let mut refused = 0;
     for _ in 0..20_000 {
         let mut defined = Vec::new();
         let mut statements = Vec::new();

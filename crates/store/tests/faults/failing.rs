@@ -108,7 +108,8 @@ impl FailingRun {
         }
         // The error of a commit can come after its last write. Then the step is complete.
         let found = Content::read(path).unwrap_or_else(|later| panic!("{step:?}: {error}; then {later}"));
-        let (before, after) = (&self.contents[number], &self.contents[number + 1]);
+        let before = &self.contents[number];
+        let after = &self.contents[number + 1];
         assert!(found == *before || found == *after, "{step:?} left other records: {error}");
         // A writer that is still open has rolled back, unless SQLite had no memory after the
         // commit.

@@ -6,9 +6,9 @@ mod disturbances;
 mod events;
 mod faults;
 
+use mishandle_camera::sight::SIGHT_SPACES;
 use mishandle_rollout::fault::Side;
 use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space};
-use mishandle_sight::SIGHT_SPACES;
 
 pub(crate) use constants::{Constant, Elements, size_axis};
 pub(crate) use disturbances::{disturbances, random_axes};

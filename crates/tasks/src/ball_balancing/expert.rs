@@ -36,7 +36,8 @@ impl ExpertPolicy for Balance {
     const REST: [f64; 7] = [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
-        let (offset, velocity) = (scale(input.point(3), -1.0), input.point(6));
+        let offset = scale(input.point(3), -1.0);
+        let velocity = input.point(6);
         let tilt = |axis: usize| {
             let desired = -STIFFNESS * offset[axis] - DAMPING * velocity[axis];
             (desired / ROLL).clamp(-TILT, TILT)
@@ -51,7 +52,8 @@ impl ExpertPolicy for Balance {
 
 /// Returns `rotation` turned about the world's x and y axes.
 fn turned(rotation: &[f64; 9], x: f64, y: f64) -> [f64; 9] {
-    let ((sx, cx), (sy, cy)) = (x.sin_cos(), y.sin_cos());
+    let (sx, cx) = x.sin_cos();
+    let (sy, cy) = y.sin_cos();
     let turn = [cy, sy * sx, sy * cx, 0.0, cx, -sx, -sy, cy * sx, cy * cx];
     std::array::from_fn(|i| (0..3).map(|k| turn[3 * (i / 3) + k] * rotation[3 * k + i % 3]).sum())
 }

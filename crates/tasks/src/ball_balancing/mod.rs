@@ -181,7 +181,9 @@ impl Scene for BoundScene {
     }
 
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
-        let (r, height, v) = (signals[0], signals[1], signals[2]);
+        let r = signals[0];
+        let height = signals[1];
+        let v = signals[2];
         match reward {
             Reward::Original => {
                 let ball = rows.free_position(self.ball);

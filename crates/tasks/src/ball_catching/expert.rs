@@ -80,7 +80,9 @@ impl ExpertPolicy for Catch {
     const REST: [f64; 7] = [0.0, 0.05, 0.0, -2.0, 0.0, 3.0, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
-        let (ball, from_tool, velocity) = (input.point(0), scale(input.point(3), -1.0), input.point(6));
+        let ball = input.point(0);
+        let from_tool = scale(input.point(3), -1.0);
+        let velocity = input.point(6);
         let (goal, rate, speed) = match fall_time(ball[2] - HEIGHT, velocity[2]) {
             _ if self.holds(&arm.rotation(), from_tool) => (home(), HOME_RATE, HOME_SPEED),
             Some(time) => {
@@ -101,7 +103,8 @@ fn home() -> [f64; 7] {
 
 /// Returns `rotation` tilted forward by [`TILT`] and then turned to the left by `yaw`.
 fn facing(rotation: &[f64; 9], yaw: f64) -> [f64; 9] {
-    let ((st, ct), (sy, cy)) = (TILT.sin_cos(), yaw.sin_cos());
+    let (st, ct) = TILT.sin_cos();
+    let (sy, cy) = yaw.sin_cos();
     let turn = [cy * ct, -sy, cy * st, sy * ct, cy, sy * st, -st, 0.0, ct];
     std::array::from_fn(|i| (0..3).map(|k| turn[3 * (i / 3) + k] * rotation[3 * k + i % 3]).sum())
 }

@@ -205,7 +205,9 @@ impl Scene for BoundScene {
     }
 
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
-        let (distance, height, speed) = (signals[0], signals[1], signals[3]);
+        let distance = signals[0];
+        let height = signals[1];
+        let speed = signals[3];
         let ball = rows.free_position(self.ball);
         let tool = rows.site_position(self.tool);
         match reward {

@@ -87,7 +87,8 @@ impl ExpertPolicy for Push {
         let aside = norm_xy(sub(error, scale(along, ahead)));
         let is_behind = (-BEHIND..BESIDE).contains(&ahead) && aside < BESIDE && norm(turn) < TURNED;
         let is_low = error[2].abs() < BESIDE;
-        let (speed, is_near) = (input.point(0)[0], norm_xy(to_hole) <= ON_THE_WAY);
+        let speed = input.point(0)[0];
+        let is_near = norm_xy(to_hole) <= ON_THE_WAY;
         memory[0] = match speed > SLOW {
             true if speed > STRUCK || is_near => DONE,
             _ if is_behind && is_low => PUSH,
@@ -111,7 +112,8 @@ struct Line {
 
 impl Line {
     fn from_observation(input: &ExpertInput<'_>, arm: &ResolvedRate) -> Line {
-        let (to_hole, ball) = (input.point(6), input.point(9));
+        let to_hole = input.point(6);
+        let ball = input.point(9);
         let along = scale([to_hole[0], to_hole[1], 0.0], 1.0 / norm_xy(to_hole).max(0.01));
         let behind = sub([ball[0], ball[1], PUSH_HEIGHT], scale(along, BEHIND));
         let turn = rotation_between(&arm.rotation(), &leaning(along));

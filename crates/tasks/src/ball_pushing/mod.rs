@@ -176,8 +176,10 @@ impl Scene for BoundScene {
     }
 
     fn reward(&self, reward: Reward, rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
-        let (d, height) = (signals[1], signals[2]);
-        let (ball, hole) = (rows.free_position(self.ball), rows.site_position(self.hole));
+        let d = signals[1];
+        let height = signals[2];
+        let ball = rows.free_position(self.ball);
+        let hole = rows.site_position(self.hole);
         match reward {
             Reward::Original => {
                 out[0] = if ball[0] <= hole[0] { 10.0 * (1.0 - (3.0 * d).tanh()) } else { 0.0 };
@@ -188,7 +190,8 @@ impl Scene for BoundScene {
                 let behind =
                     [hole[0] + away * (ball[0] - hole[0]), hole[1] + away * (ball[1] - hole[1]), ball[2]];
                 let b = norm(sub(rows.site_position(self.panda.grasp), behind));
-                let (to_hole, velocity) = (sub(hole, ball), rows.free_velocity(self.ball));
+                let to_hole = sub(hole, ball);
+                let velocity = rows.free_velocity(self.ball);
                 let towards = (to_hole[0] * velocity[0] + to_hole[1] * velocity[1]) / d.max(BEHIND);
                 out[0] = 0.1 * (1.0 - (3.0 * b).tanh());
                 out[1] = 0.3 * (towards / 0.5).clamp(-1.0, 1.0);

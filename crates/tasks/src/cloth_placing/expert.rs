@@ -106,14 +106,21 @@ impl ExpertPolicy for Place {
     fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
         let Sheet { distance, above, .. } = Sheet::from_observation(input);
         let grasp = arm.position();
-        memory[0] = match input.fingers[0] > OPEN {
-            false if distance < NEAR => LOWER,
-            false => CARRY,
-            true if distance <= GOOD => LEAVE,
-            true if grasp[2] < PUSH_HEIGHT + 0.01 => PUSH,
-            true if norm_xy(sub(above, grasp)) < 0.04 => DESCEND,
-            true if distance > TOO_FAR && grasp[2] > ABOVE - 0.02 => GO_BEYOND,
-            true => LEAVE,
+        let is_open = input.fingers[0] > OPEN;
+        memory[0] = if !is_open && distance < NEAR {
+            LOWER
+        } else if !is_open {
+            CARRY
+        } else if distance <= GOOD {
+            LEAVE
+        } else if grasp[2] < PUSH_HEIGHT + 0.01 {
+            PUSH
+        } else if norm_xy(sub(above, grasp)) < 0.04 {
+            DESCEND
+        } else if distance > TOO_FAR && grasp[2] > ABOVE - 0.02 {
+            GO_BEYOND
+        } else {
+            LEAVE
         };
         memory[1] = 0.0;
     }
@@ -136,7 +143,8 @@ struct Sheet {
 
 impl Sheet {
     fn from_observation(input: &ExpertInput<'_>) -> Sheet {
-        let (from_target, target) = (input.point(3), input.point(6));
+        let from_target = input.point(3);
+        let target = input.point(6);
         let distance = norm_xy(from_target);
         let away = scale([from_target[0], from_target[1], 0.0], 1.0 / distance.max(1e-3));
         let beyond = (distance + BEYOND).min(INSIDE);
@@ -150,7 +158,8 @@ impl Sheet {
 /// closer one to `rotation`.
 fn across(along: [f64; 3], rotation: &[f64; 9]) -> [f64; 9] {
     let sign = (along[0] * rotation[1] + along[1] * rotation[4]).signum();
-    let (x, y) = (sign * along[0], sign * along[1]);
+    let x = sign * along[0];
+    let y = sign * along[1];
     [-y, x, 0.0, x, y, 0.0, 0.0, 0.0, -1.0]
 }
 

@@ -284,7 +284,8 @@ impl Scene for BoundScene {
     }
 
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (vertices, marker) = (rows.vertices(self.cloth), rows.site_position(self.marker));
+        let vertices = rows.vertices(self.cloth);
+        let marker = rows.site_position(self.marker);
         let centroid = mean(vertices);
         let from_marker = sub(centroid, marker);
         let is_over = |vertex: [f64; 3]| {
@@ -303,7 +304,8 @@ impl Scene for BoundScene {
     }
 
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (centroid, marker) = (self.centroid(rows), rows.site_position(self.marker));
+        let centroid = self.centroid(rows);
+        let marker = rows.site_position(self.marker);
         out[..3].copy_from_slice(&centroid);
         out[3..6].copy_from_slice(&sub(centroid, marker));
         out[6..].copy_from_slice(&marker);

@@ -91,7 +91,8 @@ impl Sheet {
     /// Returns the position of a vertex relative to the cloth's center, m.
     fn offset(self, [i, j]: [usize; 2]) -> [f64; 3] {
         let along = |k: usize| k as f64 * self.spacing() - 0.5 * SIDE;
-        let (x, z) = (along(i), along(j));
+        let x = along(i);
+        let z = along(j);
         // The waves are oblique, so that the folds are not symmetric.
         let phase = std::f64::consts::TAU * (x + 0.6 * z) / SIDE;
         [x, WAVE * phase.sin(), z]
@@ -108,7 +109,8 @@ impl Sheet {
 
     /// Inserts the cloth into the document of the scene.
     pub fn fill(self, scene: &str) -> String {
-        let (mut pinch, mut vertices) = (String::new(), String::new());
+        let mut pinch = String::new();
+        let mut vertices = String::new();
         let pinched = self.pinched();
         for place in self.places() {
             let _ = writeln!(vertices, "{}", self.vertex(place, pinched.contains(&place)));
@@ -152,7 +154,9 @@ impl Sheet {
         let last = self.vertices - 1;
         for (j, i) in (0..last).flat_map(|j| (0..last).map(move |i| (j, i))) {
             let a = j * self.vertices + i;
-            let (b, c, d) = (a + 1, a + self.vertices, a + self.vertices + 1);
+            let b = a + 1;
+            let c = a + self.vertices;
+            let d = a + self.vertices + 1;
             let cell = if (i + j) % 2 == 0 { [a, b, d, a, d, c] } else { [a, b, c, b, d, c] };
             cell.iter().for_each(|vertex| {
                 let _ = write!(out, "{vertex} ");

@@ -199,7 +199,9 @@ impl BoundScene {
 
     fn original(&self, rows: &Rows<'_>, signals: &[f64], out: &mut [f64]) {
         let [x, y, z] = self.cube_from_target(rows);
-        let (cube, d, r) = (rows.free_position(self.cube), norm([x, y, z - 0.02]), signals[0]);
+        let cube = rows.free_position(self.cube);
+        let d = norm([x, y, z - 0.02]);
+        let r = signals[0];
         let away = norm(sub(self.panda.finger_position(rows), cube)) > 0.05;
         out[0] = 2.0 / (1.0 + d);
         out[1] = if d < 0.05 && z >= 0.02 && signals[2] < 0.05 && away { 10.0 } else { 0.0 };
@@ -208,7 +210,10 @@ impl BoundScene {
     }
 
     fn shaped(&self, rows: &Rows<'_>, signals: &[f64], out: &mut [f64]) {
-        let (r, height, speed, hand) = (signals[0], signals[1], signals[2], signals[3]);
+        let r = signals[0];
+        let height = signals[1];
+        let speed = signals[2];
+        let hand = signals[3];
         let on = r <= 0.024 && (height - EDGE).abs() <= 0.005;
         // The last column of the hand's rotation matrix is the direction of the fingers.
         let down = -rows.site_rotation(self.panda.grasp)[8];
@@ -234,7 +239,8 @@ impl Scene for BoundScene {
     }
 
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (cube, from_target) = (rows.free_position(self.cube), self.cube_from_target(rows));
+        let cube = rows.free_position(self.cube);
+        let from_target = self.cube_from_target(rows);
         out[0] = norm_xy(from_target);
         out[1] = from_target[2];
         out[2] = norm(rows.free_velocity(self.cube));

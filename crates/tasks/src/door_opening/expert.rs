@@ -152,7 +152,8 @@ struct Lever {
 impl Lever {
     /// Computes the lever from the observed pose of the handle.
     fn from_observation(input: &ExpertInput<'_>) -> Lever {
-        let (handle, [w, z]) = (input.point(0), [3, 6].map(|i| f64::from(input.task[i])));
+        let handle = input.point(0);
+        let [w, z] = [3, 6].map(|i| f64::from(input.task[i]));
         let yaw = 2.0 * z.atan2(w);
         let (sin, cos) = yaw.sin_cos();
         let turned = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];

@@ -254,7 +254,8 @@ mod tests {
     #[test]
     fn hinge_and_handle_constants_match_the_scene() {
         let model = Model::from_xml(&crate::compose(&DoorOpening).unwrap()).unwrap();
-        let (mut world, handle) = (model.world(), model.site("handle").unwrap());
+        let mut world = model.world();
+        let handle = model.site("handle").unwrap();
         world.place(model.mocap("frame").unwrap(), [0.0; 3], [1.0, 0.0, 0.0, 0.0]);
         let mut at = |yaw: f64| {
             world.qpos_mut()[model.joint("door").unwrap().qpos] = yaw;
@@ -262,9 +263,11 @@ mod tests {
             let [x, y, _] = world.rows().site_position(handle);
             [x, y]
         };
-        let (closed, quarter) = (at(0.0), at(std::f64::consts::FRAC_PI_2));
+        let closed = at(0.0);
+        let quarter = at(std::f64::consts::FRAC_PI_2);
         // A rotation by 90 degrees maps the offset (a, b) from the hinge to (-b, a).
-        let (a, b) = (HANDLE[0] - HINGE[0], HANDLE[1] - HINGE[1]);
+        let a = HANDLE[0] - HINGE[0];
+        let b = HANDLE[1] - HINGE[1];
         for (found, expected) in
             closed.iter().chain(&quarter).zip([HANDLE[0], HANDLE[1], HINGE[0] - b, HINGE[1] + a])
         {

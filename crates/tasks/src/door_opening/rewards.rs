@@ -30,7 +30,8 @@ const RATE: f64 = 0.7;
 
 impl BoundScene {
     pub(super) fn original(&self, rows: &Rows<'_>, signals: &[f64], action: &[f64]) -> [f64; 8] {
-        let (yaw, d) = (signals[0].to_radians(), signals[2]);
+        let yaw = signals[0].to_radians();
+        let d = signals[2];
         let handle = rows.site_position(self.handle);
         let e = (FRAC_PI_3 - yaw).abs();
         let near = 1.0 / (1.0 + d * d).powi(2);
@@ -97,7 +98,8 @@ impl BoundScene {
             let along = scale(rotate(rows.quaternion(body), [0.0, 0.0, 1.0]), PAD);
             (add(rows.position(body), along)[2] - height) / LEVER_HALF_HEIGHT
         };
-        let (left, right) = (pad(self.left_finger), pad(self.right_finger));
+        let left = pad(self.left_finger);
+        let right = pad(self.right_finger);
         left.max(right).clamp(0.0, 1.0) * (-left.min(right)).clamp(0.0, 1.0)
     }
 }

@@ -68,7 +68,8 @@ impl ExpertPolicy for Insert {
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let Peg { hole, tip, axis, upright, posture } = Peg::from_observation(input);
         let unfolded = posture.iter().zip(&input.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let (offset, height) = (norm_xy(tip), tip[2]);
+        let offset = norm_xy(tip);
+        let height = tip[2];
         memory[0] = match memory[0] {
             FOLD if unfolded < 0.2 => TRAVEL,
             TRAVEL if offset < OFFSET && norm(sub(axis, upright)) < TILT && height < ABOVE + 0.01 => LOWER,
@@ -95,7 +96,9 @@ impl ExpertPolicy for Insert {
 
     fn begin(&self, input: &ExpertInput<'_>, _arm: &mut ResolvedRate, memory: &mut [f64]) {
         let Peg { tip, axis, upright, .. } = Peg::from_observation(input);
-        let (offset, height, tilt) = (norm_xy(tip), tip[2], norm(sub(axis, upright)));
+        let offset = norm_xy(tip);
+        let height = tip[2];
+        let tilt = norm(sub(axis, upright));
         memory[0] = match height {
             low if low < 0.2 * DEPTH && offset < RADIUS => LEAVE,
             low if low < DEPTH && offset < RADIUS => LOWER,
@@ -121,7 +124,8 @@ struct Peg {
 
 impl Peg {
     fn from_observation(input: &ExpertInput<'_>) -> Peg {
-        let (peg, peg_from_hole) = (input.point(0), input.point(7));
+        let peg = input.point(0);
+        let peg_from_hole = input.point(7);
         let axis = rotate([3, 4, 5, 6].map(|i| f64::from(input.task[i])), AXIS);
         let tip = add(peg_from_hole, scale(axis, -SHAFT / 2.0));
         let hole = sub(peg, peg_from_hole);

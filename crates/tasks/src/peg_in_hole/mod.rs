@@ -225,7 +225,8 @@ impl Scene for BoundScene {
     }
 
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (from_hole, axis) = (self.peg_from_hole(rows), rotate(self.quaternion(rows), AXIS));
+        let from_hole = self.peg_from_hole(rows);
+        let axis = rotate(self.quaternion(rows), AXIS);
         let tip = add(from_hole, scale(axis, -SHAFT / 2.0));
         let depth = DEPTH - tip[2];
         out[0] = norm_xy(from_hole);

@@ -66,7 +66,9 @@ pub(super) fn original(
     let [w, x, y, z] = quaternion;
     let roll = (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y));
     let pitch = (2.0 * (w * y - x * z)).clamp(-1.0, 1.0).asin();
-    let (e_roll, e_pitch, h) = ((roll - FRAC_PI_2).abs(), pitch.abs(), height.abs());
+    let e_roll = (roll - FRAC_PI_2).abs();
+    let e_pitch = pitch.abs();
+    let h = height.abs();
     let squares: f64 = action[..ARM_JOINTS].iter().map(|a| a * a).sum();
     out[0] = 3.5 * (1.0 - (5.0 * d).tanh());
     out[1] = 1.48 * (2.0 - (2.0 * e_roll).tanh() - (2.0 * e_pitch).tanh());
@@ -95,7 +97,9 @@ fn step(x: f64, [low, high]: [f64; 2], [below, above]: [f64; 2]) -> f64 {
 /// `height` is the height of the peg above its inserted position, m; `elbow` is the horizontal
 /// distance of the elbow from the hole's axis, m.
 pub(super) fn shaped(signals: &[f64], height: f64, elbow: f64, action: &[f64], out: &mut [f64]) {
-    let (d, depth, tilt) = (signals[0], signals[1], signals[2]);
+    let d = signals[0];
+    let depth = signals[1];
+    let tilt = signals[2];
     out[0] = 0.3 * (1.0 - (3.0 * d).tanh());
     out[1] = 0.1 * (1.0 - (50.0 * d).tanh());
     out[2] = 0.1 * (1.0 - (3.0 * tilt).tanh());

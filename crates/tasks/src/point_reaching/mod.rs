@@ -138,14 +138,16 @@ impl Scene for BoundScene {
     }
 
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let (target, finger) = (rows.position(self.target), self.panda.finger_position(rows));
+        let target = rows.position(self.target);
+        let finger = self.panda.finger_position(rows);
         out[..3].copy_from_slice(&target);
         out[3..6].copy_from_slice(&finger);
         out[6..].copy_from_slice(&sub(finger, target));
     }
 
     fn reward(&self, reward: Reward, _rows: &Rows<'_>, signals: &[f64], action: &[f64], out: &mut [f64]) {
-        let (d, v) = (signals[0], signals[1]);
+        let d = signals[0];
+        let v = signals[1];
         let terms = match reward {
             Reward::Original => {
                 [1.0 / (1.0 + d), if d < 0.03 && v < 0.02 { 10.0 } else { 0.0 }, 0.1 / (1.0 + v)]

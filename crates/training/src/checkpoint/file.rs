@@ -25,9 +25,10 @@ impl Checkpoint {
     /// file is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), TrainingError> {
         let bytes = self.to_bytes();
-        let written = match bytes.len() as u64 > limits::CHECKPOINT {
-            true => Err(io::Error::new(io::ErrorKind::FileTooLarge, TOO_LARGE)),
-            false => write_atomically(path, &bytes),
+        let written = if bytes.len() as u64 > limits::CHECKPOINT {
+            Err(io::Error::new(io::ErrorKind::FileTooLarge, TOO_LARGE))
+        } else {
+            write_atomically(path, &bytes)
         };
         written.map_err(|source| TrainingError::File { verb: "write", source, path: path.to_path_buf() })
     }

@@ -62,7 +62,8 @@ impl Checkpoint {
         let mut network = Mlp::new(like.sizes(), like.hidden_activation(), like.output_activation())?;
         let parameters = self.f32s(&format!("{name}.parameters"), network.parameter_count())?;
         network.update(|own| own.copy_from_slice(parameters));
-        let (history, log_std) = (format!("{name}.history"), format!("{name}.log_std"));
+        let history = format!("{name}.history");
+        let log_std = format!("{name}.log_std");
         let history = if self.contains(&history) { self.u64s(&history, 1)?[0] as usize } else { 0 };
         let is_squashed = self.f32s(&log_std, 0).is_ok();
         let actions = like.output_size() / if is_squashed { 2 } else { 1 };

@@ -91,7 +91,8 @@ impl Disturbed {
 
     /// Computes what the policy sees in each row for which `step` returns the control step.
     pub fn observe(&mut self, observations: &[f32], step: impl Fn(usize) -> Option<usize> + Sync) {
-        let (size, noise) = (observations.len() / self.rows.len(), self.noise);
+        let size = observations.len() / self.rows.len();
+        let noise = self.noise;
         let rows = self.rows.par_iter_mut().zip(self.observations.par_chunks_mut(size));
         let rows = rows.zip(self.draws.par_chunks_mut(size)).zip(observations.par_chunks(size));
         rows.with_min_len(ROWS_PER_TASK).enumerate().for_each(
@@ -109,7 +110,9 @@ impl Disturbed {
 
     /// Saves the disturbances to a checkpoint.
     pub fn save(&mut self, checkpoint: &mut Checkpoint) {
-        let (mut scenarios, mut memory, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        let mut scenarios = Vec::new();
+        let mut memory = Vec::new();
+        let mut lengths = Vec::new();
         for row in &mut self.rows {
             scenarios.extend(row.scenario.values().iter().map(|value| value.unwrap_or(f64::NAN)));
             let before = memory.len();

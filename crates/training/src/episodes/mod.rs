@@ -294,7 +294,9 @@ impl Episodes {
     /// Fills `noise` like [`policy_noise`](Self::policy_noise), but each row repeats its numbers
     /// for `hold` control steps.
     pub fn held_policy_noise(&self, hold: u64, noise: &mut [f64]) {
-        let (columns, seed, row_states) = (noise.len() / self.rows(), self.seed, &self.row_states);
+        let columns = noise.len() / self.rows();
+        let seed = self.seed;
+        let row_states = &self.row_states;
         noise.par_chunks_mut(columns).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, noise)| {
             let row_state = &row_states[row];
             episode_seed(seed, row, row_state.episode).normals(Stream::Policy, row_state.step / hold, noise);
@@ -308,7 +310,8 @@ impl Episodes {
     /// If the batch fails.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), RolloutError> {
         if let Some(mut supervised) = self.supervised.take() {
-            let (disturbed, row_states) = (&self.disturbed, &self.row_states);
+            let disturbed = &self.disturbed;
+            let row_states = &self.row_states;
             let is_paused = |row: usize| {
                 disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize))
             };
@@ -319,7 +322,8 @@ impl Episodes {
             self.set_actions(actions);
         }
         if let Some(remembered) = &mut self.remembered {
-            let (disturbed, row_states) = (&self.disturbed, &self.row_states);
+            let disturbed = &self.disturbed;
+            let row_states = &self.row_states;
             remembered.push(actions, |row| {
                 disturbed.as_ref().is_some_and(|all| all.is_paused(row, row_states[row].step as usize))
             });
@@ -331,7 +335,8 @@ impl Episodes {
         self.privileged.iter_mut().for_each(Privileged::begin_step);
         self.batch.step(&self.actions)?;
         if let Some(disturbed) = &mut self.disturbed {
-            let (statuses, row_states) = (self.batch.statuses(), &self.row_states);
+            let statuses = self.batch.statuses();
+            let row_states = &self.row_states;
             disturbed.observe(self.batch.observations(), |row| {
                 let is_valid = statuses[row] != StepStatus::Diverged;
                 is_valid.then(|| row_states[row].step as usize + 1)
@@ -418,7 +423,10 @@ impl Episodes {
 
     fn set_actions(&mut self, actions: &[f32]) {
         let Episodes { spec, seed, noise, row_states, disturbed, actions: applied, draws, .. } = self;
-        let (seed, noise, limit, row_states) = (*seed, *noise, spec.action_limit, &*row_states);
+        let seed = *seed;
+        let noise = *noise;
+        let limit = spec.action_limit;
+        let row_states = &*row_states;
         let size = actions.len() / row_states.len();
         let position = |row: usize| {
             let row_state = &row_states[row];

@@ -128,7 +128,8 @@ impl Privileged {
 
     /// Sets the current inputs from the observations of the environment.
     pub fn show(&mut self, observations: &[f32]) {
-        let (size, own) = (self.size(), self.scenario_size());
+        let size = self.size();
+        let own = self.scenario_size();
         let rows = self.current.chunks_exact_mut(size).zip(observations.chunks_exact(self.observation_size));
         for (index, (current, observation)) in rows.enumerate() {
             let (seen, scenario) = current.split_at_mut(self.observation_size);

@@ -56,7 +56,8 @@ impl SupervisedRows {
     ) -> &[f32] {
         let SupervisedRows { supervisor, workers, states, actions: own, size } = self;
         let (size, rows) = (*size, states.len() / *size);
-        let (observation_size, action_size) = (observations.len() / rows, actions.len() / rows);
+        let observation_size = observations.len() / rows;
+        let action_size = actions.len() / rows;
         own.copy_from_slice(actions);
         let chunks = states
             .par_chunks_mut(ROWS_PER_TASK * size)

@@ -34,10 +34,8 @@ impl Curriculum {
         learner: &mut dyn Learner,
     ) {
         let share = self.share();
-        let rates = match share < 1.0 {
-            true => observer.validate_part(policy, episodes, share),
-            false => validation.space,
-        };
+        let rates =
+            if share < 1.0 { observer.validate_part(policy, episodes, share) } else { validation.space };
         validation.part = rates.map(|rates| PartValidation { share, rates });
         let is_ready = rates.is_some_and(|rates| rates.success_rate >= self.settings.threshold);
         if share < 1.0 && is_ready {

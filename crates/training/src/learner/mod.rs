@@ -208,8 +208,11 @@ fn check_scenarios(
     settings.check_curriculum(&found)?;
     if matches!(space, Some(SpaceSetting::Mixture(_))) == found.mixture.is_empty() {
         let text = |is_mixture: bool| if is_mixture { "a mixture of spaces" } else { "one space" };
-        let (expected, found) = (text(found.mixture.is_empty()), text(!found.mixture.is_empty()));
-        let (setting, expected, found) = ("space", expected.to_string(), found.to_string());
+        let expected = text(found.mixture.is_empty());
+        let found = text(!found.mixture.is_empty());
+        let setting = "space";
+        let expected = expected.to_string();
+        let found = found.to_string();
         return Err(TrainingError::OtherScenarios { setting, expected, found });
     }
     match space.as_ref().map(SpaceSetting::name) {
@@ -266,7 +269,8 @@ fn check_origin(
     checkpoint.check(settings.algorithm(), &learner.identity(), seed.0)?;
     let original = AlgorithmSettings::from_toml(settings.algorithm(), checkpoint.settings());
     let mut original = original.expect("the algorithm of settings is known")?;
-    let (original_steps, requested) = (original.run().total_steps, settings.run().total_steps);
+    let original_steps = original.run().total_steps;
+    let requested = settings.run().total_steps;
     let all_iterations = |settings: &AlgorithmSettings| iterations(settings.run(), learner.iteration_steps());
     let same_length = all_iterations(&original) == all_iterations(settings);
     original.run_mut().total_steps = requested;

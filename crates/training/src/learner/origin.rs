@@ -23,7 +23,9 @@ impl Origin<'_> {
     /// If one of them has a controller to start from and the other none.
     pub(super) fn check(&self, run: &RunSettings) -> Result<(), TrainingError> {
         let found = match (self, &run.from) {
-            (Origin::Checkpoint(_), _) | (Origin::New, None) | (Origin::Policy(_), Some(_)) => return Ok(()),
+            (Origin::Checkpoint(_), _) | (Origin::New, None) | (Origin::Policy(_), Some(_)) => {
+                return Ok(());
+            }
             (Origin::New, Some(_)) => "a random policy",
             (Origin::Policy(_), None) => "the policy of a controller",
         };

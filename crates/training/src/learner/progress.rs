@@ -87,7 +87,8 @@ impl fmt::Display for TrainingProgress {
         if let Some(Validation { success_rate, strict_success_rate, space, corners, part, .. }) =
             self.validation
         {
-            let (success, strict) = (percent(success_rate), percent(strict_success_rate));
+            let success = percent(success_rate);
+            let strict = percent(strict_success_rate);
             write!(f, ", success {success}, strict {strict}")?;
             for (name, rates) in [("space", space), ("corners", corners)] {
                 if let Some(rates) = rates {
@@ -95,7 +96,8 @@ impl fmt::Display for TrainingProgress {
                 }
             }
             if let Some(PartValidation { share, rates }) = part {
-                let (success, share) = (percent(rates.success_rate), 100.0 * share);
+                let success = percent(rates.success_rate);
+                let share = 100.0 * share;
                 write!(f, ", within {share:.0} % of the ranges {success}")?;
             }
         }
@@ -112,7 +114,9 @@ impl fmt::Display for TrainingProgress {
 /// Formats a duration as minutes and seconds, 1:05, or with hours, 2:01:05.
 pub fn format_duration(secs: f64) -> String {
     let secs = secs.round() as u64;
-    let (hours, minutes, secs) = (secs / 3600, secs / 60 % 60, secs % 60);
+    let hours = secs / 3600;
+    let minutes = secs / 60 % 60;
+    let secs = secs % 60;
     if hours > 0 { format!("{hours}:{minutes:02}:{secs:02}") } else { format!("{minutes}:{secs:02}") }
 }
 

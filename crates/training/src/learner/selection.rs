@@ -152,7 +152,8 @@ fn validation(checkpoint: &Checkpoint, name: &str) -> Result<Validation, Trainin
         let name = format!("{name}.{part}");
         checkpoint.contains(&name).then(|| rates(&name)).transpose()
     };
-    let (space, corners) = (optional("space")?, optional("corners")?);
+    let space = optional("space")?;
+    let corners = optional("corners")?;
     let part = match optional("part")? {
         Some(rates) => {
             Some(PartValidation { share: checkpoint.f64s(&format!("{name}.share"), 1)?[0], rates })

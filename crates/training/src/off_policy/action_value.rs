@@ -149,7 +149,8 @@ mod tests {
         assert_eq!(inputs, [1.0, 3.0, 2.0, -1.0]);
         // Q = 2 o + a + 0.5: 5.5 and 3.5. Errors 0.5 and -0.5: ¼ (0.25 + 0.25), slopes 2 · ¼ ·
         // ±0.5.
-        let (mut slopes, mut gradient) = (vec![], [0.0; 3]);
+        let mut slopes = vec![];
+        let mut gradient = [0.0; 3];
         let loss = squared_error(
             &line(2.0),
             &inputs,

@@ -143,7 +143,9 @@ impl<T: Scalar> PolicyLoss<'_, T> {
     ) -> f64 {
         let PolicyLoss { batch, actor, critic } = self;
         let weight = 1.0 / batch.rows() as f64;
-        let (columns, size, count) = (actor.input_size(), actor.output_size(), rows.len());
+        let columns = actor.input_size();
+        let size = actor.output_size();
+        let count = rows.len();
         let TransitionSlice { observations, privileged, .. } = batch.slice(rows);
         let PolicyScratch {
             actor: actor_pass,

@@ -100,7 +100,8 @@ impl<A: Agent> BuildLearner for OffPolicy<A> {
             episodes = episodes.with_privileged();
         }
         let privileged = episodes.privileged_size();
-        let (input_size, action_size) = (history.input_size(), episodes.spec().action_size);
+        let input_size = history.input_size();
+        let action_size = episodes.spec().action_size;
         let sizes = Sizes { observation: input_size, action: action_size, privileged };
         let agent = A::new(sizes, settings, seed)?;
         let outputs = agent.behavior_policy().network().output_size();
@@ -162,7 +163,8 @@ impl<A: Agent> OffPolicy<A> {
             inference.noise.iter_mut().for_each(|z| *z *= factor);
         }
         let rows = episodes.rows();
-        let (outputs, size) = (policy.network().output_size(), actions.len() / rows);
+        let outputs = policy.network().output_size();
+        let size = actions.len() / rows;
         let each = inference.outputs.par_chunks(outputs).zip(inference.noise.par_chunks(size));
         let each = each.zip(actions.par_chunks_mut(size)).enumerate().with_min_len(INFERENCE_ROWS);
         each.for_each(|(row, ((outputs, noise), action))| {
@@ -202,7 +204,8 @@ impl<A: Agent> Learner for OffPolicy<A> {
 
     fn iterate(&mut self) -> Result<TrainingProgress, TrainingError> {
         let start = Instant::now();
-        let (mut physics, mut learning) = (0.0, 0.0);
+        let mut physics = 0.0;
+        let mut learning = 0.0;
         let first = self.iteration * self.steps_per_iteration as u64;
         let rows = self.episodes.rows() as u64;
         for step in first..first + self.steps_per_iteration as u64 {
@@ -213,7 +216,8 @@ impl<A: Agent> Learner for OffPolicy<A> {
             physics += before.elapsed().as_secs_f64();
             self.replay_buffer.push(&self.observations, &self.actions, &self.episodes);
             if self.normalize {
-                let (inputs, columns) = (self.history.input_size(), self.history.observation_size());
+                let inputs = self.history.input_size();
+                let columns = self.history.observation_size();
                 self.normalizer.update(&first_columns(&self.observations, inputs, columns));
             }
             self.privileged.update(self.episodes.privileged_before());
@@ -238,7 +242,8 @@ impl<A: Agent> Learner for OffPolicy<A> {
     }
 
     fn policy(&self) -> Result<Policy, TrainingError> {
-        let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
+        let mean = self.normalizer.mean().to_vec();
+        let variance = self.normalizer.variance();
         self.agent.behavior_policy().policy(self.history.length(), mean, variance)
     }
 

@@ -81,7 +81,9 @@ impl ReplayBuffer {
     /// Stores the last step of `episodes`; `observations` are the inputs before the step, `actions`
     /// within [-1, 1].
     pub fn push(&mut self, observations: &[f32], actions: &[f32], episodes: &Episodes) {
-        let (columns, size, own) = (self.input_size, self.action_size, self.privileged_size);
+        let columns = self.input_size;
+        let size = self.action_size;
+        let own = self.privileged_size;
         for (row, boundary) in episodes.boundaries().iter().enumerate() {
             let kind = match boundary {
                 Boundary::Running => RUNNING,
@@ -133,7 +135,9 @@ impl ReplayBuffer {
         normalizer: &Normalizer<f32>,
         batch: &mut TransitionBatch<f32>,
     ) {
-        let (columns, size, own) = (self.input_size, self.action_size, self.privileged_size);
+        let columns = self.input_size;
+        let size = self.action_size;
+        let own = self.privileged_size;
         batch.observations.clear();
         batch.actions.clear();
         batch.returns.clear();
@@ -183,7 +187,9 @@ impl ReplayBuffer {
 
     /// Computes the n-step return from entry `start`.
     fn n_step_return(&self, sampling: &Sampling, row: usize, start: u64) -> NStepReturn {
-        let (mut total, mut discount, mut index) = (0.0, 1.0, start);
+        let mut total = 0.0;
+        let mut discount = 1.0;
+        let mut index = start;
         for _ in 0..sampling.n_steps {
             let position = self.position(row, index);
             total += discount * f64::from(self.rewards[position]);
@@ -263,7 +269,8 @@ struct NStepReturn {
 
 /// Writes the first entries of each environment.
 fn set_filled_part<N: Copy>(whole: &mut [N], rows: usize, part: &[N]) {
-    let (row, kept) = (whole.len() / rows, part.len() / rows);
+    let row = whole.len() / rows;
+    let kept = part.len() / rows;
     for (to, r) in whole.chunks_exact_mut(row).zip(0..) {
         to[..kept].copy_from_slice(&part[r * kept..][..kept]);
     }

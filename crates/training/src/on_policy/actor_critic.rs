@@ -78,7 +78,8 @@ impl ActorCritic {
         if critic.sees_scenario {
             episodes = episodes.with_privileged();
         }
-        let (inputs, outputs) = (history.input_size(), episodes.spec().action_size);
+        let inputs = history.input_size();
+        let outputs = episodes.spec().action_size;
         let network = initial_network(
             (inputs, &policy.hidden, outputs),
             policy.activation,
@@ -128,7 +129,8 @@ impl ActorCritic {
     pub fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
         let policy = first_policy(policy, &self.network, self.history)?;
         if policy.log_std().len() != self.log_std.len() {
-            let (what, expected) = ("distribution", "a Gaussian".to_string());
+            let what = "distribution";
+            let expected = "a Gaussian".to_string();
             return Err(TrainingError::OtherPolicy { what, expected, found: "squashed".to_string() });
         }
         self.network = policy.network().clone();
@@ -138,8 +140,10 @@ impl ActorCritic {
     }
 
     pub fn policy(&self) -> Result<Policy, TrainingError> {
-        let (mean, variance) = (self.normalizer.mean().to_vec(), self.normalizer.variance());
-        let (length, log_std) = (self.history.length(), self.log_std.clone());
+        let mean = self.normalizer.mean().to_vec();
+        let variance = self.normalizer.variance();
+        let length = self.history.length();
+        let log_std = self.log_std.clone();
         Ok(Policy::with_history(length, mean, variance, self.network.clone(), Some(log_std))?)
     }
 

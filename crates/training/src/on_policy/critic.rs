@@ -91,7 +91,8 @@ impl Critic {
     pub fn train_minibatch(
         &mut self,
         normalizer: &Normalizer<f32>,
-        (observations, privileged): (&[f32], &[f32]),
+        observations: &[f32],
+        privileged: &[f32],
         targets: &[f32],
         indices: &[u32],
         max_grad_norm: f64,

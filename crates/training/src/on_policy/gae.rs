@@ -98,7 +98,8 @@ mod tests {
 
     #[test]
     fn with_lambda_one_the_advantage_is_the_return_minus_the_value() {
-        let (rewards, values) = ([0.3, -0.2, 0.7, 0.1], [0.4, 0.1, -0.6, 0.2]);
+        let rewards = [0.3, -0.2, 0.7, 0.1];
+        let values = [0.4, 0.1, -0.6, 0.2];
         let next_values = [0.1, -0.6, 0.2, 0.9];
         let mut out = [0.0; 4];
         advantages(0.9, 1.0, 1, &rewards, &values, &next_values, &[Running; 4], &mut out);

@@ -161,7 +161,9 @@ choice! {
 impl PolicySettings {
     /// Checks that the initial log σ lies within its bounds.
     pub(crate) fn check_bounds(&self) -> Result<(), TrainingError> {
-        let (low, initial, high) = (self.min_log_std, self.initial_log_std, self.max_log_std);
+        let low = self.min_log_std;
+        let initial = self.initial_log_std;
+        let high = self.max_log_std;
         require("policy.max_log_std", "a number of at least `policy.min_log_std`", high, low <= high)?;
         let expected = "a number from `policy.min_log_std` to `policy.max_log_std`";
         require("policy.initial_log_std", expected, initial, (low..=high).contains(&initial))

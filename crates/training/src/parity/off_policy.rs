@@ -45,7 +45,8 @@ impl Case {
     /// Returns the settings of the case (tuned or those of the base) with the additional settings
     /// `own`.
     fn settings<S: TomlSettings>(&self, own: &str) -> S {
-        let (hidden, rows) = (self.setting("hidden"), self.batch().rows());
+        let hidden = self.setting("hidden");
+        let rows = self.batch().rows();
         let sizes =
             format!("replay.batch_size = {rows}\npolicy.hidden = [{hidden}]\ncritic.hidden = [{hidden}]\n");
         let rates = format!(
@@ -113,7 +114,8 @@ impl Case {
 
 fn check_sac(kind: &'static str) {
     let case = Case::new(kind, "sac");
-    let (rate, alpha) = (case.setting("temperature_learning_rate"), case.setting("temperature"));
+    let rate = case.setting("temperature_learning_rate");
+    let alpha = case.setting("temperature");
     let rates = format!("temperature_learning_rate = {rate}\ninitial_temperature = {alpha}");
     let settings: SacSettings = case.settings(if kind == TUNED { &rates } else { "" });
     let mut sac = Sac::new(SIZES, &settings, Seed(0)).unwrap();
@@ -130,8 +132,11 @@ fn check_sac(kind: &'static str) {
     }
     case.initialize_both(&mut sac.critics.0[0], "critic_1");
     case.initialize_both(&mut sac.critics.0[1], "critic_2");
-    let (batch, count) = (case.batch(), sac.actor.parameter_count());
-    let (mut critic_losses, mut policy_losses, mut temperatures) = (vec![], vec![], vec![]);
+    let batch = case.batch();
+    let count = sac.actor.parameter_count();
+    let mut critic_losses = vec![];
+    let mut policy_losses = vec![];
+    let mut temperatures = vec![];
     for (step, pair) in case.noise().chunks(2).enumerate() {
         let losses = sac.train_batch(&batch, &[pair[0].clone(), pair[1].clone()], true).unwrap();
         critic_losses.push(losses.0);
@@ -168,7 +173,9 @@ fn check_td3(kind: &'static str, name: &'static str, smoothing: &str) {
     case.initialize_both(&mut td3.actor.policy, "policy");
     case.initialize_both(&mut td3.critics.0[0], "critic_1");
     case.initialize_both(&mut td3.critics.0[1], "critic_2");
-    let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
+    let batch = case.batch();
+    let mut critic_losses = vec![];
+    let mut policy_losses = vec![];
     for (step, noise) in case.noise().iter().enumerate() {
         let (critic_loss, policy_loss) = td3.train_batch(&batch, noise, step as u64, true).unwrap();
         let (first, second) = halves(&td3.critics_gradient.sums);
@@ -200,7 +207,9 @@ fn check_ddpg(kind: &'static str) {
     let mut ddpg = Ddpg::new(SIZES, &settings, Seed(0)).unwrap();
     case.initialize_both(&mut ddpg.actor.policy, "policy");
     case.initialize_both(&mut ddpg.critic, "critic");
-    let (batch, mut critic_losses, mut policy_losses) = (case.batch(), vec![], vec![]);
+    let batch = case.batch();
+    let mut critic_losses = vec![];
+    let mut policy_losses = vec![];
     for step in 0..case.of("critic_losses").as_array().unwrap().len() {
         let (critic_loss, policy_loss) = ddpg.train_batch(&batch, true).unwrap();
         critic_losses.push(critic_loss);

@@ -43,7 +43,8 @@ impl AlgorithmSettings {
     /// # Ok::<(), mishandle_training::TrainingError>(())
     /// ```
     pub fn listing(&self) -> String {
-        let (mut listing, mut within) = (String::new(), "");
+        let mut listing = String::new();
+        let mut within = "";
         for (setting, value) in self.values() {
             let (table, key) = setting.table_and_key();
             if table != within {

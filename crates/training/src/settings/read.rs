@@ -107,7 +107,8 @@ impl Reader<'_> {
             }
             _ => self.text[value.span()].replace('\n', " "),
         };
-        let (name, expected) = (name.to_string(), expected.to_string());
+        let name = name.to_string();
+        let expected = expected.to_string();
         TrainingError::Setting { line: Some(line), name, expected, found, known }
     }
 

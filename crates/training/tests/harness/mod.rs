@@ -94,11 +94,13 @@ pub fn check_resumption(settings: &AlgorithmSettings, stops: &[u64]) -> usize {
 /// code.
 pub fn mean_return(controller: &dyn Controller, episodes: usize) -> f64 {
     let line = Line::new(0.0);
-    let (mut actor, mut state) = (controller.worker(), vec![0.0; controller.state_size()]);
+    let mut actor = controller.worker();
+    let mut state = vec![0.0; controller.state_size()];
     let mut sum = 0.0;
     for index in 0..episodes as u64 {
         let scenario = line.space().sample(Seed(99), index);
-        let (mut x, goal) = (scenario.get(0).unwrap(), scenario.get(1).unwrap());
+        let mut x = scenario.get(0).unwrap();
+        let goal = scenario.get(1).unwrap();
         actor.reset(&mut state, Seed(index));
         for _ in 0..40 {
             let mut action = [0.0];

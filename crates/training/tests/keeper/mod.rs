@@ -15,9 +15,10 @@ impl Observer for Keeper {
         None
     }
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
-        match Some(progress.iteration) == self.stop_after {
-            true => TrainingControl::Stop,
-            false => TrainingControl::Continue,
+        if Some(progress.iteration) == self.stop_after {
+            TrainingControl::Stop
+        } else {
+            TrainingControl::Continue
         }
     }
     fn save_checkpoint(&mut self, checkpoint: &Checkpoint) {

@@ -45,7 +45,8 @@ impl EnvironmentWorker for Line {
         state: &mut [f64],
         mut sample: Sample<'_>,
     ) -> StepStatus {
-        let (low, high) = (f64::from(seed.0 as u32), f64::from((seed.0 >> 32) as u32));
+        let low = f64::from(seed.0 as u32);
+        let high = f64::from((seed.0 >> 32) as u32);
         state.copy_from_slice(&[scenario.get(0).unwrap(), scenario.get(1).unwrap(), 0.0, low, high]);
         Self::show(state, &mut sample);
         sample.rewards.fill(0.0);

@@ -45,7 +45,8 @@ pub fn animated_png(frames: &[(Picture, u16)]) -> Result<Vec<u8>, WorldError> {
 
 fn encode(frames: &[(Picture, u16)]) -> Result<Vec<u8>, EncodingError> {
     let Some((first, delay)) = frames.first() else { return Ok(Vec::new()) };
-    let (width, height) = (first.width() as u32, first.height() as u32);
+    let width = first.width() as u32;
+    let height = first.height() as u32;
     let mut file = Vec::new();
     let mut encoder = Encoder::new(&mut file, width, height);
     encoder.set_color(ColorType::Indexed);
@@ -89,10 +90,14 @@ struct Changed {
 
 impl Changed {
     fn new(before: &[u8], after: &[u8], width: usize) -> Changed {
-        let (mut left, mut top, mut right, mut bottom) = (width, after.len() / width, 0, 0);
+        let mut left = width;
+        let mut top = after.len() / width;
+        let mut right = 0;
+        let mut bottom = 0;
         for (index, _) in before.iter().zip(after).enumerate().filter(|(_, (before, after))| before != after)
         {
-            let (column, row) = (index % width, index / width);
+            let column = index % width;
+            let row = index / width;
             (left, right) = (left.min(column), right.max(column + 1));
             (top, bottom) = (top.min(row), bottom.max(row + 1));
         }

@@ -67,7 +67,8 @@ impl CaptionLayout {
         let (_, type_height) = TYPE_HEIGHTS.into_iter().rev().find(|(least, _)| width >= *least)?;
         let margin = type_height / 4;
         let columns = width.checked_sub(2 * margin)? / glyph_width(type_height)?;
-        let (mut breaks, mut used) = (vec![0], 0);
+        let mut breaks = vec![0];
+        let mut used = 0;
         for (index, part) in caption.parts.iter().enumerate() {
             let length = part.text.chars().count().min(columns);
             if index > 0 && used + GAP + length > columns {
@@ -96,7 +97,8 @@ impl CaptionLayout {
 
     /// Draws a caption at the bottom of the frame, and its mark.
     pub fn draw(&self, caption: &Caption, frame: &mut Picture) {
-        let (width, height) = (frame.width(), frame.height());
+        let width = frame.width();
+        let height = frame.height();
         let top = height - self.height();
         frame.fill((0, top), (width, self.height()), BACKGROUND);
         for (line, first) in self.breaks.iter().enumerate() {
@@ -113,7 +115,7 @@ impl CaptionLayout {
         self.draw_bar(&caption.bar, frame);
         if let Some((text, color)) = &caption.mark {
             let thickness = self.margin.div_ceil(2).max(2);
-            frame.border((0, 0), (width, height), thickness, *color);
+            frame.border(0, 0, width, height, thickness, *color);
             let text = elided(text, self.columns.saturating_sub(2));
             let wide = (text.chars().count() + 1) * glyph_width(self.type_height).unwrap_or(0);
             frame.fill((0, 0), (thickness + wide, thickness + self.type_height), *color);
@@ -123,14 +125,16 @@ impl CaptionLayout {
     }
 
     fn draw_bar(&self, bar: &TimeBar, frame: &mut Picture) {
-        let (width, height) = (frame.width(), self.bar_height);
+        let width = frame.width();
+        let height = self.bar_height;
         let top = frame.height() - height;
         let margin = self.margin;
         let length = width - 2 * margin;
         let column = |fraction: f64| margin + (fraction.clamp(0.0, 1.0) * length as f64).round() as usize;
         frame.fill((margin, top), (length, height), BAR);
         for ([from, to], color) in &bar.spans {
-            let (from, to) = (column(*from), column(*to));
+            let from = column(*from);
+            let to = column(*to);
             frame.fill((from, top), (to.saturating_sub(from).max(1), height), *color);
         }
         let left = column(bar.now) - height / 2;
@@ -171,7 +175,8 @@ fn elided(text: &str, columns: usize) -> String {
         return text.to_string();
     }
     let kept = columns.saturating_sub(2);
-    let (start, end) = (kept.div_ceil(2), kept / 2);
+    let start = kept.div_ceil(2);
+    let end = kept / 2;
     characters[..start].iter().chain(&['.', '.']).chain(&characters[characters.len() - end..]).collect()
 }
 

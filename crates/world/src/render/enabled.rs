@@ -84,7 +84,8 @@ impl Renderer {
     pub fn draw(&mut self, state: &[f64]) -> Result<&[u8], WorldError> {
         self.stage.show(state);
         // A camera of the scene has a place of its own.
-        let (view, camera) = (self.stage.view, self.inner.camera_mut());
+        let view = self.stage.view;
+        let camera = self.inner.camera_mut();
         [camera.azimuth, camera.elevation] = view.direction_deg;
         (camera.lookat, camera.distance) = (view.center, view.distance);
         let place = self.stage.place();

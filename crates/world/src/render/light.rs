@@ -37,7 +37,8 @@ fn lights(quality: Quality, scale: f64) -> String {
         };
         let slope = [LIGHT_SLOPE[0] + radius * turn.cos(), LIGHT_SLOPE[1] + radius * turn.sin()];
         let [x, y] = [0, 1].map(|axis| LIT_POINT[axis] - height * slope[axis]);
-        let (diffuse, specular) = (0.5 / count as f64, 0.15 / count as f64);
+        let diffuse = 0.5 / count as f64;
+        let specular = 0.15 / count as f64;
         format!(
             r#"<light directional="true" pos="{x:.6} {y:.6} {height}" dir="{:.6} {:.6} -1" diffuse="{diffuse} {diffuse} {diffuse}" specular="{specular} {specular} {specular}"/>
   "#,
@@ -58,11 +59,13 @@ pub(super) fn with_lights(
     let size = surroundings.scale();
     // The area of the shadows around the lit point, m (ground outside of it has stripes), and the
     // size of their map, pixels.
-    let (shadow_radius, scale) = (3.2 * size, if quality == Quality::Fine { 2 } else { 3 });
+    let shadow_radius = 3.2 * size;
+    let scale = if quality == Quality::Fine { 2 } else { 3 };
     let shadow_size = (scale * width.max(height)).next_power_of_two().clamp(256, 4096);
     let ground = stage::ground(bare, surroundings).map_or_else(String::new, |ground| {
-        let ([x, y, z], [across, along, step], [red, green, blue, _]) =
-            (ground.position, ground.size, ground.color);
+        let [x, y, z] = ground.position;
+let [across, along, step] = ground.size;
+let [red, green, blue, _] = ground.color;
         format!(
             r#"<geom type="plane" pos="{x} {y} {z}" size="{across} {along} {step}" contype="0" conaffinity="0" rgba="{red} {green} {blue} 1"/>"#
         )

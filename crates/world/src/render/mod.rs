@@ -63,9 +63,10 @@ impl PictureModel {
     /// # Errors
     /// If MuJoCo rejects the document.
     pub fn compile(&self) -> Result<Model, WorldError> {
-        match self.is_untrusted {
-            true => Model::from_untrusted(&self.document, self.assets.clone()),
-            false => Model::from_xml_with_assets(&self.document, self.assets.clone()),
+        if self.is_untrusted {
+            Model::from_untrusted(&self.document, self.assets.clone())
+        } else {
+            Model::from_xml_with_assets(&self.document, self.assets.clone())
         }
     }
 }

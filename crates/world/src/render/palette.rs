@@ -118,7 +118,8 @@ mod tests {
     fn many_colors_become_255_near_ones() {
         let mut picture = Picture::new(64, 64, [0; 3]);
         for index in 0..64 * 64 {
-            let (column, row) = (index % 64, index / 64);
+            let column = index % 64;
+            let row = index / 64;
             picture.fill((column, row), (1, 1), [4 * column as u8, 4 * row as u8, 128]);
         }
         let palette = Palette::new([&picture].into_iter());

@@ -49,7 +49,7 @@ impl Picture {
     ///
     /// # Panics
     /// If it does not fit.
-    pub fn paste(&mut self, (left, top): (usize, usize), width: usize, pixels: &[u8]) {
+    pub fn paste(&mut self, left: usize, top: usize, width: usize, pixels: &[u8]) {
         for (row, pixels) in pixels.chunks(3 * width).enumerate() {
             self.pixels[3 * ((top + row) * self.width + left)..][..3 * width].copy_from_slice(pixels);
         }
@@ -73,12 +73,15 @@ impl Picture {
     /// Draws a border inside the edges of a rectangle.
     pub(super) fn border(
         &mut self,
-        (left, top): (usize, usize),
-        (width, height): (usize, usize),
+        left: usize,
+        top: usize,
+        width: usize,
+        height: usize,
         thickness: usize,
         color: Color,
     ) {
-        let (right, bottom) = (left + width - thickness.min(width), top + height - thickness.min(height));
+        let right = left + width - thickness.min(width);
+        let bottom = top + height - thickness.min(height);
         self.fill((left, top), (width, thickness), color);
         self.fill((left, bottom), (width, thickness), color);
         self.fill((left, top), (thickness, height), color);

@@ -112,7 +112,9 @@ impl Stage {
         if matches!(self.placement, Placement::Scene(_) | Placement::Follow { .. }) {
             return;
         }
-        let (mut points, mut first, mut places) = (Vec::new(), None, Vec::new());
+        let mut points = Vec::new();
+        let mut first = None;
+        let mut places = Vec::new();
         for state in states {
             first = first.or(Some(state));
             self.set(state);
@@ -177,7 +179,8 @@ impl Stage {
             let axes = self.view.axes();
             return Viewpoint { position: self.view.eye(), axes, fovy_deg: FOVY_DEG };
         };
-        let (model, data) = (&self.world.model().inner, &self.world.data);
+        let model = &self.world.model().inner;
+        let data = &self.world.data;
         let turn = data.cam_xmat()[camera];
         let is_perspective = model.cam_projection()[camera] == MjtProjection::mjPROJ_PERSPECTIVE;
         Viewpoint {

@@ -97,7 +97,8 @@ impl Surroundings {
     /// Appends the corners of the bounding boxes of all shapes except planes, and the vertices of
     /// cloths: those of the robot, and those near it.
     pub(super) fn corners(&self, world: &World, out: &mut Vec<[f64; 3]>) {
-        let (model, data) = (&world.model().inner, &world.data);
+        let model = &world.model().inner;
+        let data = &world.data;
         let is_near = |point: &[f64; 3]| {
             self.roots.iter().any(|root| norm(sub(*point, data.xpos()[*root])) < self.radius())
         };
@@ -117,7 +118,8 @@ impl Surroundings {
 fn box_of(world: &World, geom: usize) -> [[f64; 3]; 8] {
     let data = &world.data;
     let bounds = world.model().inner.geom_aabb()[geom];
-    let (at, turn) = (data.geom_xpos()[geom], data.geom_xmat()[geom]);
+    let at = data.geom_xpos()[geom];
+    let turn = data.geom_xmat()[geom];
     std::array::from_fn(|corner| {
         let sign = |axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
         let local: [f64; 3] = std::array::from_fn(|i| bounds[i] + sign(i) * bounds[3 + i]);
@@ -188,8 +190,10 @@ pub(super) fn best(world: &mut World, points: &[[f64; 3]], fovy: f64, aspect: f6
 /// Returns the fraction of bodies with at least one shape whose center is visible from `eye`.
 fn visible_fraction(world: &mut World, eye: [f64; 3]) -> f64 {
     let model = world.model().clone();
-    let (bodies, groups) = (model.inner.geom_bodyid(), model.drawn_groups());
-    let (mut there, mut found) = (vec![false; model.inner.nbody() as usize], Vec::new());
+    let bodies = model.inner.geom_bodyid();
+    let groups = model.drawn_groups();
+    let mut there = vec![false; model.inner.nbody() as usize];
+    let mut found = Vec::new();
     for (geom, kind) in model.inner.geom_type().iter().enumerate() {
         let is_shown = groups.get(model.inner.geom_group()[geom] as usize).is_some_and(|shown| *shown);
         let body = bodies[geom] as usize;
@@ -218,14 +222,15 @@ pub(super) fn fit(points: &[[f64; 3]], direction_deg: [f64; 2], fovy: f64, aspec
     let forward = scale(back, -1.0);
     let middle = |along: &dyn Fn([f64; 3]) -> f64| {
         let values = || points.iter().map(|p| along(*p));
-        let (low, high) =
-            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        let low = values().fold(f64::INFINITY, f64::min);
+        let high = values().fold(f64::NEG_INFINITY, f64::max);
         if low <= high { 0.5 * (low + high) } else { 0.0 }
     };
     let mut center = [right, up, forward]
         .iter()
         .fold([0.0; 3], |sum, axis| add(sum, scale(*axis, middle(&|p| dot(p, *axis)))));
-    let (vertical, horizontal) = ((0.5 * fovy).tan(), (0.5 * fovy).tan() * aspect);
+    let vertical = (0.5 * fovy).tan();
+    let horizontal = (0.5 * fovy).tan() * aspect;
     let mut distance = 1.0;
     for _ in 0..ITERATIONS {
         let needed = points.iter().map(|p| {
@@ -261,7 +266,8 @@ mod tests {
             length / 2.0
         );
         let actuator = r#"<actuator><motor joint="lift"/></actuator>"#;
-        let (near, far) = (block(0.5), block(30.0));
+        let near = block(0.5);
+        let far = block(30.0);
         let xml = format!("<mujoco><worldbody>{near}{far}{robot}</worldbody>{actuator}</mujoco>");
         Model::from_xml(&xml).unwrap()
     }
@@ -270,7 +276,8 @@ mod tests {
     fn what_is_near_a_robot_is_in_its_pictures_wherever_it_is() {
         let corners = |offset: [f64; 3]| {
             let model = scene(offset, 1.0);
-            let (mut world, mut corners) = (model.world(), Vec::new());
+            let mut world = model.world();
+            let mut corners = Vec::new();
             world.data.forward();
             Surroundings::new(&model).corners(&world, &mut corners);
             corners

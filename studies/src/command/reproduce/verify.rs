@@ -189,9 +189,10 @@ fn show(found: &Verification, as_json: bool) -> Result<()> {
     let line = |unit: &VerifiedUnit| {
         let VerifiedUnit { campaign, run, trial, first, simulations, .. } = unit;
         let last = first.saturating_add(*simulations).saturating_sub(1);
-        let result = match unit.agrees {
-            true => "agrees".to_string(),
-            false => format!("differs: {}", unit.differences.join("; ")),
+        let result = if unit.agrees {
+            "agrees".to_string()
+        } else {
+            format!("differs: {}", unit.differences.join("; "))
         };
         format!("{campaign}/{run}, trial {trial}, simulations {first} to {last}: {result}")
     };

@@ -228,7 +228,9 @@ fn shown_estimate(estimate: EstimateRecord, show: &dyn Fn(Option<f64>) -> String
 /// Returns at how many corners a controller succeeds, and succeeds strictly and carefully: `4/4;
 /// strict 3/4; careful 2/4`. A failure is in bold.
 fn corners(evaluation: Option<&EvaluationRecord>) -> String {
-    let Some(EvaluationRecord { corners: found, .. }) = evaluation else { return NOTHING.to_string() };
+    let Some(EvaluationRecord { corners: found, .. }) = evaluation else {
+        return NOTHING.to_string();
+    };
     let cell = |count: u32, center: Option<bool>| {
         let center = if center == Some(false) { ", center fails" } else { "" };
         let text = format!("{count}/{}{center}", found.n);

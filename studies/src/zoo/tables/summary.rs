@@ -5,7 +5,9 @@ use crate::zoo::tables::{Shown, missed};
 
 /// How many controllers reach all their thresholds, and which do not.
 pub(super) fn table(shown: &Shown<'_>) -> String {
-    let (mut planned, mut reaching, mut others) = (0, 0, String::new());
+    let mut planned = 0;
+    let mut reaching = 0;
+    let mut others = String::new();
     for task in shown.names() {
         let mut missing = Vec::new();
         for algorithm in algorithms() {

@@ -63,7 +63,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let is_normalized = is_given || file.policy.observation_clip().is_some();
     output::write_new(&command.out, |out| Ok(out.write_all(&file.to_bytes())?))?;
     let network = file.policy.network();
-    let (hidden, last) = (network.hidden_activation().to_string(), network.output_activation().to_string());
+    let hidden = network.hidden_activation().to_string();
+    let last = network.output_activation().to_string();
     let layers = network.sizes().len() - 1;
     let norm = if network.has_layer_norm() { ", layer normalization" } else { "" };
     let normalized = if is_normalized { "normalized" } else { "not normalized" };

@@ -86,9 +86,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
     // The files of a target are copied; they must be those of the run.
     let has_files = mishandle::resolve::has_files(&Plan::from_toml(&file.header().plan)?.target);
-    let resolved = match command.minimize || has_files || command.target.is_some() {
-        true => Some(mishandle::resolve::recorded_plan(file.header(), moved)?),
-        false => None,
+    let resolved = if command.minimize || has_files || command.target.is_some() {
+        Some(mishandle::resolve::recorded_plan(file.header(), moved)?)
+    } else {
+        None
     };
     if let Some(resolved) = &resolved {
         run::report_build_differences("made", &mishandle::replay::build_differences(file.header(), resolved));
@@ -129,9 +130,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         None => Vec::new(),
     };
     write_all(command, &found.files)?;
-    match command.json {
-        true => output::json(&found.result)?,
-        false => output::line(&exports::text(&found.result))?,
+    if command.json {
+        output::json(&found.result)?;
+    } else {
+        output::line(&exports::text(&found.result))?;
     }
     for path in &copied {
         output::message(&format!("wrote {}, a file of the target", escape::name(&path.to_string_lossy())));

@@ -63,9 +63,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         run::control_flow()
     })?;
     bar.clear();
-    match command.json {
-        true => output::json(&found)?,
-        false => output::line(&evidence::verification_text(&found))?,
+    if command.json {
+        output::json(&found)?;
+    } else {
+        output::line(&evidence::verification_text(&found))?;
     }
     for run in &found.runs {
         run::report_build_differences("made", &run.build_differences);

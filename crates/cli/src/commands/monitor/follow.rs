@@ -74,7 +74,8 @@ fn follow(
     {
         return Err(error.into());
     }
-    let (mut without, mut samples) = (errors.len(), 0);
+    let mut without = errors.len();
+    let mut samples = 0;
     for (index, error) in errors {
         output::report_error(&logs::without_verdict(name, &requirements[index], error));
     }

@@ -14,7 +14,8 @@ use std::os::unix::fs::FileExt;
 /// The inner error describes an incomplete file. The outer error is that of reading it.
 pub fn check(file: &File) -> io::Result<Result<(), String>> {
     let length = file.metadata()?.len();
-    let (mut offset, mut boxes) = (0, Vec::new());
+    let mut offset = 0;
+    let mut boxes = Vec::new();
     while offset < length {
         // The size in bytes and the name; a size of 1 is followed by a 64-bit size.
         let mut header = [0; 16];

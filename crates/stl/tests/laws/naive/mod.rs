@@ -103,7 +103,8 @@ impl Tree {
                 0 => Tree::Signal(random.below(NAMES.len())),
                 1 => Tree::Number(random.pick(&[f64::INFINITY, f64::NEG_INFINITY, 1.5])),
                 _ => {
-                    let (x, y) = (Tree::arithmetic(random, 1), Tree::arithmetic(random, 0));
+                    let x = Tree::arithmetic(random, 1);
+                    let y = Tree::arithmetic(random, 0);
                     Tree::Two(random.pick(&COMPARISONS), None, Box::new(x), Box::new(y))
                 }
             };
@@ -114,7 +115,8 @@ impl Tree {
             2..=4 => Tree::One(random.pick(&TIMED_ONE), interval(random, n), sub(random, size - 1)),
             kind => {
                 let left = random.below(size);
-                let (x, y) = (sub(random, left), sub(random, size - 1 - left));
+                let x = sub(random, left);
+                let y = sub(random, size - 1 - left);
                 match kind {
                     5 | 6 => Tree::Two(random.pick(&TWO), None, x, y),
                     7 => Tree::Two(random.pick(&COMPARISONS), None, x, y),
@@ -131,7 +133,8 @@ impl Tree {
             1 => Tree::Number(random.value()),
             2 => Tree::One(random.pick(&ARITHMETIC_ONE), None, Box::new(Tree::arithmetic(random, size - 1))),
             _ => {
-                let (x, y) = (Tree::arithmetic(random, size - 1), Tree::arithmetic(random, size - 1));
+                let x = Tree::arithmetic(random, size - 1);
+                let y = Tree::arithmetic(random, size - 1);
                 Tree::Two(random.pick(&ARITHMETIC_TWO), None, Box::new(x), Box::new(y))
             }
         }
@@ -153,7 +156,8 @@ impl Tree {
                 )
             }
             Tree::Two(name, window, x, y) => {
-                let (x, y) = (x.write(random), y.write(random));
+                let x = x.write(random);
+                let y = y.write(random);
                 format!("({x}) {}{} ({y})", random.pick(spellings(name)), write_interval(*window, random))
             }
         }
@@ -260,12 +264,14 @@ impl Tree {
                     };
                     let steps: Vec<usize> = ahead(t, *window, end).take_while(is_whole).collect();
                     let last = steps[steps.len() - 1];
-                    let (p, q) = (values(x, &mut left(last)), values(y, &mut steps.into_iter()));
+                    let p = values(x, &mut left(last));
+                    let q = values(y, &mut steps.into_iter());
                     two(name, *window, &p[..=last], &q[..=last])[t]
                 }
                 "since" => {
                     let first = behind(t, *window).next().unwrap_or(t);
-                    let (p, q) = (values(x, &mut (first + 1..=t)), values(y, &mut behind(t, *window)));
+                    let p = values(x, &mut (first + 1..=t));
+                    let q = values(y, &mut behind(t, *window));
                     two(name, *window, &p, &q)[t]
                 }
                 _ => two(name, None, &[x.decide(trace, t, end)], &[y.decide(trace, t, end)])[0],
@@ -326,7 +332,8 @@ impl Tree {
                 (0..n).map(value).collect()
             }
             Tree::Two(name, window, x, y) if COMPARISONS.contains(name) => {
-                let (x, y) = (x.evaluate(trace), y.evaluate(trace));
+                let x = x.evaluate(trace);
+                let y = y.evaluate(trace);
                 let value = |t: usize| match *name {
                     "<=" => x[t] <= y[t],
                     ">=" => x[t] >= y[t],
@@ -339,7 +346,8 @@ impl Tree {
                 (0..n).map(value).collect()
             }
             Tree::Two(name, window, x, y) => {
-                let (x, y) = (x.holds(trace), y.holds(trace));
+                let x = x.holds(trace);
+                let y = y.holds(trace);
                 let held = |from: usize, to: usize| x[from..to].iter().all(|x| *x);
                 let until = |t: usize| ahead(t, *window, n).any(|s| y[s] && held(t, s));
                 let value = |t: usize| match *name {
@@ -395,7 +403,8 @@ impl Tree {
                 Tree::Number(_) | Tree::Signal(_) => tree,
                 Tree::One(name, window, x) => Tree::One(name, window, Box::new(closed(*x))),
                 Tree::Two(name, window, x, y) => {
-                    let (x, y) = (Box::new(closed(*x)), Box::new(closed(*y)));
+                    let x = Box::new(closed(*x));
+                    let y = Box::new(closed(*y));
                     let right = match name {
                         "until" | "since" | "unless" => Box::new(Tree::Two("and", None, x.clone(), y)),
                         "release" => Box::new(Tree::Two("or", None, x.clone(), y)),

@@ -99,7 +99,9 @@ impl<T: Scalar> PolicyLoss<'_, T> {
     ) -> (f64, f64) {
         let PolicyLoss { batch, temperature, actor, critics, .. } = self;
         let weight = 1.0 / batch.rows() as f64;
-        let (columns, size, count) = (actor.network.input_size(), actor.action_size(), rows.len());
+        let columns = actor.network.input_size();
+        let size = actor.action_size();
+        let count = rows.len();
         let PolicyScratch {
             actor: actor_pass,
             critics: passes,
@@ -117,7 +119,8 @@ impl<T: Scalar> PolicyLoss<'_, T> {
         concatenate([observations, actions, privileged], count, inputs);
         let [first, second] = &mut *passes;
         let values = critics[0].forward(inputs, first).iter().zip(critics[1].forward(inputs, second));
-        let (mut loss, mut mean_log_prob) = (0.0, 0.0);
+        let mut loss = 0.0;
+        let mut mean_log_prob = 0.0;
         value_gradients.iter_mut().for_each(Vec::clear);
         for ((first, second), samples) in values.zip(samples.chunks_exact(size)) {
             let log_prob = log_prob(samples);

@@ -122,7 +122,8 @@ mod tests {
         // Simpson's rule over u, on which a = tanh u: ∫ p(a) da = ∫ p(tanh u) (1 - tanh² u) du.
         for (mean, output) in [(0.0, 0.0), (0.8, 0.3), (-2.0, -0.4), (0.1, 1.5)] {
             let std = log_std(output).exp();
-            let (steps, reach) = (4000, 12.0 * std);
+            let steps = 4000;
+            let reach = 12.0 * std;
             let width = 2.0 * reach / f64::from(steps);
             let mut sum = 0.0;
             for i in 0..=steps {

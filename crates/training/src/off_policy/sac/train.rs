@@ -171,8 +171,10 @@ impl Agent for Sac {
     fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError> {
         if policy.log_std().len() != self.log_std.len() {
             let name = |log_stds: usize| if log_stds == 0 { "squashed" } else { "a clipped Gaussian" };
-            let (expected, found) = (name(self.log_std.len()), name(policy.log_std().len()));
-            let (expected, found) = (expected.to_string(), found.to_string());
+            let expected = name(self.log_std.len());
+            let found = name(policy.log_std().len());
+            let expected = expected.to_string();
+            let found = found.to_string();
             return Err(TrainingError::OtherPolicy { what: "distribution", expected, found });
         }
         self.actor = policy.network().clone();
@@ -208,7 +210,8 @@ impl Agent for Sac {
         }
         self.critics.save(checkpoint);
         let adam = &self.temperature_adam;
-        let (first, second) = (adam.first_moments()[0], adam.second_moments()[0]);
+        let first = adam.first_moments()[0];
+        let second = adam.second_moments()[0];
         checkpoint.put("temperature", vec![self.log_temperature[0], first, second, self.entropy]);
         checkpoint.put("temperature.steps", vec![adam.steps()]);
     }
@@ -226,8 +229,9 @@ impl Agent for Sac {
         self.critics.load(checkpoint)?;
         let temperature = checkpoint.f64s("temperature", 4)?;
         let steps = checkpoint.u64s("temperature.steps", 1)?[0];
-        let (rate, first, second) =
-            (self.temperature_adam.learning_rate, vec![temperature[1]], vec![temperature[2]]);
+        let rate = self.temperature_adam.learning_rate;
+        let first = vec![temperature[1]];
+        let second = vec![temperature[2]];
         self.temperature_adam = Adam::resume(rate, first, second, steps)?;
         self.log_temperature = [temperature[0]];
         self.entropy = temperature[3];

@@ -50,8 +50,10 @@ fn both(results: (Result<(), NetworkError>, Result<(), NetworkError>)) -> Result
 
 /// Writes parameters and inputs.
 fn write_inputs(minibatch: &Minibatch<'_>, policy: &mut dyn DeviceNetwork, critic: &mut dyn DeviceNetwork) {
-    let (columns, of_critic) = (minibatch.policy.input_size(), minibatch.critic.input_size());
-    let (policy, critic) = (policy.buffers(), critic.buffers());
+    let columns = minibatch.policy.input_size();
+    let of_critic = minibatch.critic.input_size();
+    let policy = policy.buffers();
+    let critic = critic.buffers();
     policy.parameters.copy_from_slice(minibatch.policy.parameters());
     critic.parameters.copy_from_slice(minibatch.critic.parameters());
     minibatch
@@ -74,7 +76,8 @@ fn write_losses(
     critic: &mut dyn DeviceNetwork,
 ) -> Vec<f32> {
     let actions = minibatch.policy.output_size();
-    let (policy, critic) = (policy.buffers(), critic.buffers());
+    let policy = policy.buffers();
+    let critic = critic.buffers();
     let count = minibatch.rows.len();
     // The last minibatch of an epoch may be smaller.
     policy.output_gradient[count * actions..].fill(0.0);

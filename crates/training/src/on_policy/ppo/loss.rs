@@ -169,8 +169,10 @@ impl Minibatch<'_> {
         log_std_gradient: &mut [f32],
         metrics: &mut [f32],
     ) {
-        let (actions, share) = (self.policy.output_size(), 1.0 / self.rows.len() as f64);
-        let (mut kl, mut policy_loss) = (0.0, 0.0);
+        let actions = self.policy.output_size();
+        let share = 1.0 / self.rows.len() as f64;
+        let mut kl = 0.0;
+        let mut policy_loss = 0.0;
         for ((row, mean), mean_gradient) in
             rows.iter().zip(means.chunks_exact(actions)).zip(mean_gradient.chunks_exact_mut(actions))
         {
@@ -205,10 +207,12 @@ impl Minibatch<'_> {
         value_gradient: &mut [f32],
         metrics: &mut [f32],
     ) {
-        let (share, mut critic_loss) = (1.0 / self.rows.len() as f64, 0.0);
+        let share = 1.0 / self.rows.len() as f64;
+        let mut critic_loss = 0.0;
         for ((row, output), slope_of_row) in rows.iter().zip(outputs).zip(value_gradient) {
             let row = *row as usize;
-            let (old, target) = (f64::from(self.old_values[row]), f64::from(self.targets[row]));
+            let old = f64::from(self.old_values[row]);
+            let target = f64::from(self.targets[row]);
             let (loss, slope) =
                 clipped_value_loss(f64::from(*output), old, target, self.value_clip, self.loss_coef);
             critic_loss += loss;
@@ -339,8 +343,10 @@ mod tests {
     #[test]
     fn the_gradient_of_a_minibatch_matches_finite_differences() {
         let mut example = example();
-        let (policy, critic) = (single(&example.policy), single(&example.critic));
-        let (policy_size, critic_size) = (policy.parameter_count(), critic.parameter_count());
+        let policy = single(&example.policy);
+        let critic = single(&example.critic);
+        let policy_size = policy.parameter_count();
+        let critic_size = critic.parameter_count();
         let mut gradient = vec![0.0; policy_size + 2 + critic_size + METRICS.len()];
         let (advantage_mean, advantage_inverse_std) = standardization(&example.buffer);
         let log_std: Vec<f32> = example.log_std.iter().map(|x| *x as f32).collect();
@@ -376,7 +382,8 @@ mod tests {
                 }
                 loss(&example)
             };
-            let (above, below) = (moved(h), moved(-2.0 * h));
+            let above = moved(h);
+            let below = moved(-2.0 * h);
             moved(h);
             let slope = (above - below) / (2.0 * h);
             assert!((slope - f64::from(*found)).abs() < 2e-6 * (1.0 + slope.abs()), "{i}: {slope} {found}");

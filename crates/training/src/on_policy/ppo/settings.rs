@@ -143,7 +143,8 @@ impl TomlSettings for PpoSettings {
     fn check(&self) -> Result<(), TrainingError> {
         self.check_constraints()?;
         if self.learning_rate_schedule == LearningRateSchedule::Adaptive {
-            let ([low, high], initial) = (self.learning_rate_range, self.learning_rate);
+            let [low, high] = self.learning_rate_range;
+            let initial = self.learning_rate;
             let expected = "a number within `learning_rate_range`, since the schedule is adaptive";
             require("learning_rate", expected, initial, (low..=high).contains(&initial))?;
         }

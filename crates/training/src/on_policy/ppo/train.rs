@@ -49,7 +49,8 @@ impl Ppo {
         rollout_moments: Option<(f64, f64)>,
     ) -> Result<f64, UpdateError> {
         let all = self.minibatches.order().len() as f64;
-        let (mut kl, mut evaluated) = (0.0, 0);
+        let mut kl = 0.0;
+        let mut evaluated = 0;
         for rows in self.minibatches.ranges() {
             if first {
                 actor_critic.update_normalizer_from_minibatch(&self.minibatches.order()[rows.clone()]);
@@ -145,7 +146,8 @@ impl PolicyOptimizer for Ppo {
         if settings.shared_learning_rate {
             actor_critic.critic.set_learning_rate(settings.learning_rate);
         }
-        let (weights, actions) = (actor_critic.network.parameter_count(), actor_critic.log_std.len());
+        let weights = actor_critic.network.parameter_count();
+        let actions = actor_critic.log_std.len();
         let gradient = weights + actions + actor_critic.critic.network().parameter_count() + METRICS.len();
         Ppo {
             settings: settings.clone(),
@@ -164,7 +166,8 @@ impl PolicyOptimizer for Ppo {
         actor_critic: &ActorCritic,
     ) -> Result<(), TrainingError> {
         let rows = self.minibatches.ranges().map(|rows| rows.len()).max().unwrap_or(0);
-        let (policy, critic) = (&actor_critic.network, actor_critic.critic.network());
+        let policy = &actor_critic.network;
+        let critic = actor_critic.critic.network();
         self.device = Some(DeviceNetworks::new(device, policy, critic, rows)?);
         Ok(())
     }
@@ -174,7 +177,8 @@ impl PolicyOptimizer for Ppo {
         actor_critic: &mut ActorCritic,
         iteration: u64,
     ) -> Result<UpdateStatistics, UpdateError> {
-        let (schedule, epochs) = (self.settings.learning_rate_schedule, self.settings.epochs as u64);
+        let schedule = self.settings.learning_rate_schedule;
+        let epochs = self.settings.epochs as u64;
         if schedule == LearningRateSchedule::Linear {
             let all = iterations(&self.settings.run, actor_critic.rollout_size());
             let remaining = 1.0 - iteration as f64 / all as f64;
@@ -204,8 +208,8 @@ impl PolicyOptimizer for Ppo {
     }
 
     fn load(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainingError> {
-        let (weights, actions) =
-            (self.network_adam.first_moments().len(), self.log_std_adam.first_moments().len());
+        let weights = self.network_adam.first_moments().len();
+        let actions = self.log_std_adam.first_moments().len();
         self.network_adam = checkpoint.adam("policy.adam", weights)?;
         self.log_std_adam = checkpoint.adam("policy.log_std_adam", actions)?;
         Ok(())

@@ -25,7 +25,8 @@ pub fn conjugate_gradient(
     tolerance: f64,
 ) -> Vec<f64> {
     let mut x = vec![0.0; b.len()];
-    let (mut residual, mut direction) = (b.to_vec(), b.to_vec());
+    let mut residual = b.to_vec();
+    let mut direction = b.to_vec();
     let mut along = vec![0.0; b.len()];
     let mut squared = dot(&residual, &residual);
     for _ in 0..iterations {

@@ -277,7 +277,8 @@ mod tests {
     fn a_subsampled_fisher_vector_product_uses_every_nth_row() {
         check(|_, batch, policy| {
             let along = direction(1.0);
-            let (mut sampled, mut rows) = (vec![0.0; along.len()], vec![0.0; along.len()]);
+            let mut sampled = vec![0.0; along.len()];
+            let mut rows = vec![0.0; along.len()];
             let mut scratch = Scratch::default();
             // Rows 0, 3 and 6 of seven.
             batch.add_fisher_vector_product(policy, 3, &along, 0..3, &mut scratch, &mut sampled);

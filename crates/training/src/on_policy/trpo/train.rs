@@ -109,7 +109,8 @@ impl Trpo {
                 let ActorCritic { critic, buffer, targets, .. } = actor_critic;
                 loss = critic.train_minibatch(
                     &normalizer,
-                    (&buffer.observations, &buffer.privileged),
+                    &buffer.observations,
+                    &buffer.privileged,
                     targets,
                     indices,
                     settings.max_grad_norm,
@@ -144,7 +145,8 @@ fn full_step(
     pool: &mut ChunkPool<f32, Scratch>,
 ) -> Option<Vec<f64>> {
     let every = settings.fisher_subsampling;
-    let (mut direction, mut sum) = (vec![0.0_f32; gradient.len()], vec![0.0_f32; gradient.len()]);
+    let mut direction = vec![0.0_f32; gradient.len()];
+    let mut sum = vec![0.0_f32; gradient.len()];
     let mut fisher = |v: &[f64], out: &mut [f64]| {
         direction.iter_mut().zip(v).for_each(|(to, from)| *to = *from as f32);
         pool.sum(batch.rows().div_ceil(every), &mut sum, |rows, scratch, sum| {
@@ -186,9 +188,10 @@ impl PolicyOptimizer for Trpo {
         actor_critic: &mut ActorCritic,
         iteration: u64,
     ) -> Result<UpdateStatistics, UpdateError> {
-        let step = match self.settings.run.learns_policy(iteration * actor_critic.rollout_size()) {
-            true => self.step_policy(actor_critic)?,
-            false => Step { kl: 0.0, fraction: 0.0 },
+        let step = if self.settings.run.learns_policy(iteration * actor_critic.rollout_size()) {
+            self.step_policy(actor_critic)?
+        } else {
+            Step { kl: 0.0, fraction: 0.0 }
         };
         self.train_critic(actor_critic, iteration)?;
         Ok(UpdateStatistics { kl: step.kl, learning_rate: step.fraction })

@@ -1,7 +1,0 @@
-//! The tests of this package as one program, because linking takes longer than most of them.
-//! A file of this folder is a module here.
-
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-mod edit;
-mod read;
