@@ -280,8 +280,8 @@ pub enum MishandleError {
     },
     /// The program lacks the device of a plan.
     #[error(
-        "the device `{device}` needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command \
-         `mishandle`"
+        "the device `{device}` needs the Python package with its extra: run pip install '.[gpu]' in a clone of Mishandle, then \
+         the package's command `mishandle`"
     )]
     NoDevice {
         /// Name of the device.
