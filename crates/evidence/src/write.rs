@@ -92,8 +92,8 @@ pub fn write(
     write_file(&home.join(SUMS), list.as_bytes())?;
     let sign = |key: &Key| {
         let (list, path) = (list.as_bytes(), home.join(SIGNATURE));
-        write_file(&path, key.sign(list)?.as_bytes())?;
-        key.signer(list, &path)
+        write_file(&path, key.sign(list, watch)?.as_bytes())?;
+        key.signer(list, &path, watch)
     };
     let signer = collection.key.map(sign).transpose()?;
     match collection.force {
