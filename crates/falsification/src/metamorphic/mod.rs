@@ -63,13 +63,14 @@ impl MetamorphicSettings {
             return invalid("the number of pairs", self.pairs.to_string(), "from 1 to 1000000");
         }
         if !MetamorphicSettings::RELATIONS.contains(&relations.len()) {
-            return invalid("the number of relations", relations.len().to_string(), "from 1 to 100");
+            let expected = "from 1 to 100; a plan has each in a table [metamorphic.relations.NAME]";
+            return invalid("the number of relations", relations.len().to_string(), expected);
         }
         match relations.iter().find(|relation| relation.changes.is_empty()) {
             Some(relation) => invalid(
                 "the number of changed axes of a relation",
                 format!("0 ({})", relation.name),
-                "at least 1",
+                "at least 1, such as change = { ball_x = \"+0.02\" }",
             ),
             None => Ok(()),
         }
