@@ -4,7 +4,7 @@ mod curve;
 
 use std::error::Error;
 use std::iter::successors;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use mishandle_training::TrainingError;
 
@@ -23,6 +23,15 @@ pub enum MishandleError {
         name: String,
         /// Known names.
         known: Vec<String>,
+    },
+    /// The target is a path, but not that of a target file.
+    #[error(
+        "{}; a target is a name such as ball-balancing, which `mishandle targets` lists, or the path of a target file (.toml)",
+        not_a_target(name)
+    )]
+    NotATarget {
+        /// The path.
+        name: String,
     },
     /// A task needs a controller, and the plan names none.
     #[error("{target} needs a controller: give --controller NAME or FILE; shipped are: {}", known.join(", "))]
@@ -280,8 +289,8 @@ pub enum MishandleError {
     },
     /// The program lacks the device of a plan.
     #[error(
-        "the device `{device}` needs the Python package with its extra: pip install 'mishandle[gpu]', and run its command \
-         `mishandle`"
+        "the device `{device}` needs the Python package with its extra: run pip install '.[gpu]' in a clone of Mishandle, then \
+         the package's command `mishandle`"
     )]
     NoDevice {
         /// Name of the device.
@@ -828,6 +837,15 @@ fn joined(parts: &[String]) -> String {
     match parts {
         [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
         parts => parts.concat(),
+    }
+}
+
+/// Says why a path is not a target.
+fn not_a_target(name: &str) -> String {
+    if Path::new(name).exists() {
+        format!("{name} is not a target file")
+    } else {
+        format!("no such file: {name}")
     }
 }
 

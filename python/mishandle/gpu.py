@@ -31,7 +31,7 @@ try:
     probes: Any = importlib.import_module("mishandle.gpu_probe")
     servo_rule: Any = importlib.import_module("mishandle.gpu_servos")
 except ImportError as error:
-    raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
+    raise ImportError(f"the device gpu needs an extra: pip install '.[gpu]' in a clone of Mishandle ({error})") from error
 
 MUJOCO_VERSION = "3.17.0"
 """Version of MuJoCo, in C and Warp, that the tasks were made for."""
@@ -93,7 +93,7 @@ def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes] | None 
     """Compiles an MJCF document, which refers to files by their names in ``assets``, for MuJoCo Warp."""
     for package, module in (("mujoco", mujoco), ("mujoco-warp", mjw)):
         if (found := module.__version__) != MUJOCO_VERSION:
-            raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; pip install 'mishandle[gpu]'")
+            raise RuntimeError(f"expected the package {package} {MUJOCO_VERSION}, found {found}; run pip install '.[gpu]' in a clone of Mishandle")
     model = mujoco.MjModel.from_xml_string(xml, dict(assets or {}))
     if model.ntendon > 0 or model.opt.integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         raise RuntimeError(

@@ -23,7 +23,7 @@ try:
     kernels: Any = importlib.import_module("mishandle.gpu_camera_kernels")
     effects: Any = importlib.import_module("mishandle.gpu_camera_effects")
 except ImportError as error:
-    raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
+    raise ImportError(f"the device gpu needs an extra: pip install '.[gpu]' in a clone of Mishandle ({error})") from error
 
 PIXELS = 1 << 25
 """Pixels that are rendered at a time: 4 bytes for each of three colors, twice."""

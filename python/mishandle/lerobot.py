@@ -115,7 +115,7 @@ def policy(
             make_pre_post_processors,
         )
     except ImportError as error:
-        raise MissingPackageError(f"a policy of LeRobot needs LeRobot ({error}): pip install 'mishandle[lerobot]'") from error
+        raise MissingPackageError(f"a policy of LeRobot needs LeRobot ({error}): pip install '.[lerobot]' in a clone of Mishandle") from error
     if not isinstance(source, (str, os.PathLike)):
         if not hasattr(source, "select_action") or processors is None:
             raise InvalidTypeError(

@@ -58,7 +58,7 @@ def _table(file: pathlib.Path) -> Any:
     try:
         import pyarrow.parquet  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ImportError as error:
-        raise MissingPackageError("LeRobot data sets need pyarrow: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError("LeRobot data sets need pyarrow: pip install '.[logs]' in a clone of Mishandle") from error
     try:
         schema = pyarrow.parquet.read_schema(file)
         # Pictures are structures of bytes.

@@ -91,7 +91,7 @@ def _ros2(schema: Schema | None) -> Decode | None:
     try:
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
-        raise MissingPackageError("ROS 2 messages need mcap-ros2-support: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError("ROS 2 messages need mcap-ros2-support: pip install '.[logs]' in a clone of Mishandle") from error
     return DecoderFactory().decoder_for("cdr", schema)
 
 
@@ -99,7 +99,7 @@ def _protobuf(schema: Schema | None) -> Decode | None:
     try:
         from mcap_protobuf.decoder import DecoderFactory
     except ImportError as error:
-        raise MissingPackageError("Protobuf messages need mcap-protobuf-support: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError("Protobuf messages need mcap-protobuf-support: pip install '.[logs]' in a clone of Mishandle") from error
     return DecoderFactory().decoder_for("protobuf", schema)
 
 
@@ -109,7 +109,7 @@ def _records(file: pathlib.Path) -> Iterator[McapRecord]:
         from mcap.records import Chunk, DataEnd
         from mcap.stream_reader import StreamReader, breakup_chunk
     except ImportError as error:
-        raise MissingPackageError("MCAP files need mcap: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError("MCAP files need mcap: pip install '.[logs]' in a clone of Mishandle") from error
     with open(file, "rb") as stream:
         # No record is longer than the file.
         limit = os.fstat(stream.fileno()).st_size

@@ -1,4 +1,4 @@
-"""Plots of runs and traces with matplotlib: ``pip install 'mishandle[plots]'``.
+"""Plots of runs and traces with matplotlib: ``pip install '.[plots]'`` in a clone of Mishandle.
 
 Each function draws into the given axes, or into new ones, and returns them. matplotlib is imported when a function is called.
 """
@@ -363,7 +363,7 @@ def _pyplot() -> Any:
     try:
         from matplotlib import pyplot
     except ImportError as error:
-        raise MissingPackageError("plots need matplotlib: pip install 'mishandle[plots]'") from error
+        raise MissingPackageError("plots need matplotlib: pip install '.[plots]' in a clone of Mishandle") from error
     return pyplot
 
 

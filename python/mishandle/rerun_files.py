@@ -1,4 +1,4 @@
-"""Recordings for Rerun (https://rerun.io): ``pip install 'mishandle[rerun]'``.
+"""Recordings for Rerun (https://rerun.io): ``pip install '.[rerun]'`` in a clone of Mishandle.
 
 Rerun and MuJoCo are imported when :func:`to_rerun` is called.
 """
@@ -100,7 +100,7 @@ def _packages() -> tuple[Any, Any]:
         import mujoco  # type: ignore[import-not-found, import-untyped, unused-ignore]
         import rerun  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ImportError as error:
-        raise MissingPackageError("recordings for Rerun need rerun-sdk and mujoco: pip install 'mishandle[rerun]'") from error
+        raise MissingPackageError("recordings for Rerun need rerun-sdk and mujoco: pip install '.[rerun]' in a clone of Mishandle") from error
     return rerun, mujoco
 
 

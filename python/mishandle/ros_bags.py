@@ -14,7 +14,7 @@ def read(file: pathlib.Path, tables: Tables) -> None:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise MissingPackageError("bags of ROS need rosbags: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError("bags of ROS need rosbags: pip install '.[logs]' in a clone of Mishandle") from error
     try:
         # Bags of older versions contain no definitions of their types, which are mostly those of
         # ROS 2 Humble.

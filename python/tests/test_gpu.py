@@ -602,7 +602,7 @@ class WithoutTheExtra(unittest.TestCase):
     def test_the_error_says_what_to_install(self):
         code = "import sys; sys.modules['warp'] = None; import mishandle.gpu"
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-        self.assertIn("pip install 'mishandle[gpu]'", result.stderr)
+        self.assertIn("pip install '.[gpu]' in a clone", result.stderr)
 
 
 if __name__ == "__main__":

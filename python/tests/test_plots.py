@@ -129,7 +129,7 @@ class Plots(unittest.TestCase):
             "    print(error)\n"
         )
         found = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-        self.assertEqual(found.stdout, "plots need matplotlib: pip install 'mishandle[plots]'\n")
+        self.assertEqual(found.stdout, "plots need matplotlib: pip install '.[plots]' in a clone of Mishandle\n")
 
 
 if __name__ == "__main__":

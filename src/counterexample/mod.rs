@@ -261,9 +261,8 @@ impl Counterexample {
             plan.controller = controller.to_string();
         }
         ResolvedPlan::new(&plan).map_err(|error| match error {
-            MishandleError::UnknownName { kind: "target", name, .. } => {
-                MishandleError::ForeignTarget { name }
-            }
+            MishandleError::UnknownName { kind: "target", name, .. }
+            | MishandleError::NotATarget { name } => MishandleError::ForeignTarget { name },
             error => error,
         })
     }

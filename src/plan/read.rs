@@ -15,7 +15,7 @@ use super::seed::SeedValue;
 use super::{FORMAT, Plan, StartRegion};
 use crate::error::MishandleError;
 use crate::plan::search_options::TomlValue;
-use crate::plan::{AxisSetting, GuardPlan, Measure, RelationPlan, Until};
+use crate::plan::{AxisSetting, GuardPlan, Measure, Until};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;
@@ -42,8 +42,20 @@ const RELATIONS: &str = "metamorphic.relations";
 const RELATION_KEYS: [&str; 2] = ["change", "holds"];
 
 /// Allowed values of a relation.
-const RELATION: &str =
-    "a table of texts, such as change = { ball_x = \"+0.02\" } and holds = \"same-verdict\"";
+const RELATION: &str = "a table, such as { change = { ball_x = \"+0.02\" }, holds = \"same-verdict\" }";
+
+/// Place of the keys of a relation.
+const IN_RELATION: &str = "in the table of a relation with a name, as [metamorphic.relations.NAME]";
+
+/// Allowed values of the changes of a relation.
+const CHANGES: &str = "a table of changes by axis, such as { ball_x = \"+0.02\" }";
+
+/// Allowed values of the change of an axis.
+const CHANGE: &str = "a text in quotes: an offset such as \"+0.02\" or \"-0.02\", a factor such as \"*0.8\" or \"-20%\", \
+                      a value such as \"=0.3\", or a category";
+
+/// Allowed values of what must hold.
+const HOLDS: &str = "a text in quotes, such as \"same-verdict\" or \"not-worse:0.05\"";
 
 /// Allowed rules that end simulations.
 const UNTIL: &str = "\"decided\", or a width above 0, such as \"width=0.04\"";
@@ -167,6 +179,11 @@ fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
     matches!(value.get_ref(), DeValue::Table(_))
 }
 
+/// Returns whether a key belongs into the table of a relation.
+fn is_relation_key(key: &Spanned<Cow<'_, str>>) -> bool {
+    RELATION_KEYS.contains(&&**key.get_ref())
+}
+
 /// Reads a plan.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
     let stated = parse(text, Values::One)?;
@@ -278,6 +295,9 @@ impl Reader<'_> {
                     self.check_list(&name, key, value, items, known)?;
                 }
                 (Some(known), _) => return Err(self.wrong(&name, key, value, known.allowed)),
+                (None, _) if within == "metamorphic." && is_relation_key(key) => {
+                    return Err(self.wrong(&name, key, value, IN_RELATION));
+                }
                 (None, _) if !KEYS.iter().any(|known| known.name.starts_with(&as_table)) => {
                     let known = KEYS.iter().map(|key| key.name).collect();
                     return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
@@ -318,17 +338,38 @@ impl Reader<'_> {
     fn check_relations(&self, relations: &DeTable<'_>) -> Result<(), MishandleError> {
         for (key, value) in relations {
             let name = format!("{RELATIONS}.{}", key.get_ref());
-            let DeValue::Table(relation) = value.get_ref() else {
-                return Err(self.wrong(&name, key, value, RELATION));
+            let relation = match value.get_ref() {
+                // A relation may have the name `change`.
+                DeValue::Table(relation) if !is_relation_key(key) || relation.keys().any(is_relation_key) => {
+                    relation
+                }
+                _ if is_relation_key(key) => return Err(self.wrong(&name, key, value, IN_RELATION)),
+                _ => return Err(self.wrong(&name, key, value, RELATION)),
             };
-            let unknown = |key: &&Spanned<Cow<'_, str>>| !RELATION_KEYS.contains(&&**key.get_ref());
-            if let Some(key) = relation.keys().find(unknown) {
-                let line = self.line(key);
-                let known = RELATION_KEYS.into();
-                return Err(MishandleError::UnknownPlanKey { line, key: key.get_ref().to_string(), known });
-            }
-            if !reads::<RelationPlan>(value) {
-                return Err(self.wrong(&name, key, value, RELATION));
+            self.check_relation(&name, relation)?;
+        }
+        Ok(())
+    }
+
+    /// Checks the relation with this name, the names of its tables included.
+    fn check_relation(&self, relation: &str, table: &DeTable<'_>) -> Result<(), MishandleError> {
+        for (key, value) in table {
+            let name = format!("{relation}.{}", key.get_ref());
+            match (&**key.get_ref(), value.get_ref()) {
+                ("change", DeValue::Table(changes)) => {
+                    if let Some((axis, value)) = changes.iter().find(|(_, value)| !reads::<String>(value)) {
+                        let name = format!("{name}.{}", axis.get_ref());
+                        return Err(self.wrong(&name, axis, value, CHANGE));
+                    }
+                }
+                ("change", _) => return Err(self.wrong(&name, key, value, CHANGES)),
+                ("holds", _) if reads::<String>(value) => {}
+                ("holds", _) => return Err(self.wrong(&name, key, value, HOLDS)),
+                (unknown, _) => {
+                    let line = self.line(key);
+                    let known = RELATION_KEYS.into();
+                    return Err(MishandleError::UnknownPlanKey { line, key: unknown.to_string(), known });
+                }
             }
         }
         Ok(())
@@ -431,6 +472,27 @@ mod tests {
             let message = format!("line 1 of the plan: the key `seed` is {seed}; it must be {seeds}");
             check(&format!("seed = {seed}"), &message);
         }
+    }
+
+    #[test]
+    fn a_mistake_in_a_relation_is_an_error_with_its_key_and_what_is_allowed() {
+        for (lines, key, found, expected) in [
+            ("relations.r = 'same-verdict'", "relations.r", "'same-verdict'", RELATION),
+            ("relations.r.change.x = 0.02", "relations.r.change.x", "0.02", CHANGE),
+            ("relations.r = { change = { x = ['+1'] } }", "relations.r.change.x", "['+1']", CHANGE),
+            ("relations.r.change = '+0.02'", "relations.r.change", "'+0.02'", CHANGES),
+            ("relations.r.holds = 0.05", "relations.r.holds", "0.05", HOLDS),
+            ("relations.change = { x = '+1' }", "relations.change", "a table", IN_RELATION),
+            ("relations.holds = 'not-worse'", "relations.holds", "'not-worse'", IN_RELATION),
+            ("change = { x = '+1' }", "change", "a table", IN_RELATION),
+            ("holds = 'not-worse'", "holds", "'not-worse'", IN_RELATION),
+        ] {
+            let message =
+                format!("line 2 of the plan: the key `metamorphic.{key}` is {found}; it must be {expected}");
+            check(&format!("[metamorphic]\n{lines}\n"), &message);
+        }
+        let named = "target = 'a'\n[metamorphic.relations.change]\nchange = { x = '+1' }\n";
+        assert!(Plan::from_toml(named).unwrap().metamorphic.unwrap().relations.contains_key("change"));
     }
 
     #[test]

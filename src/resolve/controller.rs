@@ -84,11 +84,11 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     let Some((definition, own_name)) = split_task(name) else {
         let path = Path::new(name);
         return match name.split_once('/') {
-            // A misspelled task, more likely than a missing file.
-            Some((task_name, _)) if path.extension().is_none() && !path.exists() => {
-                task(task_name)?;
-                Ok(ShippedFile::Path(path.into()))
-            }
+            // A misspelled task, or a missing file.
+            Some((task_name, _)) if path.extension().is_none() && !path.exists() => match task(task_name) {
+                Err(error) if error.hint().is_some() => Err(error),
+                _ => Err(no_controller(name)),
+            },
             _ if is_path(name) => Ok(ShippedFile::Path(path.into())),
             _ => Err(no_controller(name)),
         };
@@ -109,7 +109,8 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
 }
 
 fn no_controller(name: &str) -> MishandleError {
-    let expected = "a path such as ./FILE, or a shipped controller TASK/NAME such as point-reaching/ppo";
+    let expected =
+        "a file that exists, such as ./FILE, or a shipped controller TASK/NAME such as point-reaching/ppo";
     MishandleError::InvalidValue { what: "the controller", value: name.to_string(), expected }
 }
 

@@ -1,13 +1,23 @@
 //! Suggestions for correcting an error.
 
+use std::io::ErrorKind;
+use std::path::Path;
+
+use mishandle_controllers::ControllerError;
+use mishandle_interchange::InterchangeError;
 use mishandle_rollout::RolloutError;
 use mishandle_search::SearchError;
 use mishandle_stl::nearest;
 use mishandle_store::StoreError;
+use mishandle_text::shell_quote;
 use mishandle_training::TrainingError;
 
 use crate::error::MishandleError;
+use crate::resolve::target_names;
 use crate::shipped::controllers_description;
+
+/// Hint for a target that is a program.
+const NAME_COMMAND: &str = "a simulator that is a program is named by its command: --command 'python3 FILE'";
 
 impl MishandleError {
     /// Returns a suggestion for correcting the error, if there is one.
@@ -39,14 +49,28 @@ impl MishandleError {
                 if let (true, Some(file)) = (matches!(*kind, "target" | "task"), target_file(name)) {
                     return Some(format!("did you mean the target file `{file}`?"));
                 }
-                if *kind == "target" && std::path::Path::new(name).is_file() {
-                    return Some(
-                        "a simulator that is a program is named by its command: --command 'python3 FILE'"
-                            .to_string(),
-                    );
+                if *kind == "target" && Path::new(name).is_file() {
+                    return Some(NAME_COMMAND.to_string());
                 }
                 let suggestion = suggest(name, known.iter().map(String::as_str));
                 suggestion.or_else(|| kind.starts_with("controller").then(path_hint))
+            }
+            MishandleError::NotATarget { name } => Some(match target_file(name) {
+                Some(file) => format!("did you mean the target file `{file}`?"),
+                None if is_controller_file(name) => {
+                    format!("a controller is not a target: name it with --controller {}", shell_quote(name))
+                }
+                None if Path::new(name).is_file() => NAME_COMMAND.to_string(),
+                None => return suggest(name, target_names().iter().map(String::as_str)),
+            }),
+            MishandleError::Controller(ControllerError::Read { source, .. })
+            | MishandleError::Interchange(InterchangeError::Read { source, .. })
+                if source.kind() == ErrorKind::NotFound =>
+            {
+                Some(
+                    "a controller is the path of a file, or the name of a shipped one, which `mishandle tasks TASK` lists"
+                        .to_string(),
+                )
             }
             MishandleError::CampaignRun { source, .. } | MishandleError::Fallback { source, .. } => {
                 source.hint()
@@ -75,7 +99,15 @@ impl MishandleError {
 /// Returns the target file with this name without its ending, if there is one.
 fn target_file(name: &str) -> Option<String> {
     let file = format!("{name}.toml");
-    std::path::Path::new(&file).is_file().then_some(file)
+    Path::new(&file).is_file().then_some(file)
+}
+
+/// Returns whether a path has the ending of a controller.
+fn is_controller_file(name: &str) -> bool {
+    let extension = Path::new(name).extension();
+    ["onnx", "safetensors"]
+        .iter()
+        .any(|known| extension.is_some_and(|found| found.eq_ignore_ascii_case(known)))
 }
 
 fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {

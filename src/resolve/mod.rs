@@ -94,10 +94,21 @@ pub fn target(plan: &Plan) -> Result<Target, MishandleError> {
         return robot_target(plan);
     }
     if mishandle_tasks::task(&plan.target).is_none() {
+        check_no_path(&plan.target)?;
         let known = target_names();
         return Err(MishandleError::UnknownName { kind: "target", name: plan.target.clone(), known });
     }
     Ok(task_target(plan)?.target()?)
+}
+
+/// Checks that the name of an unknown target is not a path: a list of names does not help then.
+fn check_no_path(name: &str) -> Result<(), MishandleError> {
+    let is_name = ["toy/", "arch/"].iter().any(|group| name.starts_with(group));
+    if is_path(name) && !is_name {
+        Err(MishandleError::NotATarget { name: name.to_string() })
+    } else {
+        Ok(())
+    }
 }
 
 /// Returns the names of all targets: tasks first, then toys, then the problems of the ARCH

@@ -66,9 +66,10 @@ pub(crate) fn resolve_recorded(
             hash: recorded.hash.clone(),
             source: Box::new(error),
         },
-        (MishandleError::UnknownName { kind: "target", name, .. }, _) => {
-            MishandleError::ForeignTarget { name }
-        }
+        (
+            MishandleError::UnknownName { kind: "target", name, .. } | MishandleError::NotATarget { name },
+            _,
+        ) => MishandleError::ForeignTarget { name },
         // A changed file can have lost what the plan names.
         (error, _) if is_target_file(&plan.target) => {
             MishandleError::MissingTarget { target: plan.target.clone(), source: Box::new(error) }

@@ -16,7 +16,7 @@ use crate::resolve::controller::shipped_file;
 use crate::resolve::guard::training_guard;
 use crate::resolve::robot::RobotToTrain;
 use crate::resolve::task::{guarded_loop, load_controller};
-use crate::resolve::{is_onnx, is_target_file, preset, task};
+use crate::resolve::{check_no_path, is_onnx, is_target_file, preset, task};
 use crate::shipped::{SETTINGS, ShippedFile, check_home, shipped_settings};
 
 /// Name of the space of the initial states.
@@ -134,7 +134,8 @@ pub struct TrainingEnvironment {
 /// there.
 pub fn training_target(target: &str, device: &str) -> Result<Box<dyn TrainingTarget>, MishandleError> {
     if !is_target_file(target) {
-        return Ok(Box::new(TaskToTrain(task(target)?)));
+        let task = task(target).or_else(|error| check_no_path(target).and(Err(error)));
+        return Ok(Box::new(TaskToTrain(task?)));
     }
     if device == GPU {
         let option = "training on a GPU";

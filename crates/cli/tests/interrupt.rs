@@ -1,7 +1,6 @@
 //! Ctrl-C in commands that write no run file: they finish the running simulations and say what is
 //! kept and what is lost.
 
-#[allow(dead_code, reason = "not every test uses all functions")]
 use std::process::Stdio;
 use std::time::Duration;
 

@@ -781,8 +781,18 @@ fn invalid_arguments_are_errors_before_any_simulation() {
     );
     bench.refuses(
         "evaluate point-reaching --controller ./none.safetensors",
-        &["none.safetensors", "No such file"],
+        &["none.safetensors", "No such file", "a controller is the path of a file"],
     );
+    for (command, parts) in [
+        ("evaluate a.onnx", ["no such file: a.onnx; a target is a name", "a target file (.toml)"]),
+        ("evaluate junk.safetensors", ["is not a target file", "--controller junk.safetensors"]),
+        ("evaluate junk.sqlite", ["junk.sqlite is not a target file", "--command"]),
+        ("evaluate tooy/needle", ["no such file: tooy/needle", "did you mean `toy/needle`?"]),
+        ("train a.onnx", ["no such file: a.onnx", "a target file (.toml)"]),
+    ] {
+        bench.refuses(command, &parts);
+        assert!(!text(&bench.run(command).stderr).contains("choose from"), "{command}");
+    }
     bench.refuses(&format!("{falsify} --search anealing"), &["no search `anealing`", "dual-annealing"]);
     bench.refuses(
         &format!("{falsify} --formula 'always[0:301](finger_twist < 9)'"),

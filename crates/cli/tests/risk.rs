@@ -143,7 +143,7 @@ fn screening_with_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
         let command = format!("{command} point-reaching --controller ppo --screening gpu");
         let bench = Bench::new();
-        bench.refuses(&command, &["pip install 'mishandle[gpu]'"]);
+        bench.refuses(&command, &["pip install '.[gpu]' in a clone"]);
         assert!(!bench.path("runs").exists(), "an empty run file is left");
     }
     for command in ["risk", "evaluate", "falsify"] {

@@ -159,7 +159,8 @@ fn controller_shows_how_a_controller_was_trained() {
     assert_eq!(bench.json("controller point-reaching/ppo --json", 0)["task"], "point-reaching");
     for (name, parts) in [
         ("ppo.toml", &["ppo.toml"][..]),
-        ("none.safetensors", &["none.safetensors: No such file"]),
+        ("none.safetensors", &["none.safetensors: No such file", "a controller is the path of a file"]),
+        ("checkpoints/best", &["is checkpoints/best", "a file that exists"]),
         ("ppo", &["is ppo", "TASK/NAME", "point-reaching/ppo"]),
         ("point-reaching/expert", &["the expert is part of the task", "has no file"]),
         ("point-reaching/pppo", &["no controller file `pppo`", "did you mean `ppo`?"]),

@@ -1,11 +1,13 @@
 //! Signatures of evidence: what `ssh-keygen` signs and what this program signs is the same, with
 //! each kind of key, and no file of a folder reaches `ssh-keygen` as something else.
 
-use std::fs;
-use std::os::unix::fs::symlink;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt, symlink};
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use crate::bench::{Bench, has_ssh_keygen, keygen, text};
+use crate::bench::{Bench, has_ssh_keygen, keygen, signal, text};
+use crate::training::wait_until;
 
 const SIGNATURE: &str = "ev/SHA256SUMS.sig";
 
@@ -100,22 +102,29 @@ fn keys_and_signers_that_are_something_else_are_errors_and_leave_nothing() {
     let public = key(&bench, "ed25519", "");
     bench.write("signers", &format!("me {public}"));
     bench.write("two.pub", &format!("{public}{public}"));
+    bench.write("alone.pub", &public);
+    bench.write("notes", "no key\n");
     sign_by_hand(&bench, "ed25519");
     for (arguments, part) in [
-        ("evidence toy.sqlite --out new --key signers", "ssh-keygen does not sign with it"),
+        ("evidence toy.sqlite --out new --key signers", "it is not a private key"),
+        ("evidence toy.sqlite --out new --key toy.sqlite", "it is not a private key"),
+        ("evidence toy.sqlite --out new --key alone.pub", "it is a public key"),
         ("evidence toy.sqlite --out new --key missing", "No such file"),
-        ("evidence toy.sqlite --out new --key .", "ssh-keygen does not sign with it"),
-        ("evidence verify ev --public-key ed25519", "not a public key"),
-        ("evidence verify ev --public-key signers", "not a public key"),
-        ("evidence verify ev --public-key two.pub", "not a public key"),
+        ("evidence toy.sqlite --out new --key .", "it is not a private key"),
+        ("evidence verify ev --public-key ed25519", "it is a private key"),
+        ("evidence verify ev --public-key signers", "name this file with --allowed-signers"),
+        ("evidence verify ev --public-key two.pub", "it has several public keys"),
+        ("evidence verify ev --public-key notes", "it is not a public key"),
         ("evidence verify ev --public-key missing", "missing"),
         ("evidence verify ev --allowed-signers missing", "missing"),
+        ("evidence verify ev --allowed-signers ed25519.pub", "name this file with --public-key"),
+        ("evidence verify ev --allowed-signers ed25519", "it is a private key"),
         ("evidence verify ev --allowed-signers /dev/zero", "/dev/zero"),
     ] {
         bench.refuses(arguments, &[part]);
         assert!(!bench.path("new").exists(), "{arguments}");
     }
-    let out = bench.check("evidence verify ev --allowed-signers ed25519.pub", 1);
+    let out = bench.check("evidence verify ev --allowed-signers notes", 1);
     assert!(out.contains("none of the allowed signers"), "{out}");
 }
 
@@ -124,9 +133,10 @@ fn a_signature_is_not_checked_without_ssh_keygen() {
     let bench = evidence();
     bench.write(SIGNATURE, "-----BEGIN SSH SIGNATURE-----\nU1NIU0lH\n-----END SSH SIGNATURE-----\n");
     bench.write("key.pub", "ssh-ed25519 AAAA me\n");
+    bench.write("signers", "me ssh-ed25519 AAAA\n");
     let path = bench.path("empty");
     fs::create_dir(&path).unwrap();
-    for trust in ["", "--public-key key.pub", "--allowed-signers key.pub"] {
+    for trust in ["", "--public-key key.pub", "--allowed-signers signers"] {
         let mut command = bench.command(&format!("evidence verify ev {trust} --json"));
         let output = command.env("PATH", &path).output().unwrap();
         let found: serde_json::Value = serde_json::from_str(&text(&output.stdout)).unwrap();
@@ -143,6 +153,30 @@ fn a_signature_is_not_checked_without_ssh_keygen() {
         bench.command("evidence toy.sqlite --out new --key key").env("PATH", &path).output().unwrap();
     assert!(output.status.code() == Some(2) && text(&output.stderr).contains("openssh-client"), "{output:?}");
     assert!(!bench.path("new").exists());
+}
+
+#[test]
+fn an_interruption_does_not_wait_for_ssh_keygen() {
+    let bench = evidence();
+    bench.write(SIGNATURE, "-----BEGIN SSH SIGNATURE-----\nU1NIU0lH\n-----END SSH SIGNATURE-----\n");
+    fs::create_dir(bench.path("hanging")).unwrap();
+    bench.write("hanging/ssh-keygen", "#!/bin/sh\n: > \"${0%/*}/started\"\nexec sleep 60\n");
+    fs::set_permissions(bench.path("hanging/ssh-keygen"), Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", bench.path("hanging").display(), std::env::var("PATH").unwrap());
+    let mut command = bench.command("evidence verify ev --json");
+    let child = command.env("PATH", path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    wait_until("ssh-keygen starts", || bench.path("hanging/started").exists());
+    let start = Instant::now();
+    signal(&child, "INT");
+    let output = child.wait_with_output().unwrap();
+    // It takes 0.3 s; a busy machine may need more.
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+    let found = text(&output.stdout);
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(130), "{found}\n{error}");
+    let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+    assert_eq!((&found["signature"], &found["is_complete"]), (&"unchecked".into(), &false.into()));
+    assert!(error.contains("interrupted: not all was verified"), "{error}");
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! The progress bar in a terminal: it fits the width, and it is cleared at every end of the
 //! command.
 
-#[allow(dead_code, reason = "not every test uses all functions")]
 use std::process::{Command, Output};
 
 use crate::bench::{Bench, text};

@@ -4,6 +4,8 @@
 //! paths and a time limit. The list of hashes is its standard input, so what it checks is what this
 //! program has read.
 
+use std::io::ErrorKind;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf, absolute};
 use std::time::Duration;
 
@@ -13,6 +15,7 @@ use mishandle_simulators::process::{Failure, Output, Peer, Program};
 
 use crate::error::EvidenceError;
 use crate::layout::{SIGNATURE, SUMS};
+use crate::sums::Watch;
 
 /// Purpose of the signatures. A signature for another purpose, such as a Git commit, does not
 /// count.
@@ -40,6 +43,9 @@ pub(crate) const MAX_SIZE: u64 = 1 << 16;
 /// Last line of a signature. `ssh-keygen` reads nothing after it.
 const END: &str = "-----END SSH SIGNATURE-----\n";
 
+/// Problem of a file that is not a public key.
+const NO_PUBLIC_KEY: &str = "it is not a public key of OpenSSH; expected a file such as id_ed25519.pub";
+
 /// Time limit of `ssh-keygen`: a person may have to confirm in an agent.
 const LIMIT: Duration = Duration::from_secs(60);
 
@@ -54,27 +60,55 @@ impl Key {
     /// If it does not sign. The message says what to do about a passphrase.
     pub fn new(path: &Path) -> Result<Key, EvidenceError> {
         let key = Key(path.to_path_buf());
-        key.sign(b"")?;
+        key.sign(b"", &mut || ControlFlow::Continue(()))?;
         Ok(key)
     }
 
     /// Signs bytes.
-    pub(crate) fn sign(&self, bytes: &[u8]) -> Result<String, EvidenceError> {
+    pub(crate) fn sign(&self, bytes: &[u8], watch: Watch<'_>) -> Result<String, EvidenceError> {
         // With this passphrase, `ssh-keygen` does not ask for another one. An agent needs none.
-        let output = keygen(&["-P", "", "-Y", "sign", "-n", NAMESPACE, "-f", &text(&self.0)?], bytes)?;
+        let path = text(&self.0)?;
+        let output = keygen(&["-P", "", "-Y", "sign", "-n", NAMESPACE, "-f", &path], bytes, watch)?;
         match output.code {
             Some(0) => Ok(output.stdout),
-            _ => Err(self.problem(format!(
-                "ssh-keygen does not sign with it: {}; a key with a passphrase signs after `ssh-add`, and any key afterwards: \
-                 write the folder without a key, then use ssh-keygen -Y sign -f KEY -n {NAMESPACE} DIR/{SUMS}",
-                said(&output)
-            ))),
+            _ => Err(self.refusal(&said(&output))),
         }
     }
 
+    /// Returns the error of a key that `ssh-keygen` does not sign with.
+    fn refusal(&self, said: &str) -> EvidenceError {
+        let found = match read_text_bounded(&self.0, MAX_SIZE) {
+            Ok(text) => KeyFile::of(&text),
+            Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::PermissionDenied) => {
+                return EvidenceError::file(&self.0)(error);
+            }
+            Err(_) => KeyFile::Other,
+        };
+        self.problem(match found {
+            KeyFile::Private => format!(
+                "ssh-keygen does not sign with it: {said}; a key with a passphrase signs after `ssh-add`, and any key afterwards: \
+                 write the folder without a key, then use ssh-keygen -Y sign -f KEY -n {NAMESPACE} DIR/{SUMS}"
+            ),
+            KeyFile::Public(_) => format!(
+                "it is a public key, and ssh-keygen does not sign with it: {said}; name the private key, or add it to an agent \
+                 with `ssh-add`"
+            ),
+            // `ssh-keygen` looks for other files then, and names them.
+            KeyFile::Signers | KeyFile::Other => {
+                "it is not a private key; expected a file such as ~/.ssh/id_ed25519, which `ssh-keygen -t ed25519` makes"
+                    .to_string()
+            }
+        })
+    }
+
     /// Returns what a reader sees of the key that signed bytes.
-    pub(crate) fn signer(&self, bytes: &[u8], signature: &Path) -> Result<EvidenceSigner, EvidenceError> {
-        signer(bytes, &text(signature)?)?.map_err(|problem| self.problem(problem))
+    pub(crate) fn signer(
+        &self,
+        bytes: &[u8],
+        signature: &Path,
+        watch: Watch<'_>,
+    ) -> Result<EvidenceSigner, EvidenceError> {
+        signer(bytes, &text(signature)?, watch)?.map_err(|problem| self.problem(problem))
     }
 
     fn problem(&self, problem: String) -> EvidenceError {
@@ -94,6 +128,74 @@ pub enum Signers {
     Allowed(PathBuf),
 }
 
+impl Signers {
+    /// Reads the file, if any, and checks what it is.
+    fn read(&self) -> Result<Option<String>, EvidenceError> {
+        let (path, limit) = match self {
+            Signers::Unknown => return Ok(None),
+            Signers::Key(path) => (path, MAX_SIZE),
+            Signers::Allowed(path) => (path, limits::RESULT),
+        };
+        let text = read_text_bounded(path, limit).map_err(EvidenceError::file(path))?;
+        let problem = match (self, KeyFile::of(&text)) {
+            (Signers::Key(_), KeyFile::Public(1)) => return Ok(Some(text)),
+            (Signers::Key(_), KeyFile::Public(_)) => {
+                "it has several public keys; expected one, such as id_ed25519.pub; a file for --allowed-signers has a line \
+                 `NAME KEY` for each of several keys"
+            }
+            (Signers::Key(_), KeyFile::Private) => {
+                "it is a private key; expected its public key, such as id_ed25519.pub"
+            }
+            (Signers::Key(_), KeyFile::Signers) => {
+                "it is a file of allowed signers; expected a public key, such as id_ed25519.pub; name this file with \
+                 --allowed-signers"
+            }
+            (Signers::Key(_), KeyFile::Other) => NO_PUBLIC_KEY,
+            (_, KeyFile::Public(_)) => {
+                "it is a public key; expected a file with a line `NAME KEY` for each allowed signer; name this file with \
+                 --public-key"
+            }
+            (_, KeyFile::Private) => {
+                "it is a private key; expected a file with a line `NAME KEY` for each allowed signer"
+            }
+            // `ssh-keygen` finds no signer in it, also if it is empty.
+            (_, KeyFile::Signers | KeyFile::Other) => return Ok(Some(text)),
+        };
+        Err(EvidenceError::Key { path: path.clone(), problem: problem.to_string() })
+    }
+}
+
+/// Kind of a file that should have keys.
+#[derive(Debug, PartialEq, Eq)]
+enum KeyFile {
+    /// A private key.
+    Private,
+    /// This many public keys, one a line.
+    Public(usize),
+    /// Public keys with names before them.
+    Signers,
+    /// No key.
+    Other,
+}
+
+impl KeyFile {
+    /// Returns what a text has.
+    fn of(text: &str) -> KeyFile {
+        if text.contains("PRIVATE KEY-----") {
+            return KeyFile::Private;
+        }
+        // `TYPE KEY COMMENT` is a public key. `NAMES OPTIONS TYPE KEY COMMENT` allows a signer.
+        let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+        let place = |line: &str| line.split_whitespace().position(|word| word.starts_with("AAAA"));
+        let places: Vec<Option<usize>> = lines.map(place).collect();
+        match places.iter().filter(|place| **place == Some(1)).count() {
+            count @ 1.. if count == places.len() => KeyFile::Public(count),
+            _ if places.iter().any(|place| place.is_some_and(|place| place > 1)) => KeyFile::Signers,
+            _ => KeyFile::Other,
+        }
+    }
+}
+
 /// Finding about a signature.
 #[derive(Debug)]
 pub(crate) struct Checked {
@@ -107,13 +209,14 @@ pub(crate) struct Checked {
 /// Checks the signature of `bytes`, a file and its text; `None` if the folder has none.
 ///
 /// # Errors
-/// If a file of `signers` cannot be read, or is not a public key.
+/// If a file of `signers` cannot be read or is something else, or `watch` stops it.
 pub(crate) fn check(
     bytes: &[u8],
     signature: Option<(&Path, &str)>,
     signers: &Signers,
+    watch: Watch<'_>,
 ) -> Result<Checked, EvidenceError> {
-    match find(bytes, signature, signers) {
+    match find(bytes, signature, signers, watch) {
         Err(EvidenceError::Keygen { problem }) => {
             let problem = Some(format!("the signature is not checked: {problem}"));
             Ok(Checked { status: UNCHECKED, signer: None, problem })
@@ -122,14 +225,14 @@ pub(crate) fn check(
     }
 }
 
-fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Result<Checked, EvidenceError> {
-    let read = |path: &Path, limit| read_text_bounded(path, limit).map_err(EvidenceError::file(path));
-    // A file that cannot be read is a mistake of the caller, whatever the folder has.
-    let trusted = match signers {
-        Signers::Unknown => None,
-        Signers::Key(path) => Some(read(path, MAX_SIZE)?),
-        Signers::Allowed(path) => Some(read(path, limits::RESULT)?),
-    };
+fn find(
+    bytes: &[u8],
+    signature: Option<(&Path, &str)>,
+    signers: &Signers,
+    watch: Watch<'_>,
+) -> Result<Checked, EvidenceError> {
+    // A wrong file is a mistake of the caller, whatever the folder has.
+    let trusted = signers.read()?;
     let Some((signature, pem)) = signature else {
         let problem = trusted.map(|_| "the folder is not signed".to_string());
         return Ok(Checked { status: MISSING, signer: None, problem });
@@ -139,7 +242,7 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
         return wrong(None, format!("{SIGNATURE} does not end as a signature does"));
     }
     let signature = text(signature)?;
-    let mut signer = match signer(bytes, &signature)? {
+    let mut signer = match signer(bytes, &signature, watch)? {
         Ok(signer) => signer,
         Err(problem) => return wrong(None, problem),
     };
@@ -147,13 +250,13 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
     match signers {
         Signers::Unknown => status = "valid",
         Signers::Key(path) => {
-            if fingerprint(path, &trusted.unwrap_or_default())? != signer.fingerprint {
+            if fingerprint(path, &trusted.unwrap_or_default(), watch)? != signer.fingerprint {
                 return wrong(Some(signer), "the signature is by another key".to_string());
             }
         }
         Signers::Allowed(path) => {
             let allowed = text(path)?;
-            let found = keygen(&["-Y", "find-principals", "-f", &allowed, "-s", &signature], b"")?;
+            let found = keygen(&["-Y", "find-principals", "-f", &allowed, "-s", &signature], b"", watch)?;
             if !matches!(found.code, Some(0 | REFUSED)) {
                 return Err(no_result(&found));
             }
@@ -163,7 +266,7 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
             let mut refusal = None;
             for name in names {
                 let verify = ["-Y", "verify", "-f", &allowed, "-I", name, "-n", NAMESPACE, "-s", &signature];
-                let output = keygen(&verify, bytes)?;
+                let output = keygen(&verify, bytes, watch)?;
                 match output.code {
                     Some(0) => verified.push(name.to_string()),
                     Some(REFUSED) => refusal = refusal.or(Some(said(&output))),
@@ -188,8 +291,12 @@ fn find(bytes: &[u8], signature: Option<(&Path, &str)>, signers: &Signers) -> Re
 }
 
 /// Returns the key of a signature that fits, or why it does not fit.
-fn signer(bytes: &[u8], signature: &str) -> Result<Result<EvidenceSigner, String>, EvidenceError> {
-    let output = keygen(&["-Y", "check-novalidate", "-n", NAMESPACE, "-s", signature], bytes)?;
+fn signer(
+    bytes: &[u8],
+    signature: &str,
+    watch: Watch<'_>,
+) -> Result<Result<EvidenceSigner, String>, EvidenceError> {
+    let output = keygen(&["-Y", "check-novalidate", "-n", NAMESPACE, "-s", signature], bytes, watch)?;
     // Good "mishandle-evidence" signature with ED25519 key SHA256:...
     let key =
         output.stdout.trim().rsplit_once(" signature with ").and_then(|(_, key)| key.split_once(" key "));
@@ -205,36 +312,31 @@ fn signer(bytes: &[u8], signature: &str) -> Result<Result<EvidenceSigner, String
 }
 
 /// Returns the fingerprint of a public key, the text of a file.
-fn fingerprint(path: &Path, text: &str) -> Result<String, EvidenceError> {
-    let output = keygen(&["-l", "-E", "sha256", "-f", "-"], text.as_bytes())?;
-    // A line of allowed signers has a name or options before the key, which `-l` skips.
-    let is_key = text.trim().lines().count() == 1
-        && text.split_whitespace().nth(1).is_some_and(|key| key.starts_with("AAAA"));
+fn fingerprint(path: &Path, text: &str, watch: Watch<'_>) -> Result<String, EvidenceError> {
+    let output = keygen(&["-l", "-E", "sha256", "-f", "-"], text.as_bytes(), watch)?;
     match output.stdout.split_whitespace().nth(1) {
-        Some(fingerprint) if output.code == Some(0) && is_key => Ok(fingerprint.to_string()),
-        _ => Err(EvidenceError::Key {
-            path: path.to_path_buf(),
-            problem: "it is not a public key of OpenSSH, such as id_ed25519.pub".to_string(),
-        }),
+        Some(fingerprint) if output.code == Some(0) => Ok(fingerprint.to_string()),
+        _ => Err(EvidenceError::Key { path: path.to_path_buf(), problem: NO_PUBLIC_KEY.to_string() }),
     }
 }
 
 /// Runs `ssh-keygen` with standard input.
 ///
 /// # Errors
-/// [`Keygen`](EvidenceError::Keygen) if it gives no result.
-fn keygen(arguments: &[&str], input: &[u8]) -> Result<Output, EvidenceError> {
+/// [`Keygen`](EvidenceError::Keygen) if it gives no result, and
+/// [`Interrupted`](EvidenceError::Interrupted) if `watch` stops it.
+fn keygen(arguments: &[&str], input: &[u8], watch: Watch<'_>) -> Result<Output, EvidenceError> {
     let words = std::iter::once("ssh-keygen").chain(arguments.iter().copied()).map(str::to_string).collect();
     let program = Program { words, folder: "/".into() };
-    let output = Peer::start(&program).and_then(|peer| peer.finish(input, LIMIT));
-    output.map_err(|failure| EvidenceError::Keygen {
-        problem: match failure {
-            Failure::Start { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+    let output = Peer::start(&program).and_then(|peer| peer.finish(input, LIMIT, watch));
+    output.map_err(|failure| match failure {
+        Failure::Interrupted => EvidenceError::Interrupted,
+        Failure::Start { source, .. } if source.kind() == ErrorKind::NotFound => EvidenceError::Keygen {
+            problem:
                 "the program `ssh-keygen` is not on PATH (on Debian and Ubuntu: apt install openssh-client)"
-                    .to_string()
-            }
-            failure => format!("ssh-keygen: {failure}"),
+                    .to_string(),
         },
+        failure => EvidenceError::Keygen { problem: format!("ssh-keygen: {failure}") },
     })
 }
 

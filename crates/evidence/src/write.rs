@@ -95,8 +95,8 @@ pub fn write(
     let sign = |key: &Key| {
         let list = list.as_bytes();
         let path = home.join(SIGNATURE);
-        write_file(&path, key.sign(list)?.as_bytes())?;
-        key.signer(list, &path)
+        write_file(&path, key.sign(list, watch)?.as_bytes())?;
+        key.signer(list, &path, watch)
     };
     let signer = collection.key.map(sign).transpose()?;
     if collection.force { folder.persist_over() } else { folder.persist() }

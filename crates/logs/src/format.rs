@@ -79,6 +79,7 @@ pub(crate) fn of_folder(path: &Path) -> crate::LogError {
 fn in_python(path: &Path, what: &str) -> crate::LogError {
     let path = path_text(path);
     content(format!(
-        "the file is {what}, which Python reads: mishandle.monitor(formula, {path:?}), after pip install 'mishandle[logs]'"
+        "the file is {what}, which Python reads: mishandle.monitor(formula, {path:?}), after pip install '.[logs]' in a clone of \
+         Mishandle"
     ))
 }

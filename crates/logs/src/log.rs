@@ -465,6 +465,10 @@ fn open_table(
         #[cfg(feature = "parquet")]
         Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path, time)?),
         #[cfg(not(feature = "parquet"))]
-        Format::Parquet => return Err(content("this program was built without Parquet")),
+        Format::Parquet => {
+            let problem =
+                "this program was built without Parquet; `cargo build --release` builds one with it";
+            return Err(content(problem));
+        }
     })
 }

@@ -46,10 +46,23 @@ pub struct RunFacts {
     pub trials: u64,
     /// Number of these that found a counterexample.
     pub falsified_trials: u64,
+    /// Relations of a metamorphic run; left out for other questions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relations: Option<RelationCounts>,
     /// Whether all trials have ended.
     pub is_complete: bool,
     /// Minimum robustness; `null` if no simulation has one.
     pub minimum_robustness: Option<Number>,
     /// Git commit of the program that made the run.
     pub commit: String,
+}
+
+/// Numbers of relations of a metamorphic run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RelationCounts {
+    /// Number of relations.
+    pub asked: u64,
+    /// Number of these that a pair breaks.
+    pub broken: u64,
 }

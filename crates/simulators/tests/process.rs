@@ -1,11 +1,16 @@
 //! Programs that answer, and programs that misbehave.
 
+use std::ops::ControlFlow;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use mishandle_simulators::process::{Failure, Job, Peer, Program};
 
 const LIMIT: Duration = Duration::from_secs(20);
+
+fn go_on() -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
 
 fn shell(script: &str) -> Peer {
     let words = ["sh", "-c", script].map(String::from).to_vec();
@@ -133,23 +138,39 @@ fn a_program_that_reads_its_input_to_the_end_can_finish() {
 #[test]
 fn a_program_gets_its_whole_input_at_once() {
     let input = vec![b'x'; 1 << 24];
-    let output = shell("wc -c; echo because >&2; exit 3").finish(&input, LIMIT).expect("an output");
+    let output = shell("wc -c; echo because >&2; exit 3").finish(&input, LIMIT, go_on).expect("an output");
     assert_eq!((output.code, output.stdout.trim()), (Some(3), "16777216"));
     assert_eq!(output.stderr, "because\n");
     // Its status counts, even if it reads nothing.
-    assert!(shell("exit 0").finish(&input, LIMIT).expect("an output").code == Some(0));
+    assert!(shell("exit 0").finish(&input, LIMIT, go_on).expect("an output").code == Some(0));
+}
+
+#[test]
+fn a_wait_for_a_program_ends_soon_after_an_interruption() {
+    // The first waits with its input, the second with its output, the third with its end.
+    for script in ["sleep 60", "cat > /dev/null; sleep 60", "exec <&- >&-; sleep 60"] {
+        let mut questions = 0;
+        let watch = || {
+            questions += 1;
+            if questions > 3 { ControlFlow::Break(()) } else { go_on() }
+        };
+        let start = Instant::now();
+        let found = shell(script).finish(&[b'x'; 1 << 20], 10 * LIMIT, watch);
+        assert!(matches!(found, Err(Failure::Interrupted)), "{script}: {found:?}");
+        assert!(start.elapsed() < LIMIT, "{script}");
+    }
 }
 
 #[test]
 fn a_program_that_does_not_finish_is_ended() {
     let short = Duration::from_millis(100);
     for script in ["sleep 60", "cat > /dev/null; sleep 60", "exec <&- >&-; sleep 60"] {
-        let found = shell(script).finish(&[b'x'; 1 << 20], short);
+        let found = shell(script).finish(&[b'x'; 1 << 20], short, go_on);
         assert!(matches!(found, Err(Failure::TimedOut { .. })), "{script}");
     }
-    let found = shell("head -c 2000000 /dev/zero").finish(b"", LIMIT);
+    let found = shell("head -c 2000000 /dev/zero").finish(b"", LIMIT, go_on);
     assert!(matches!(found, Err(Failure::Malformed { .. })));
-    assert!(matches!(shell(r"printf '\377'").finish(b"", LIMIT), Err(Failure::Malformed { .. })));
+    assert!(matches!(shell(r"printf '\377'").finish(b"", LIMIT, go_on), Err(Failure::Malformed { .. })));
 }
 
 #[test]

@@ -40,7 +40,7 @@ pub use plan_entry::{PlanEntry, TrainingState};
 pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};
 pub use record::{
     Conditions, CornersRecord, EstimateRecord, EvaluationRecord, FailingPoint, FalsificationRecord,
-    Measurement, Record, TrialMeasurement,
+    Measurement, PlanRecord, Record, TrialMeasurement,
 };
 pub use runner::{BenchmarkTask, ControllerUnderTest, LocalRunner, Runner};
 pub use selection::Selection;

@@ -32,7 +32,7 @@ pub fn algorithms() -> impl Iterator<Item = &'static str> {
 pub struct Training {
     /// Name of the task.
     pub task: String,
-    /// Name of the algorithm, and of its controller among those of its task.
+    /// Name of the algorithm, and of its controller within its task.
     pub algorithm: String,
 }
 

@@ -119,7 +119,7 @@ pub struct PlanEntry {
 impl PlanEntry {
     /// Returns how long its last training run took, s; infinite if unknown.
     pub(crate) fn wall_clock_secs(&self) -> f64 {
-        self.summary.as_ref().map_or(f64::INFINITY, |summary| summary.wall_clock_secs)
+        self.summary.as_ref().map_or(f64::INFINITY, |summary| summary.record.wall_clock_secs)
     }
 }
 

@@ -4,9 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 
-use mishandle::controllers::{
-    ControllerError, ControllerFile, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS,
-};
+use mishandle::controllers::{ControllerError, ControllerFile, TrainingRecord, WRITTEN_VERSIONS};
 use mishandle::training::AlgorithmSettings;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -26,20 +24,9 @@ const OTHER_FORMAT: u64 = 0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingSummary {
-    /// Random seed.
-    pub seed: u64,
-    /// Environment steps until these weights.
-    pub environment_steps: u64,
-    /// Wall-clock time of the whole training run, s.
-    pub wall_clock_secs: f64,
-    /// Commit of the program that trained.
-    pub git_commit: String,
-    /// The command line.
-    pub command: String,
-    /// All settings, as TOML.
-    pub settings: String,
-    /// The last validation of these weights.
-    pub validation: Option<ValidationRecord>,
+    /// The record in the header.
+    #[serde(flatten)]
+    pub record: TrainingRecord,
     /// Name of the task.
     pub task: String,
     /// Name of the algorithm.
@@ -149,23 +136,8 @@ impl TrainingSummary {
         let format_version = present_format(kind).filter(|_| is_present_format).unwrap_or(OTHER_FORMAT);
         let layout_hash = file.header.layout.hash();
         let header = file.header;
-        let TrainingRecord {
-            seed,
-            environment_steps,
-            wall_clock_secs,
-            git_commit,
-            command,
-            settings,
-            validation,
-        } = header.training;
         Ok(TrainingSummary {
-            seed,
-            environment_steps,
-            wall_clock_secs,
-            git_commit,
-            command,
-            settings,
-            validation,
+            record: header.training,
             task: header.task,
             algorithm: header.algorithm,
             preset: header.preset,
@@ -182,7 +154,7 @@ impl TrainingSummary {
 
     /// Returns the settings; `None` if the present program cannot read them.
     pub fn config(&self) -> Option<AlgorithmSettings> {
-        AlgorithmSettings::from_toml(&self.algorithm, &self.settings)?.ok()
+        AlgorithmSettings::from_toml(&self.algorithm, &self.record.settings)?.ok()
     }
 
     /// Compares the summary with what the training run would give now, and adds the defaults of
@@ -194,10 +166,10 @@ impl TrainingSummary {
         expected: &TrainingInputs,
         adopt: bool,
     ) -> Vec<Difference> {
-        if expected.settings.as_deref() != Some(&self.settings)
+        if expected.settings.as_deref() != Some(&self.record.settings)
             && let Some(config) = self.config()
         {
-            self.settings = config.to_toml();
+            self.record.settings = config.to_toml();
         }
         let found = self.differences(training, expected);
         if adopt && found == [Difference::Task] {
@@ -214,7 +186,7 @@ impl TrainingSummary {
         for (what, expected, found) in [
             ("task", training.task.as_str(), self.task.as_str()),
             ("algorithm", &training.algorithm, &self.algorithm),
-            ("seed", &SEED.to_string(), &self.seed.to_string()),
+            ("seed", &SEED.to_string(), &self.record.seed.to_string()),
             ("preset", PRESET, &self.preset),
             ("reward", REWARD, &self.reward),
         ] {
@@ -229,7 +201,7 @@ impl TrainingSummary {
         } else if self.task_hash != expected.task_hash {
             differences.push(Difference::Task);
         }
-        let keys = differing_keys(&self.settings, expected.settings.as_deref().unwrap_or_default());
+        let keys = differing_keys(&self.record.settings, expected.settings.as_deref().unwrap_or_default());
         if !keys.is_empty() {
             differences.push(Difference::Settings(keys));
         }
@@ -294,13 +266,15 @@ mod tests {
     /// A controller that was trained as expected.
     fn summary() -> TrainingSummary {
         TrainingSummary {
-            seed: SEED,
-            environment_steps: 1024,
-            wall_clock_secs: 1.5,
-            git_commit: "c0ffee".to_string(),
-            command: "mishandle train".to_string(),
-            settings: SETTINGS.to_string(),
-            validation: None,
+            record: TrainingRecord {
+                seed: SEED,
+                environment_steps: 1024,
+                wall_clock_secs: 1.5,
+                git_commit: "c0ffee".to_string(),
+                command: "mishandle train".to_string(),
+                settings: SETTINGS.to_string(),
+                validation: None,
+            },
             task: "point-reaching".to_string(),
             algorithm: "ppo".to_string(),
             preset: "paper".to_string(),
@@ -326,8 +300,8 @@ mod tests {
 
     #[test]
     fn each_difference_is_named() {
-        check(|summary| summary.command = "another".into(), &[]);
-        check(|summary| summary.seed = 1, &["seed is 1, expected 0"]);
+        check(|summary| summary.record.command = "another".into(), &[]);
+        check(|summary| summary.record.seed = 1, &["seed is 1, expected 0"]);
         check(|summary| summary.algorithm = "trpo".into(), &["algorithm is trpo, expected ppo"]);
         check(|summary| summary.reward = "original".into(), &["reward is original, expected shaped"]);
         check(|summary| summary.task_hash = "ab".into(), &["task changed"]);
@@ -335,7 +309,10 @@ mod tests {
         check(|summary| summary.format_version = 1, &["older file format"]);
         check(|summary| summary.kind = "squashed-gaussian".into(), &["older file format"]);
         let settings = "gamma = 0.99\nepochs = 5\n\n[run]\ntotal_steps = 4096\n";
-        check(|summary| summary.settings = settings.into(), &["settings changed: epochs, run.total_steps"]);
+        check(
+            |summary| summary.record.settings = settings.into(),
+            &["settings changed: epochs, run.total_steps"],
+        );
     }
 
     #[test]
@@ -344,7 +321,7 @@ mod tests {
         let expected = TrainingInputs { settings: Some(full.clone()), ..expected() };
         let mut old = summary();
         assert_eq!(old.reconcile(&training(), &expected, false), []);
-        assert_eq!(old.settings, full);
+        assert_eq!(old.record.settings, full);
     }
 
     #[test]
@@ -360,7 +337,8 @@ mod tests {
         let other_task = |summary: &mut TrainingSummary| summary.task_hash = "ab".into();
         assert_eq!(adopted(&other_task, false), (false, 1));
         assert_eq!(adopted(&other_task, true), (true, 0));
-        let other_seed = |summary: &mut TrainingSummary| (summary.task_hash, summary.seed) = ("ab".into(), 1);
+        let other_seed =
+            |summary: &mut TrainingSummary| (summary.task_hash, summary.record.seed) = ("ab".into(), 1);
         assert_eq!(adopted(&other_seed, true), (false, 2));
     }
 
@@ -368,7 +346,10 @@ mod tests {
     fn the_header_of_a_shipped_controller_is_read_and_its_format_is_the_present_one() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let found = TrainingSummary::load(&root.join("controllers/point-reaching/ppo.safetensors")).unwrap();
-        assert_eq!((found.task.as_str(), found.algorithm.as_str(), found.seed), ("point-reaching", "ppo", 0));
+        assert_eq!(
+            (found.task.as_str(), found.algorithm.as_str(), found.record.seed),
+            ("point-reaching", "ppo", 0)
+        );
         assert_eq!(Some(found.format_version), present_format(&found.kind));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.safetensors");

@@ -21,7 +21,7 @@ pub struct Record {
     /// Name of the task; the file's folder.
     #[serde(skip)]
     pub task: String,
-    /// Name of the controller among those of its task: `ppo`, `expert`; the file's name.
+    /// Name of the controller within its task: `ppo`, `expert`; the file's name.
     #[serde(skip)]
     pub controller: String,
     /// Commit of the program that measured.
@@ -86,15 +86,14 @@ pub struct Measurement {
     pub falsification: Option<FalsificationRecord>,
 }
 
-/// An evaluation, as `mishandle evaluate` reports it.
+/// The controller and the settings of an evaluation or a falsification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EvaluationRecord {
+pub struct PlanRecord {
     /// Name of the task.
     pub task: String,
     /// Task preset.
     pub preset: String,
-    /// Name of the controller: that of its file when it was measured.
+    /// Name of the controller's file at the time of the measurement.
     pub controller: String,
     /// Hash of the policy.
     pub controller_hash: String,
@@ -107,6 +106,32 @@ pub struct EvaluationRecord {
     /// Random seed.
     #[serde(with = "decimal_text")]
     pub seed: u64,
+}
+
+impl From<&ResolvedPlan> for PlanRecord {
+    fn from(resolved: &ResolvedPlan) -> PlanRecord {
+        let ResolvedPlan { plan, target, .. } = resolved;
+        let controller = target.components.first();
+        PlanRecord {
+            task: plan.target.clone(),
+            preset: plan.preset.clone(),
+            controller: controller.map(|component| component.name.clone()).unwrap_or_default(),
+            controller_hash: controller.map(|component| component.hash.clone()).unwrap_or_default(),
+            stochastic: plan.stochastic,
+            action_noise: plan.action_noise,
+            observation_noise: plan.observation_noise,
+            seed: plan.seed,
+        }
+    }
+}
+
+/// An evaluation, as `mishandle evaluate` reports it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationRecord {
+    /// The controller and the settings.
+    #[serde(flatten)]
+    pub plan: PlanRecord,
     /// Part of the box that starts were drawn from.
     #[serde(rename = "box")]
     pub starts: StartRegion,
@@ -138,20 +163,11 @@ impl EvaluationRecord {
     /// Returns the record of an evaluation.
     pub fn new(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> EvaluationRecord {
         let report = &outcome.report;
-        let ResolvedPlan { plan, target, .. } = resolved;
-        let controller = target.components.first();
         let estimate =
             |estimate: &Option<Estimate>| estimate.as_ref().map(EstimateRecord::from).unwrap_or_default();
         EvaluationRecord {
-            task: plan.target.clone(),
-            preset: plan.preset.clone(),
-            controller: controller.map(|component| component.name.clone()).unwrap_or_default(),
-            controller_hash: controller.map(|component| component.hash.clone()).unwrap_or_default(),
-            stochastic: plan.stochastic,
-            action_noise: plan.action_noise,
-            observation_noise: plan.observation_noise,
-            seed: plan.seed,
-            starts: plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default(),
+            plan: PlanRecord::from(resolved),
+            starts: resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default(),
             leaves_out_starts: rejects_scenarios(resolved),
             simulations: report.simulations,
             diverged: report.diverged,
@@ -267,23 +283,9 @@ impl From<&Estimate> for EstimateRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FalsificationRecord {
-    /// Name of the task.
-    pub task: String,
-    /// Task preset.
-    pub preset: String,
-    /// Name of the controller: that of its file when it was measured.
-    pub controller: String,
-    /// Hash of the policy.
-    pub controller_hash: String,
-    /// Whether actions were sampled.
-    pub stochastic: bool,
-    /// Standard deviation of the action noise.
-    pub action_noise: f64,
-    /// Standard deviation of the observation noise.
-    pub observation_noise: f64,
-    /// Random seed.
-    #[serde(with = "decimal_text")]
-    pub seed: u64,
+    /// The controller and the settings.
+    #[serde(flatten)]
+    pub plan: PlanRecord,
     /// Name of the search.
     pub search: String,
     /// The formula to violate.
@@ -307,20 +309,11 @@ pub struct FalsificationRecord {
 impl FalsificationRecord {
     /// Returns the record of a falsification.
     pub fn new(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> FalsificationRecord {
-        let ResolvedPlan { plan, target, specification, .. } = resolved;
-        let controller = target.components.first();
-        let falsify = plan.falsify.clone().unwrap_or_default();
+        let falsify = resolved.plan.falsify.clone().unwrap_or_default();
         FalsificationRecord {
-            task: plan.target.clone(),
-            preset: plan.preset.clone(),
-            controller: controller.map(|component| component.name.clone()).unwrap_or_default(),
-            controller_hash: controller.map(|component| component.hash.clone()).unwrap_or_default(),
-            stochastic: plan.stochastic,
-            action_noise: plan.action_noise,
-            observation_noise: plan.observation_noise,
-            seed: plan.seed,
+            plan: PlanRecord::from(resolved),
             search: falsify.search,
-            formula: specification.requirement.to_string(),
+            formula: resolved.specification.requirement.to_string(),
             budget: falsify.budget,
             falsified_trials: outcome.falsified_trials,
             falsification_rate: EstimateRecord::from(&outcome.falsification_rate),

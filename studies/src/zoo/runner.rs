@@ -217,7 +217,7 @@ mod tests {
         let subject = subject(folder.path(), "expert");
         let found = runner().evaluate(&subject, StartRegion::Reachable, 0.0, &|| false).unwrap();
         assert_eq!((found.simulations, found.success_rate.value), (3, Some(1.0)));
-        assert_eq!((found.controller.as_str(), found.starts), ("expert", StartRegion::Reachable));
+        assert_eq!((found.plan.controller.as_str(), found.starts), ("expert", StartRegion::Reachable));
         assert!(!subject.run.exists());
     }
 

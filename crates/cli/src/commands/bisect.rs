@@ -43,8 +43,8 @@ pub struct Arguments {
     /// Folder of controllers (*.safetensors, *.onnx), the oldest first
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// Counterexample or folder of them, as for `mishandle regress`: a candidate fails if it
-    /// violates one
+    /// Counterexample (.json) or folder of counterexamples, as for `mishandle regress`: a candidate
+    /// fails if it violates one
     #[arg(long, value_name = "PATH", conflicts_with_all = OF_RATE)]
     pub counterexamples: Option<PathBuf>,
     /// Lowest success rate of a candidate that passes

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mishandle::inspect::run_facts;
-use mishandle::results::{RunFacts, RunSummary};
+use mishandle::results::{RelationCounts, RunFacts, RunSummary};
 use mishandle::store::RunFile;
-use mishandle_text::decimal;
+use mishandle_text::{decimal, plural};
 
 use crate::exit_status::ExitStatus;
 use crate::show::escape;
@@ -112,8 +112,10 @@ fn row(entry: &RunSummary) -> Vec<String> {
         "falsify" => format!("falsified {} of {}", facts.falsified_trials, facts.trials),
         "margin" if facts.failures > 0 => "violation found".to_string(),
         "margin" => "no violation".to_string(),
-        "metamorphic" | "risk" => "asked".to_string(),
-        _ => "evaluated".to_string(),
+        "risk" => "estimated".to_string(),
+        _ => facts.relations.map_or("evaluated".to_string(), |RelationCounts { asked, broken }| {
+            format!("broken {broken} of {}", plural(asked, "relation"))
+        }),
     };
     vec![
         path,

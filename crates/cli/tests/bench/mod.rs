@@ -19,7 +19,6 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    #[allow(dead_code, reason = "not every test writes files")]
     pub fn write(&self, name: &str, text: &str) {
         std::fs::write(self.path(name), text).unwrap();
     }
@@ -46,7 +45,6 @@ impl Bench {
 
     /// Returns the JSON document on stdout without the path of the run file, which differs between
     /// runs.
-    #[allow(dead_code, reason = "not every test compares documents")]
     #[track_caller]
     pub fn document(&self, arguments: &str, code: i32) -> Value {
         without_run(self.json(arguments, code))
@@ -58,7 +56,6 @@ impl Bench {
     }
 
     /// Runs the program, which must fail with a message that contains all `parts`.
-    #[allow(dead_code, reason = "not every test expects an error")]
     #[track_caller]
     pub fn refuses(&self, arguments: &str, parts: &[&str]) {
         let output = self.run(arguments);
@@ -76,7 +73,6 @@ pub fn text(bytes: &[u8]) -> String {
 }
 
 /// Removes the path of the run file from a JSON document.
-#[allow(dead_code, reason = "not every test compares documents")]
 pub fn without_run(mut document: Value) -> Value {
     document.as_object_mut().unwrap().remove("run").unwrap();
     document
@@ -95,7 +91,6 @@ fn words(arguments: &str) -> Vec<String> {
 
 /// Returns whether `ssh-keygen` is there. Without it, the test says that it is skipped, or fails
 /// with `MISHANDLE_TEST_ALL=1`.
-#[allow(dead_code, reason = "not every test signs")]
 pub fn has_ssh_keygen() -> bool {
     let is_there = Command::new("ssh-keygen").arg("-?").output().is_ok();
     if !is_there {
@@ -107,7 +102,6 @@ pub fn has_ssh_keygen() -> bool {
 }
 
 /// Runs `ssh-keygen`, which must succeed, with the file `input` as standard input.
-#[allow(dead_code, reason = "not every test signs")]
 #[track_caller]
 pub fn keygen(bench: &Bench, arguments: &[&str], input: &str) -> String {
     let mut command = Command::new("ssh-keygen");
@@ -121,13 +115,11 @@ pub fn keygen(bench: &Bench, arguments: &[&str], input: &str) -> String {
 }
 
 /// Sends the signal with this name.
-#[allow(dead_code, reason = "not every test sends signals")]
 pub fn signal(child: &std::process::Child, name: &str) {
     let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
     assert!(sent.success());
 }
 
 /// Training settings with which an iteration takes no time.
-#[allow(dead_code, reason = "not every test trains")]
 pub const SMALL: &str = "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n\
                      run.validation_interval = 4\nrun.validation_episodes = 4\n";

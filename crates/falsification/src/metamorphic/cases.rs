@@ -2,8 +2,8 @@
 
 use mishandle_rollout::{Axis, Request, Scenario, Seed, Space};
 
+use super::MetamorphicSettings;
 use super::relation::Relation;
-use super::{MetamorphicSettings, SOURCES};
 use crate::FalsificationError;
 
 /// Random source cases of a space, and their follow-up cases.
@@ -79,7 +79,11 @@ impl Cases {
         let further = self.space.axes()[self.sources.dimension()..].iter().map(|axis| axis.nominal);
         let values = drawn.values().iter().copied().chain(further).collect();
         let scenario = self.space.canonical(Scenario::new(values));
-        Request { trial: SOURCES, number, ..Request::new(scenario, self.seed.child(index)) }
+        Request {
+            trial: MetamorphicSettings::SOURCES,
+            number,
+            ..Request::new(scenario, self.seed.child(index))
+        }
     }
 
     /// Returns the follow-up case of a source case, with a share from 0 to 1 of the change; `None`

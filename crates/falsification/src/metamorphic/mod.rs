@@ -25,9 +25,6 @@ use relation::difference;
 pub use relation::{OutputRelation, Relation};
 use shrink::{BISECTIONS, Shrunk, shrink};
 
-/// Trial of the source cases. Relation r, counted from 1, has its follow-up cases in trial 1 + r.
-const SOURCES: u32 = 1;
-
 /// Largest number of broken pairs that are kept for each relation: those with the largest breaks.
 const KEPT: usize = 100;
 
@@ -43,6 +40,10 @@ pub struct MetamorphicSettings {
 impl MetamorphicSettings {
     /// Allowed numbers of source cases.
     pub const PAIRS: RangeInclusive<u64> = 1..=1_000_000;
+
+    /// Trial of the source cases. Relation r, counted from 1, has its follow-up cases in trial
+    /// 1 + r.
+    pub const SOURCES: u32 = 1;
 
     /// Default number of source cases.
     pub const DEFAULT_PAIRS: u64 = 100;
@@ -63,13 +64,14 @@ impl MetamorphicSettings {
             return invalid("the number of pairs", self.pairs.to_string(), "from 1 to 1000000");
         }
         if !MetamorphicSettings::RELATIONS.contains(&relations.len()) {
-            return invalid("the number of relations", relations.len().to_string(), "from 1 to 100");
+            let expected = "from 1 to 100; a plan has each in a table [metamorphic.relations.NAME]";
+            return invalid("the number of relations", relations.len().to_string(), expected);
         }
         match relations.iter().find(|relation| relation.changes.is_empty()) {
             Some(relation) => invalid(
                 "the number of changed axes of a relation",
                 format!("0 ({})", relation.name),
-                "at least 1",
+                "at least 1, such as change = { ball_x = \"+0.02\" }",
             ),
             None => Ok(()),
         }
@@ -173,9 +175,9 @@ impl Metamorphic {
         let relations = self.relations.len() as u32;
         let shrunk = (1..).zip(&self.relations).filter_map(move |(index, found)| {
             let has_run = found.smallest_change.as_ref().is_some_and(|found| found.simulations > 0);
-            has_run.then_some(SOURCES + relations + index)
+            has_run.then_some(MetamorphicSettings::SOURCES + relations + index)
         });
-        (SOURCES..=SOURCES + relations).chain(shrunk)
+        (MetamorphicSettings::SOURCES..=MetamorphicSettings::SOURCES + relations).chain(shrunk)
     }
 }
 
@@ -247,7 +249,7 @@ pub fn metamorphic(
     for (index, relation) in (1..).zip(relations) {
         let outcome = &found.relations[index as usize - 1];
         let Some(pair) = outcome.worst.first() else { continue };
-        let trial = SOURCES + relations.len() as u32 + index;
+        let trial = MetamorphicSettings::SOURCES + relations.len() as u32 + index;
         let done = found.simulations;
         match shrink(system, cases, (relation, trial), pair, |simulations| watch(done + simulations))? {
             Shrunk::Found(smallest) => {
@@ -284,7 +286,11 @@ fn batch(
                 found.relations[index].out_of_bounds += 1;
                 continue;
             };
-            further.push(Request { trial: SOURCES + 1 + index as u32, scenario, ..source.clone() });
+            further.push(Request {
+                trial: MetamorphicSettings::SOURCES + 1 + index as u32,
+                scenario,
+                ..source.clone()
+            });
             pairs.push((place, place + further.len(), index));
         }
         if !further.is_empty() {

@@ -96,7 +96,7 @@ impl FromStr for OutputRelation {
             _ => None,
         };
         found.ok_or_else(|| FalsificationError::InvalidValue {
-            what: "what a relation holds",
+            what: "the text `holds` of a relation",
             value: text.to_string(),
             expected: "same-verdict, not-better, not-worse, not-better:TOLERANCE, not-worse:TOLERANCE or \
                        robustness-within:DISTANCE, with a finite number from 0 on",

@@ -1,7 +1,5 @@
 //! Writes checkpoints as PyTorch does.
 
-#![allow(dead_code, reason = "each test uses a part")]
-
 /// CRC-32, bit by bit.
 fn crc32(bytes: &[u8]) -> u32 {
     let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u32::from(byte >> bit & 1)));

@@ -1,7 +1,5 @@
 //! Random numbers and random networks for tests.
 
-#![allow(dead_code)] // Each test file uses only some of the functions.
-
 use mishandle_network::{Activation, Mlp, Scalar};
 
 /// SplitMix64 (Steele, Lea and Flood, 2014), for random cases that are the same on every run.

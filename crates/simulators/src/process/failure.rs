@@ -28,6 +28,9 @@ pub enum Failure {
         /// Last lines of its standard error.
         stderr: String,
     },
+    /// The caller stopped the wait.
+    #[error("the wait for the program was interrupted")]
+    Interrupted,
     /// The program wrote something else than one line of text.
     #[error("the program wrote {what}{}", said(stderr))]
     Malformed {

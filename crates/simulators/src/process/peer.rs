@@ -1,6 +1,7 @@
 //! One running program.
 
 use std::io::{ErrorKind, Read, Write};
+use std::ops::ControlFlow;
 use std::process::{ChildStderr, ChildStdin, ChildStdout, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,6 +22,9 @@ const LONGEST_OUTPUT: usize = 1 << 20;
 
 /// Time that a program has to end by itself after its input is closed.
 const GRACE: Duration = Duration::from_millis(200);
+
+/// Longest time between two questions whether to go on waiting.
+const PART: Duration = Duration::from_millis(100);
 
 /// Result of a program that got its whole input at once.
 #[derive(Clone, Debug)]
@@ -117,25 +121,43 @@ impl Peer {
 
     /// Sends bytes, closes the input of the program, and returns what it wrote until its end. A
     /// program that waits for a reader of its output before it has read its input takes too long.
+    /// `watch` is asked during the wait, and can stop it.
     ///
     /// # Errors
-    /// If the program took too long, or wrote more than 1 MiB or something else than text.
-    pub fn finish(mut self, input: &[u8], limit: Duration) -> Result<Output, Failure> {
+    /// If the program took too long, or wrote more than 1 MiB or something else than text, or if
+    /// `watch` stopped the wait. The program is ended then.
+    pub fn finish(
+        mut self,
+        mut input: &[u8],
+        limit: Duration,
+        mut watch: impl FnMut() -> ControlFlow<()>,
+    ) -> Result<Output, Failure> {
         let end = Instant::now() + limit;
-        // A program that ends before it has read all says why in its output and its status.
-        if let Some(stdin) = self.stdin.as_mut()
-            && matches!(write(stdin, input, end), Ok(false))
-        {
-            return Err(self.timed_out(limit));
+        // Returns the end of the next part of the wait.
+        let mut part = |peer: &Peer| match (watch(), Instant::now()) {
+            (ControlFlow::Break(()), _) => Err(Failure::Interrupted),
+            (_, now) if now < end => Ok(end.min(now + PART)),
+            _ => Err(peer.timed_out(limit)),
+        };
+        loop {
+            let until = part(&self)?;
+            // A program that ends before it has read all says why in its output and its status.
+            let written = self.stdin.as_mut().map(|stdin| write(stdin, &mut input, until));
+            if !matches!(written, Some(Ok(false))) {
+                break;
+            }
         }
         self.stdin = None;
-        let stdout = match self.stdout.rest(LONGEST_OUTPUT, end) {
-            Ok(bytes) => self.text(bytes)?,
-            Err(NoLine::TooLong) => return Err(self.malformed("more than 1 MiB")),
-            Err(_) => return Err(self.timed_out(limit)),
+        let stdout = loop {
+            let until = part(&self)?;
+            match self.stdout.rest(LONGEST_OUTPUT, until) {
+                Ok(bytes) => break self.text(bytes)?,
+                Err(NoLine::TooLong) => return Err(self.malformed("more than 1 MiB")),
+                Err(NoLine::TimedOut | NoLine::Ended) => {}
+            }
         };
-        if !self.job.wait(end.saturating_duration_since(Instant::now())) {
-            return Err(self.timed_out(limit));
+        while !self.job.wait(PART) {
+            part(&self)?;
         }
         self.kill();
         let code = self.job.child.wait().ok().and_then(|status| status.code());
@@ -197,16 +219,16 @@ impl Drop for Peer {
 /// Writes a line into a pipe that does not block, until `end`; returns whether all of it was
 /// written.
 fn write_line(pipe: &mut ChildStdin, line: &str, end: Instant) -> std::io::Result<bool> {
-    Ok(write(pipe, line.as_bytes(), end)? && write(pipe, b"\n", end)?)
+    Ok(write(pipe, &mut line.as_bytes(), end)? && write(pipe, &mut &b"\n"[..], end)?)
 }
 
-/// Writes bytes into a pipe that does not block, until `end`; returns whether all of them were
-/// written.
-fn write(pipe: &mut ChildStdin, mut bytes: &[u8], end: Instant) -> std::io::Result<bool> {
+/// Writes bytes into a pipe that does not block, until `end`, and leaves those that it has not
+/// written; returns whether all of them were written.
+fn write(pipe: &mut ChildStdin, bytes: &mut &[u8], end: Instant) -> std::io::Result<bool> {
     while !bytes.is_empty() {
         match pipe.write(bytes) {
             Ok(0) => return Err(ErrorKind::WriteZero.into()),
-            Ok(count) => bytes = &bytes[count..],
+            Ok(count) => *bytes = &bytes[count..],
             Err(error) if error.kind() == ErrorKind::Interrupted => {}
             Err(error) if error.kind() == ErrorKind::WouldBlock => {
                 if !ready(&*pipe, PollFlags::OUT, end)? {

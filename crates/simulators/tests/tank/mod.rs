@@ -1,7 +1,5 @@
 //! Simulators as short Python scripts.
 
-#![allow(dead_code, reason = "each test program uses a part")]
-
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,7 +1,5 @@
 //! A disk and a memory that fail on command, and the life of a run to fail in.
 
-#![allow(dead_code)] // each test file uses another part
-
 pub mod disk;
 pub mod failing;
 pub mod life;

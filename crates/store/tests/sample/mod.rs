@@ -1,7 +1,5 @@
 //! A run for tests.
 
-#![allow(dead_code)] // each test file uses another part
-
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, FormulaRecord, RunHeader, RunKind, SignalRecord, Simulation,
     SimulationEnd, StoredTrace, TargetRecord,

@@ -1,7 +1,7 @@
 //! Steam condenser: a recurrent network holds the pressure of a condenser by the flow of cooling
 //! water while the flow of steam varies.
 //!
-//! The plant is that of the competition (Yaghoubi and Fainekos, "Gray-box adversarial testing for
+//! The plant is the competition's (Yaghoubi and Fainekos, "Gray-box adversarial testing for
 //! control systems with machine learning components", HSCC 2019): energy and mass balances with
 //! tables of saturated steam,
 //!
@@ -13,7 +13,7 @@
 //! with a lag of 1 s of the valve and of 0.5 s of the sensor. Temperatures are in °C, in the first
 //! equation too, as in the model. The controller has the form of the competition's: three neurons
 //! that see the error and, through two lags each, their own outputs. Its weights were trained by
-//! studies/experiments/arch/train_condenser.py, because those of the competition may not be copied.
+//! studies/experiments/arch/train_condenser.py, because the competition's may not be copied.
 
 use crate::Toy;
 use mishandle_rollout::{Axis, Seed};

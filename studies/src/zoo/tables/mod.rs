@@ -80,7 +80,7 @@ fn pictures(shown: &Shown<'_>) -> String {
     shown.names().map(picture).collect()
 }
 
-/// One row per task: its formula, the expert's success rates and those of the shipped PPO.
+/// One row per task: its formula, the success rates of the expert and of the shipped PPO.
 fn tasks(shown: &Shown<'_>) -> String {
     let mut table = String::from(
         "| task | success | expert: SR | strict | careful | corners | PPO: SR | SR, noise 0.5 | strict | careful | corners | \

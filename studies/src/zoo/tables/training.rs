@@ -38,8 +38,8 @@ pub(super) fn table(shown: &Shown<'_>) -> Result<String, ZooError> {
                 effort(summary),
                 paper_training_time(task, algorithm).map_or(NOTHING.to_string(), |steps| steps.to_string()),
                 decimal(reached, 0),
-                summary.command,
-                summary.git_commit,
+                summary.record.command,
+                summary.record.git_commit,
                 if summary.adopted { ", adopted" } else { "" },
             );
         }
@@ -61,8 +61,8 @@ fn effort(summary: &TrainingSummary) -> String {
     };
     [
         summary.trained_steps.map_or(NOTHING.to_string(), |steps| steps.to_string()),
-        summary.environment_steps.to_string(),
-        decimal(Some(summary.wall_clock_secs), 0),
+        summary.record.environment_steps.to_string(),
+        decimal(Some(summary.record.wall_clock_secs), 0),
         shown_time(time.map(|time| time.control_steps as f64)),
         shown_time(time.map(|time| time.secs)),
     ]

@@ -11,7 +11,7 @@ use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle_studies::zoo::{
     BenchmarkTask, ControllerUnderTest, CornersRecord, EstimateRecord, EvaluationRecord, FalsificationRecord,
-    Runner, TrialMeasurement, ZooError,
+    PlanRecord, Runner, TrialMeasurement, ZooError,
 };
 
 /// Settings of PPO; TRPO has the same keys.
@@ -134,6 +134,19 @@ impl FakeRunner {
     }
 }
 
+fn plan_record(task: &str, controller: &str, action_noise: f64) -> PlanRecord {
+    PlanRecord {
+        task: task.to_string(),
+        preset: "paper".to_string(),
+        controller: controller.to_string(),
+        controller_hash: "hash".to_string(),
+        stochastic: false,
+        action_noise,
+        observation_noise: 0.0,
+        seed: 1,
+    }
+}
+
 /// The progress of a training run that has just started.
 fn progress() -> TrainingProgress {
     TrainingProgress {
@@ -191,14 +204,7 @@ impl Runner for FakeRunner {
         self.note(format!("evaluate {} {action_noise}", subject.controller));
         let estimate = self.estimate();
         Ok(EvaluationRecord {
-            task: subject.task.clone(),
-            preset: "paper".to_string(),
-            controller: subject.controller.clone(),
-            controller_hash: "hash".to_string(),
-            stochastic: false,
-            action_noise,
-            observation_noise: 0.0,
-            seed: 1,
+            plan: plan_record(&subject.task, &subject.controller, action_noise),
             starts,
             leaves_out_starts: self.leaves_out_starts,
             simulations: 1000,
@@ -234,15 +240,8 @@ impl Runner for FakeRunner {
             undecided: 0,
         };
         Ok(FalsificationRecord {
-            task: subject.task.clone(),
-            preset: "paper".to_string(),
             // The file moves between a training run and a later measurement.
-            controller: "ppo".to_string(),
-            controller_hash: "hash".to_string(),
-            stochastic: false,
-            action_noise,
-            observation_noise: 0.0,
-            seed: 1,
+            plan: plan_record(&subject.task, "ppo", action_noise),
             search: "random".to_string(),
             formula: "a".to_string(),
             budget: 300,

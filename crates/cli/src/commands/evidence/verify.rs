@@ -24,8 +24,8 @@ takes the time of the simulation.
 
 Exit code 0 means that all agrees, 1 that something differs, that the signature does not count, or
 that not all can be verified (systems in Python, programs, time limits, runs that are not finished,
-a signature without ssh-keygen), 2 that the folder cannot be read. --replay 0 asks for no replay, so
-none can be missing.")]
+a signature without ssh-keygen), 2 that the folder or FILE cannot be read. --replay 0 asks for no
+replay, so none can be missing.")]
 pub struct Arguments {
     /// Folder of `mishandle evidence`
     #[arg(value_name = "DIR")]
