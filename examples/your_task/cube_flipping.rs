@@ -108,11 +108,10 @@ impl Scene for BoundScene {
     }
 
     fn signals(&self, rows: &Rows<'_>, out: &mut [f64]) {
-        let cube = rows.free_position(self.cube);
         out[0] = rotate(rows.quaternion(self.body), [0.0, 0.0, 1.0])[2].clamp(-1.0, 1.0).acos();
-        out[1] = cube[2] - TABLE;
+        out[1] = rows.free_position(self.cube)[2] - TABLE;
         out[2] = norm(rows.free_velocity(self.cube));
-        out[3] = norm(sub(cube, rows.site_position(self.panda.grasp)));
+        out[3] = norm(sub(rows.free_position(self.cube), rows.site_position(self.panda.grasp)));
     }
 
     fn observe(&self, rows: &Rows<'_>, out: &mut [f64]) {
@@ -152,9 +151,7 @@ impl ExpertPolicy for Flip {
     const REST: [f64; 7] = [0.0, 0.0, 0.0, -2.3, 0.0, 2.3, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
-        let cube = input.point(0);
-        let forward = input.point(3);
-        let up = input.point(6);
+        let [cube, forward, up] = [0, 3, 6].map(|first| input.point(first));
         let tips = arm.position();
         let across = cross(up, forward);
         let edge = sub(add(cube, scale(forward, HALF)), scale(up, HALF));
@@ -174,7 +171,6 @@ impl ExpertPolicy for Flip {
         };
         // The fingers point down and are parallel to the edge.
         let down = [-across[1], across[0], 0.0, across[0], across[1], 0.0, 0.0, 0.0, -1.0];
-        let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0);
-        arm.twist(&input.q, linear, angular)
+        arm.twist(&input.q, linear, clamp_norm(scale(rotation_between(&arm.rotation(), &down), 4.0), 2.0))
     }
 }
