@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use mishandle::falsification::FalsificationOutcome;
 use mishandle::plan::{
     AxisSetting, EvaluatePlan, FalsifyPlan, MarginPlan, MetamorphicPlan, RelationPlan, RiskPlan,
 };
@@ -115,6 +116,13 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
             let run = RunFile::open(&path).unwrap();
             assert_eq!(mishandle::run::unfinished(&run).unwrap(), None);
             check_replays(&run, &answer);
+            let answer = match answer {
+                // How many simulations of a batch are surplus is a fact of the process.
+                Answer::Falsification(found, counts) => {
+                    Answer::Falsification(FalsificationOutcome { surplus: 0, ..found }, counts)
+                }
+                answer => answer,
+            };
             return (format!("{answer:?}"), run.content_digest().unwrap(), pieces);
         }
         assert!(mishandle::run::unfinished(&RunFile::open(&path).unwrap()).unwrap().is_some());
@@ -126,13 +134,13 @@ fn in_pieces(plan: &Plan, calls: u64) -> (String, u128, u64) {
 /// Checks that the answer follows from the run file alone, also that of an interrupted run.
 fn check_recorded(resolved: &ResolvedPlan, path: &Path, answer: &Answer) {
     let run = RunFile::open(path).unwrap();
-    if !matches!(answer, Answer::Margin(_) | Answer::Metamorphic(_) | Answer::Risk(_))
-        || run.counts().unwrap().simulations == 0
-    {
+    let is_begun = run.counts().unwrap().simulations > 0;
+    if !is_begun && matches!(answer, Answer::Margin(_) | Answer::Metamorphic(_) | Answer::Risk(_)) {
         return;
     }
     let recorded = mishandle::run::recorded_answer(resolved, &run).unwrap();
-    assert_eq!(format!("{recorded:?}"), format!("{answer:?}"));
+    let json = |answer: &Answer| serde_json::to_value(answer.result(resolved, path).unwrap()).unwrap();
+    assert_eq!(json(&recorded), json(answer));
 }
 
 /// Replays the first, the last and the first failing simulation.

@@ -207,7 +207,7 @@ impl<'a> CandidateTest<'a> {
 /// Path of a counterexample, and why it is violated.
 type Violated = (String, String);
 
-type Count<'w> = &'w mut dyn FnMut(u64, u64) -> ControlFlow<()>;
+type Count<'w> = &'w mut (dyn FnMut(u64, u64) -> ControlFlow<()> + Send);
 
 fn of_candidate(plan: &Plan, candidate: &Candidate) -> Plan {
     Plan { controller: path_text(&candidate.controller), ..plan.clone() }

@@ -8,11 +8,10 @@ use mishandle_results::{
     ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
     RunDifference, Seed,
 };
-use mishandle_store::{RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
 use toml::Value;
 
 use crate::error::MishandleError;
-use crate::inspect::comparison::RANDOM_TRIAL;
 use crate::inspect::{metric_counter, run_facts};
 use crate::resolve::recorded_plan;
 use crate::run::{recorded_answer, recorded_axes, recorded_episode, recorded_parts, recorded_scenario};

@@ -3,19 +3,17 @@ use std::ops::ControlFlow;
 use mishandle_evaluation::{CornerReport, Corners, Evaluation, FormulaRoles, Metrics};
 use mishandle_results::Control;
 use mishandle_rollout::{Request, Scenario, Seed, Space};
-use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
 use crate::plan::StartRegion;
 use crate::resolve::ResolvedPlan;
 use crate::run::control::{self, ControlArm};
 use crate::run::evaluating::{Evaluating, stops_by_itself};
+use crate::run::journal::Journal;
+use crate::run::question::{Answer, Engine, Found, Progress, Watch};
 use crate::run::rate_rule::RateRule;
 use mishandle_text::plural;
-
-/// Number of the trial of the random simulations. [`Corners::TRIAL`] and [`control::TRIAL`] are the
-/// other ones.
-pub(crate) const TRIAL: u32 = 1;
 
 /// Results of an evaluation.
 #[derive(Clone, Debug)]
@@ -48,7 +46,7 @@ impl Requests<'_> {
             return Ok(self.corners.as_ref().and_then(|corners| corners.request(number)));
         }
         let planned = match (trial, &self.control) {
-            (TRIAL, _) => self.random.episodes,
+            (RANDOM_TRIAL, _) => self.random.episodes,
             (control::TRIAL, Some(arm)) => arm.simulations(self.random.episodes),
             _ => 0,
         };
@@ -66,7 +64,7 @@ impl Requests<'_> {
     pub(crate) fn trials(&self) -> impl Iterator<Item = u32> {
         let corners = self.corners.as_ref().map(|_| Corners::TRIAL);
         let control = self.control.as_ref().map(|_| control::TRIAL);
-        [Some(TRIAL), corners, control].into_iter().flatten()
+        [Some(RANDOM_TRIAL), corners, control].into_iter().flatten()
     }
 }
 
@@ -101,7 +99,7 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
 /// If the axes of the control arm make no space.
 pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleError> {
     let mut sum = 0;
-    for trial in [TRIAL, Corners::TRIAL, control::TRIAL] {
+    for trial in [RANDOM_TRIAL, Corners::TRIAL, control::TRIAL] {
         sum += planned_simulations(resolved, trial)?.unwrap_or(0);
     }
     Ok(sum)
@@ -112,7 +110,7 @@ pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleE
 fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Result<Option<u64>, MishandleError> {
     let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
     Ok(match trial {
-        TRIAL => Some(episodes),
+        RANDOM_TRIAL => Some(episodes),
         Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
         control::TRIAL => ControlArm::new(resolved)?.map(|arm| arm.simulations(episodes)),
         _ => None,
@@ -134,50 +132,45 @@ pub fn evaluation_request(
     with_requests(resolved, |requests| requests.request(trial, number))
 }
 
-/// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of
-/// the corners as trial 2, those of the control arm as a derived trial.
-///
-/// `run` is an open run file of the same plan. The simulations that it already contains are
-/// counted, not repeated. `watch` gets the number of finished simulations after each batch and can
-/// stop the evaluation; the report then covers the finished simulations.
+/// Evaluates a target as [`ask`](crate::run::ask) does. `watch` gets the number of simulations.
 ///
 /// # Errors
-/// If the plan has no table `[evaluate]` or one `[compare]`, `run` contains other simulations than
-/// the plan, or a simulation cannot be run or stored.
+/// Those of [`ask`](crate::run::ask).
 pub fn evaluate(
     resolved: &ResolvedPlan,
     run: RunWriter,
-    watch: impl FnMut(u64) -> ControlFlow<()>,
+    mut watch: impl FnMut(u64) -> ControlFlow<()> + Send,
 ) -> Result<EvaluationOutcome, MishandleError> {
-    evaluate_with_arm(resolved, run, None, watch)
+    match crate::run::ask(resolved, run, Engine::Direct, &mut |progress| watch(progress.simulations))? {
+        Answer::Evaluation(found) => Ok(found),
+        _ => Err(MishandleError::MissingPlanTable { table: "evaluate" }),
+    }
 }
 
-/// Evaluates a target as [`evaluate`] does. Simulations of the control arm that the run `known_arm`
-/// has are copied from there: see [`shares_arm`](crate::run::shares_arm).
+/// Evaluates a target: the random simulations are trial 1, those of the corners trial 2, those of
+/// the control arm a derived trial.
 ///
-/// # Errors
-/// Those of [`evaluate`].
-pub(crate) fn evaluate_with_arm(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
-    known_arm: Option<RunFile>,
-    mut watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<EvaluationOutcome, MishandleError> {
-    if resolved.plan.compare.is_some() {
+/// The recorded simulations are counted, not repeated. `watch` can stop the evaluation; the answer
+/// then covers the finished simulations.
+pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
+    if resolved.plan.compare.is_some() && !journal.is_read_only() {
         let what = "the plan of the run";
         let value = "one of a comparison that stops by itself".to_string();
         let expected = "continued together with the other run: mishandle compare --resume A B";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
+    let max_simulations = evaluation_simulations(resolved)?;
+    let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
     with_requests(resolved, |requests| {
-        let mut evaluating = Evaluating::open(resolved, requests, run, |_| {})?.with_known_arm(known_arm);
-        if watch(evaluating.done()).is_break() {
-            return evaluating.close();
+        let mut evaluating = Evaluating::open(journal, requests, |_| {})?;
+        if journal.is_read_only() || watch(evaluating.done()).is_break() {
+            return Ok(evaluating.found());
         }
         let on_batch = &mut |done, _: &[_]| watch(done);
         match evaluating.advance(requests.random.episodes, on_batch)? {
             ControlFlow::Continue(()) => evaluating.finish(on_batch),
-            ControlFlow::Break(()) => evaluating.close(),
+            ControlFlow::Break(()) => Ok(evaluating.found()),
         }
     })
 }
@@ -280,7 +273,7 @@ mod tests {
         let resolved =
             ResolvedPlan::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
         let mut run = create_run(&resolved, Some(&path)).unwrap();
-        run.start_trial(TRIAL, 0).unwrap();
+        run.start_trial(RANDOM_TRIAL, 0).unwrap();
         let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
         let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
         run.record(&[record::record(&episodes[0], &resolved)]).unwrap();
@@ -346,7 +339,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let resolved = toy("toy/sphere-2d", 3);
         let mut run = create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-        run.start_trial(TRIAL, 0).unwrap();
+        run.start_trial(RANDOM_TRIAL, 0).unwrap();
         let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
         assert_eq!((outcome.report.simulations, outcome.corners.unwrap().simulations()), (3, 5));
         assert!(outcome.is_complete);

@@ -12,7 +12,7 @@ use mishandle_falsification::{
 use mishandle_random::Seed;
 use mishandle_risk::{Report, ScreenedReport, ScreenedSettings, screened_risk};
 use mishandle_rollout::{Request, Space};
-use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
@@ -21,7 +21,7 @@ use crate::resolve::{
     MetamorphicCases, ResolvedPlan, depends_on_seed, metamorphic_cases, space_depends_on_seed,
 };
 use crate::run::evaluate::{self, EvaluationOutcome};
-use crate::run::falsify::{self, falsify};
+use crate::run::falsify;
 use crate::run::journal::{Journal, JournalScreening, JournalSystem, Numbering};
 use crate::run::screening::{self, ScreenedEvaluationOutcome};
 use crate::run::{header, risk};
@@ -110,6 +110,30 @@ pub struct MarginOutcome {
 /// Gets the progress now and then, and can end the question, which a later call continues.
 pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
 
+/// A run file to which a question adds its simulations.
+pub struct OpenRun {
+    /// The file.
+    pub writer: RunWriter,
+    /// A run whose control arm has simulations of this one, which are copied instead of repeated:
+    /// see [`CampaignRun::known_arm`](crate::campaign::CampaignRun::known_arm).
+    pub known_arm: Option<RunFile>,
+}
+
+impl From<RunWriter> for OpenRun {
+    fn from(writer: RunWriter) -> OpenRun {
+        OpenRun { writer, known_arm: None }
+    }
+}
+
+/// What a question found, and what its run file must say.
+pub(super) struct Found {
+    pub answer: Answer,
+    /// The trials that have ended, with their statuses.
+    pub ended: Vec<(u32, TrialStatus)>,
+    /// Whether the question has compared every row and trial already.
+    pub is_checked: bool,
+}
+
 /// Asks the question of a plan and stores every simulation in `run`, an open run file of the same
 /// plan. The simulations that it already contains are not repeated.
 ///
@@ -118,66 +142,56 @@ pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
 /// a simulation cannot be run or stored, or the first simulations of a search all fail.
 pub fn ask(
     resolved: &ResolvedPlan,
-    run: RunWriter,
+    run: impl Into<OpenRun>,
     engine: Engine<'_>,
     watch: Watch<'_>,
 ) -> Result<Answer, MishandleError> {
-    ask_with_arm(resolved, run, engine, None, watch)
+    let journal = open(resolved, run.into(), engine)?;
+    let found = question(&journal, watch)?;
+    conclude(journal, found)
 }
 
-/// Asks the question of a plan as [`ask`] does. Simulations of the control arm of an evaluation
-/// that the run `known_arm` has are copied from there: see
-/// [`CampaignRun::known_arm`](crate::campaign::CampaignRun::known_arm).
-///
-/// # Errors
-/// Those of [`ask`].
-pub fn ask_with_arm(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
+/// Opens the journal of a question.
+pub(super) fn open<'a>(
+    resolved: &'a ResolvedPlan,
+    run: OpenRun,
     engine: Engine<'_>,
-    known_arm: Option<RunFile>,
-    watch: Watch<'_>,
-) -> Result<Answer, MishandleError> {
-    header::check_run(run.file(), resolved)?;
-    match (&resolved.plan.screening, engine) {
-        (None, _) => ask_directly(resolved, run, known_arm, watch),
+) -> Result<Journal<'a>, MishandleError> {
+    let OpenRun { writer, known_arm } = run;
+    header::check_run(writer.file(), resolved)?;
+    let engine = match (&resolved.plan.screening, engine) {
+        (None, _) => None,
         (Some(plan), Engine::Screening(device)) => {
-            let screening = screening::screening(resolved, device, plan.rows as usize)?;
-            let journal = Journal::new(resolved, run)?;
-            let engine = journal.screening(Some(Box::new(screening)));
-            let answer = screened(&journal, plan, engine, watch)?;
-            let ended = ended(&answer);
-            journal.check(&ended, answer.is_complete())?;
-            journal.close(ended)?;
-            Ok(answer)
+            Some(Box::new(screening::screening(resolved, device, plan.rows as usize)?) as _)
         }
-        (Some(plan), Engine::Direct) => Err(MishandleError::NoDevice { device: plan.device.clone() }),
-    }
+        (Some(plan), Engine::Direct) => {
+            return Err(MishandleError::NoDevice { device: plan.device.clone() });
+        }
+    };
+    Ok(Journal::new(resolved, writer)?.with_engine(engine).with_known_arm(known_arm))
 }
 
-fn ask_directly(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
-    known_arm: Option<RunFile>,
-    watch: Watch<'_>,
-) -> Result<Answer, MishandleError> {
-    match resolved.plan.kind() {
-        RunKind::Evaluate => {
-            let max_simulations = evaluate::evaluation_simulations(resolved)?;
-            let watch =
-                |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
-            Ok(Answer::Evaluation(evaluate::evaluate_with_arm(resolved, run, known_arm, watch)?))
-        }
-        RunKind::Falsify => Ok(Answer::Falsification(falsify(resolved, run, watch)?, None)),
-        RunKind::Margin | RunKind::Metamorphic | RunKind::Risk => {
-            let journal = Journal::of_search(resolved, run)?;
-            let answer = recorded(&journal, watch)?;
-            let ended = ended(&answer);
-            journal.check(&ended, answer.is_complete())?;
-            journal.close(ended)?;
-            Ok(answer)
-        }
+/// Writes what a question found about its trials, and closes the run file.
+pub(super) fn conclude(journal: Journal<'_>, found: Found) -> Result<Answer, MishandleError> {
+    let Found { answer, ended, is_checked } = found;
+    if !is_checked {
+        journal.check(&ended, answer.is_complete())?;
     }
+    journal.set_ended(&ended)?;
+    journal.close()?;
+    Ok(answer)
+}
+
+/// Asks the question of a journal.
+fn question(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
+    let answer = match (&resolved.plan.screening, resolved.plan.kind()) {
+        (Some(plan), _) => screened(journal, plan, journal.screening(), watch)?,
+        (None, RunKind::Evaluate) => return evaluate::ask(journal, watch),
+        (None, RunKind::Falsify) => return falsify::ask(journal, watch),
+        (None, RunKind::Margin | RunKind::Metamorphic | RunKind::Risk) => recorded(journal, watch)?,
+    };
+    Ok(Found { ended: ended(&answer), answer, is_checked: false })
 }
 
 /// Asks a question whose system is the run file.
@@ -188,17 +202,17 @@ fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandle
     if let Some(table) = &plan.risk {
         let max_simulations = table.simulations;
         let watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
-        let found = risk::risk(resolved, &mut numbered(TRIAL)?, watch);
+        let found = risk::risk(resolved, &mut numbered(TRIAL), watch);
         return Ok(Answer::Risk(journal.result(found)?));
     }
     if plan.metamorphic.is_some() {
         let MetamorphicCases { cases, relations, settings } = metamorphic_cases(resolved)?;
         let max_simulations = settings.max_simulations(relations.len());
         let watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
-        let found = metamorphic(&mut journal.system(None)?, &cases, &relations, settings, watch);
+        let found = metamorphic(&mut journal.system(None), &cases, &relations, settings, watch);
         return Ok(Answer::Metamorphic(journal.result(found)?));
     }
-    let mut outcome = margins(journal, &mut numbered(TRIAL)?, &mut *watch)?;
+    let mut outcome = margins(journal, &mut numbered(TRIAL), &mut *watch)?;
     let max_simulations = outcome.simulations;
     let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
     let witness = outcome.margin.witness.as_ref().filter(|_| outcome.is_complete);
@@ -208,7 +222,7 @@ fn recorded(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, Mishandle
         let planned = Repeated::Counterexample.simulations();
         let seeds = repeat_seeds(*seed, planned);
         let done = outcome.simulations;
-        let repeats = repeat(&mut numbered(REPEATS)?, scenario, seeds, |_| watch(done));
+        let repeats = repeat(&mut numbered(REPEATS), scenario, seeds, |_| watch(done));
         let repeats = journal.result(repeats)?;
         outcome.is_complete = repeats.simulations == planned;
         outcome.repeats = Some(repeats);
@@ -274,7 +288,7 @@ fn margins(
 fn screened(
     journal: &Journal<'_>,
     plan: &ScreeningPlan,
-    mut screening: JournalScreening<'_, '_>,
+    mut screening: JournalScreening<'_>,
     watch: Watch<'_>,
 ) -> Result<Answer, MishandleError> {
     let resolved = journal.resolved();
@@ -288,7 +302,7 @@ fn screened(
     match resolved.plan.kind() {
         RunKind::Evaluate => {
             let progress = own(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes));
-            let engines = (&mut screening as &mut _, &mut journal.system(None)? as &mut _);
+            let engines = (&mut screening as &mut _, &mut journal.system(None) as &mut _);
             let found =
                 screening::evaluate(resolved, engines, plan.confirm, &mut |done| watch(&progress(done)));
             Ok(Answer::ScreenedEvaluation(journal.result(found)?))
@@ -296,7 +310,7 @@ fn screened(
         RunKind::Falsify => {
             let falsify = resolved.plan.falsify.clone().unwrap_or_default();
             let max_simulations = u64::from(falsify.trials) * u64::from(falsify.budget);
-            let engines = (&mut screening as &mut _, &mut journal.system(None)? as &mut _);
+            let engines = (&mut screening as &mut _, &mut journal.system(None) as &mut _);
             let found = falsify::screened(resolved, engines, plan.confirm, &mut |outcome| {
                 watch(&Progress {
                     simulations: outcome.simulations,
@@ -319,7 +333,7 @@ fn screened(
             };
             let scenarios = risk::risk_scenarios(resolved)?;
             let progress = own(table.simulations);
-            let mut system = journal.system(Some(Numbering { trial: TRIAL, last: 0 }))?;
+            let mut system = journal.system(Some(Numbering { trial: TRIAL, last: 0 }));
             let found = screened_risk(&mut screening, &mut system, &scenarios, &settings, &mut |done| {
                 watch(&progress(done))
             });
@@ -333,10 +347,7 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
     let is_complete = answer.is_complete();
     let spent = |trial| (trial, TrialStatus::BudgetSpent);
     match answer {
-        Answer::Falsification(found, _) => {
-            let trials = found.trials.iter().filter(|trial| trial.end.is_some());
-            trials.map(|trial| (trial.trial, falsify::status(trial))).collect()
-        }
+        Answer::Falsification(found, _) => falsify::ended(&found.trials),
         Answer::Margin(found) => {
             let has_witness = found.margin.witness.is_some();
             let status = if has_witness { TrialStatus::Falsified } else { TrialStatus::BudgetSpent };
@@ -346,7 +357,7 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
         }
         Answer::ScreenedEvaluation(found) if is_complete => {
             let corners = found.corners.as_ref().map(|_| Corners::TRIAL);
-            std::iter::once(evaluate::TRIAL).chain(corners).map(spent).collect()
+            std::iter::once(RANDOM_TRIAL).chain(corners).map(spent).collect()
         }
         Answer::Metamorphic(found) if is_complete => found.trials().map(spent).collect(),
         Answer::Risk(_) | Answer::ScreenedRisk(_) if is_complete => vec![spent(TRIAL)],
@@ -358,43 +369,29 @@ fn ended(answer: &Answer) -> Vec<(u32, TrialStatus)> {
 /// was interrupted.
 ///
 /// # Errors
-/// If the run is an evaluation or falsification without screening, is of another plan, has no
-/// simulations, or has others than its question asks.
+/// If the run is of another plan, has no simulations, or has others than its question asks.
 pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
     header::check(run.header(), resolved)?;
-    let journal = Journal::again(resolved, run);
-    let answer = ask_again(&journal, &mut |_| ControlFlow::Continue(()));
-    if !journal.is_missing() {
-        let answer = answer?;
-        journal.check(&ended(&answer), answer.is_complete())?;
-        return Ok(answer);
-    }
-    let end = journal.answered().load(Ordering::Relaxed);
-    let journal = Journal::again(resolved, run);
-    let answered = journal.answered();
-    let answer = ask_again(&journal, &mut |_| {
-        if answered.load(Ordering::Relaxed) == end {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
+    let mut journal = Journal::again(resolved, run);
+    let mut found = question(&journal, &mut |_| ControlFlow::Continue(()));
+    if found.is_err() && journal.is_missing() {
+        // An interrupted run has whole batches.
+        let end = journal.answered().load(Ordering::Relaxed);
+        journal = Journal::again(resolved, run);
+        let answered = journal.answered();
+        found = question(&journal, &mut |_| {
+            if answered.load(Ordering::Relaxed) == end {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        });
+        if journal.is_missing() {
+            let differences = vec!["simulations: some are missing".to_string()];
+            return Err(MishandleError::RunMismatch { differences });
         }
-    });
-    // An interrupted run has whole batches.
-    if journal.is_missing() {
-        let differences = vec!["simulations: some are missing".to_string()];
-        return Err(MishandleError::RunMismatch { differences });
     }
-    let answer = answer?;
-    journal.check(&ended(&answer), answer.is_complete())?;
-    Ok(answer)
-}
-
-/// Asks the question of a journal that simulates nothing.
-fn ask_again(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Answer, MishandleError> {
-    match &journal.resolved().plan.screening {
-        Some(plan) => screened(journal, plan, journal.screening(None), watch),
-        None => recorded(journal, watch),
-    }
+    conclude(journal, found?)
 }
 
 /// Returns the request that the question of a run asks as simulation `number` of `trial`, from the
@@ -409,7 +406,7 @@ pub(crate) fn asked(
 ) -> Result<Option<Request>, MishandleError> {
     let journal = Journal::until(resolved, run, sought);
     let mut watch = |_: &Progress| ControlFlow::Continue(());
-    let end = ask_again(&journal, &mut watch);
+    let end = question(&journal, &mut watch);
     match journal.found() {
         Some(request) => Ok(Some(request)),
         // The question came to its end, or to a simulation that is not recorded.

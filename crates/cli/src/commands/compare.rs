@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::{ComparePlan, EvaluatePlan, Measure, Until};
+use mishandle::run::Answer;
 use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
@@ -222,12 +223,13 @@ fn run_pairs(
     names: &[String; 2],
     bar: &Bar,
 ) -> Result<bool> {
-    let is_complete = mishandle::run::evaluate_pairs(plans, files, |done, max| {
+    let answers = mishandle::run::evaluate_pairs(plans, files, |done, max| {
         bar.set_length(max);
         bar.set_position(done);
         run::control_flow()
     })?;
     bar.clear();
+    let is_complete = answers.iter().all(Answer::is_complete);
     if is_complete {
         names.iter().for_each(|name| output::message(&format!("Run file: {name}")));
     } else {
