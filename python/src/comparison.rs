@@ -8,7 +8,6 @@ use mishandle::evaluation::SizeSettings;
 use mishandle::inspect::{Expected, SizeQuestion};
 use mishandle::plan::{ComparePlan, EvaluatePlan, Measure};
 use mishandle::random::Seed;
-use mishandle::run::Answer;
 use mishandle::store::RunFile;
 use pyo3::prelude::*;
 
@@ -101,7 +100,7 @@ pub fn evaluate_pairs(
         let answers = mishandle::run::evaluate_pairs([&a, &b], [first_run, second_run], |done, total| {
             report(first, progress.as_ref(), done, total)
         })?;
-        Ok((paths, answers.iter().all(Answer::is_complete)))
+        Ok((paths, answers.iter().all(|answer| answer.is_complete)))
     });
     let take = |target: &PyTarget| target.pending.lock().unwrap_or_else(PoisonError::into_inner).take();
     match take(first).or_else(|| take(second)) {

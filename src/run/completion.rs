@@ -6,8 +6,8 @@ use mishandle_text::plural;
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
+use crate::run::ask::recorded_answer;
 use crate::run::evaluating::stops_by_itself;
-use crate::run::question::recorded_answer;
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
 /// is complete.
@@ -88,7 +88,7 @@ mod tests {
 
     use super::*;
     use crate::plan::EvaluatePlan;
-    use crate::run::{create_run, evaluate};
+    use crate::run::{Engine, Progress, ask, create_run};
 
     #[test]
     fn an_evaluation_is_complete_after_its_last_simulation() {
@@ -107,10 +107,10 @@ mod tests {
             (u64::MAX, None),
         ] {
             let run = mishandle_store::RunWriter::resume(&path).unwrap();
-            let watch = |done| {
-                if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            let mut watch = |progress: &Progress| {
+                if progress.simulations >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
-            evaluate(&resolved, run, watch).unwrap();
+            ask(&resolved, run, Engine::Direct, &mut watch).unwrap();
             assert_eq!(missing().as_deref(), expected);
         }
     }

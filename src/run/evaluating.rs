@@ -2,23 +2,20 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{
-    CornerReport, Corners, Evaluation, FormulaRoles, MetricCounter, evaluate_corners,
-};
-use mishandle_results::{Control, Sequential};
+use mishandle_evaluation::{CornerReport, Corners, FormulaRoles, MetricCounter, evaluate_corners};
+use mishandle_results::{Answer, Control, Evaluation, Sequential};
 use mishandle_rollout::{AxisKind, Episode, Request, Seed};
 use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::run::ask::Found;
 use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
-use crate::run::evaluate::{
-    EvaluationOutcome, Requests, check_trials, corner_report, evaluation_simulations,
-};
+use crate::run::evaluate::{Requests, check_trials, corner_report, evaluation_simulations};
 use crate::run::journal::{Journal, JournalSystem};
-use crate::run::question::{Answer, Found};
 use crate::run::rate_rule::RateRule;
 use crate::run::record;
+use crate::run::result::{corners_result, evaluation_result};
 
 /// The task preset whose completion times include failed episodes, as in the code of the original
 /// benchmark.
@@ -160,7 +157,7 @@ impl<'a> Evaluating<'a> {
         let Evaluating { journal, requests, system, counted, .. } = self;
         let Counted { metrics, rule, pairs, done, .. } = counted;
         let episodes = number.min(requests.random.episodes);
-        let random = Evaluation { episodes, ..requests.random };
+        let random = mishandle_evaluation::Evaluation { episodes, ..requests.random };
         let mut flow = ControlFlow::Continue(());
         let found = mishandle_evaluation::evaluate(system, &random, metrics, |episodes| {
             journal.keep(episodes, &[])?;
@@ -266,7 +263,8 @@ impl<'a> Evaluating<'a> {
         let has_control =
             arm.is_none_or(|arm| self.counted.pairs.control.len() as u64 == arm.simulations(self.random()));
         let is_complete = is_random_done && has_corners && has_control;
-        let plan = &self.journal.resolved().plan;
+        let resolved = self.journal.resolved();
+        let plan = &resolved.plan;
         let mut report = self.counted.metrics.report(Seed(plan.seed));
         if let Some(rule) = self.counted.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
             report.success_rate = rule.estimate();
@@ -275,14 +273,16 @@ impl<'a> Evaluating<'a> {
         let ended = if is_complete { self.requests.trials().map(spent).collect() } else { Vec::new() };
         let control = arm
             .and_then(|arm| self.counted.pairs.result(arm.nominal(), arm.is_single(), stops_by_itself(plan)));
-        let answer = Answer::Evaluation(EvaluationOutcome {
-            report,
-            corners: self.counted.corners,
-            rule: self.counted.rule,
+        let evaluate = plan.evaluate.clone().unwrap_or_default();
+        let axes = resolved.space.axes();
+        let answer = Evaluation {
+            metrics: report,
+            corners: self.counted.corners.as_ref().map(|report| corners_result(axes, report)),
+            sequential: self.counted.rule.as_ref().map(|rule| rule.result(&evaluate)),
             control,
-            is_complete,
-        });
-        Found { answer, ended, is_checked: true }
+            ..evaluation_result(resolved, &self.journal.path(), is_complete)
+        };
+        Found { answer: Answer::Evaluation(Box::new(answer)), ended, is_checked: true }
     }
 
     /// Returns the largest number of simulations.

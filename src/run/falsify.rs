@@ -2,36 +2,23 @@ use std::ops::ControlFlow;
 use std::rc::Rc;
 
 use mishandle_falsification::{
-    Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd,
-    TrialOutcome, isolate, isolation_budget,
+    Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, Trial, TrialEnd, TrialOutcome,
+    isolate, isolation_budget,
 };
-use mishandle_rollout::{Episode, Request, Screen, Seed, System};
+use mishandle_results::Answer;
+use mishandle_rollout::{Episode, Request, Seed};
 use mishandle_stl::Trace;
-use mishandle_store::{MAX_TRIALS, RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{MAX_TRIALS, RunFile, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
-use crate::plan::{FalsifyPlan, Plan};
+use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
+use crate::run::ask::{Found, Progress, Watch};
 use crate::run::journal::{Journal, Numbering};
-use crate::run::question::{Answer, Engine, Found, Progress, Watch};
 use crate::run::record;
+use crate::run::result::falsification_result;
 use crate::run::violation::violation_of;
-
-/// Searches for counterexamples as [`ask`](crate::run::ask) does.
-///
-/// # Errors
-/// Those of [`ask`](crate::run::ask).
-pub fn falsify(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
-    mut watch: impl FnMut(&Progress) -> ControlFlow<()> + Send,
-) -> Result<FalsificationOutcome, MishandleError> {
-    match crate::run::ask(resolved, run, Engine::Direct, &mut watch)? {
-        Answer::Falsification(found, _) => Ok(found),
-        _ => Err(MishandleError::MissingPlanTable { table: "falsify" }),
-    }
-}
 
 /// Searches for counterexamples. The recorded simulations are not repeated: the searches get their
 /// results. `watch` gets the progress after each batch.
@@ -39,6 +26,9 @@ pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, Mish
     let resolved = journal.resolved();
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    if let Some(screening) = &plan.screening {
+        return screened(journal, falsify, screening, watch);
+    }
     let FalsifyPlan { trials, budget, .. } = *falsify;
     let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, search_space))?;
     if let Some(settings) = keep_going(resolved) {
@@ -92,7 +82,8 @@ pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, Mish
         derived = ended;
         outcome.is_interrupted = !is_complete;
     }
-    Ok(Found { answer: Answer::Falsification(outcome, None), ended: derived, is_checked: true })
+    let answer = falsification_result(resolved, &outcome, None, &journal.path());
+    Ok(Found { answer: Answer::Falsification(Box::new(answer)), ended: derived, is_checked: true })
 }
 
 /// Moves the counterexample of each trial toward nominal. The simulations are trials of their own:
@@ -170,16 +161,30 @@ pub(crate) fn derived_request(
 
 /// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples
 /// are from the target's own system.
-pub(crate) fn screened(
-    resolved: &ResolvedPlan,
-    (screening, system): (&mut dyn Screen, &mut dyn System),
-    sample_rate: f64,
-    watch: &mut (dyn FnMut(&FalsificationOutcome) -> ControlFlow<()> + Send),
-) -> Result<(FalsificationOutcome, ScreenedCounts), MishandleError> {
+fn screened(
+    journal: &Journal<'_>,
+    falsify: &FalsifyPlan,
+    screening: &ScreeningPlan,
+    watch: Watch<'_>,
+) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
-    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    let max_simulations = u64::from(falsify.trials) * u64::from(falsify.budget);
     let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, search_space))?;
-    Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
+    let mut watch = |outcome: &FalsificationOutcome| {
+        watch(&Progress {
+            simulations: outcome.simulations,
+            max_simulations,
+            ended: outcome.trials.iter().filter(|trial| trial.end.is_some()).count() as u32,
+            falsified: outcome.falsified_trials,
+        })
+    };
+    let mut screen = journal.screening();
+    let found = campaign.run_screened(&mut screen, &mut journal.system(None), screening.confirm, &mut watch);
+    let (outcome, counts) = journal.result(found)?;
+    let answer = falsification_result(resolved, &outcome, Some(&counts), &journal.path());
+    let answer = Answer::Falsification(Box::new(answer));
+    Ok(Found { answer, ended: ended(&outcome.trials), is_checked: false })
 }
 
 fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
@@ -273,7 +278,7 @@ fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
 /// confidence: see [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws
 /// independent uniform samples, because the points of other searches are not a random sample, or if
 /// a random target has the same seed in all of them.
-pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
+pub(super) fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.search_space)(0).ok()?;
     let is_one_draw = falsify.fixed_seed.is_some() && resolve::space_depends_on_seed(resolved);
@@ -291,7 +296,7 @@ pub(crate) fn status(trial: &TrialOutcome) -> TrialStatus {
 }
 
 /// Returns the trials that have ended, with their statuses.
-pub(super) fn ended(trials: &[TrialOutcome]) -> Vec<(u32, TrialStatus)> {
+fn ended(trials: &[TrialOutcome]) -> Vec<(u32, TrialStatus)> {
     let ended = trials.iter().filter(|trial| trial.end.is_some());
     ended.map(|trial| (trial.trial, status(trial))).collect()
 }

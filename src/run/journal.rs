@@ -10,6 +10,7 @@ use std::borrow::Cow;
 use std::cell::{Cell, OnceCell, RefCell};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -145,6 +146,11 @@ impl<'a> Journal<'a> {
     /// Returns whether this journal simulates and records nothing.
     pub(crate) fn is_read_only(&self) -> bool {
         matches!(self.file, File::Read(_))
+    }
+
+    /// Returns the path of the run file.
+    pub(crate) fn path(&self) -> PathBuf {
+        self.read(|run| run.path().to_path_buf())
     }
 
     /// Reads the run file.

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use mishandle_evaluation::{
     ClippedDifferences, Decision, DifferenceSequence, Estimate, StopRule, decides_success,
 };
-use mishandle_results::{Number, Sequential};
+use mishandle_results::{Evaluation, Number, Sequential};
 use mishandle_rollout::Episode;
 use mishandle_store::RunWriter;
 use mishandle_text::{decimal, number_text, p_value_text, plural};
@@ -15,9 +15,9 @@ use mishandle_text::{decimal, number_text, p_value_text, plural};
 use crate::error::MishandleError;
 use crate::plan::{ComparePlan, EvaluatePlan, Measure, Plan, Until};
 use crate::resolve::ResolvedPlan;
+use crate::run::ask::{Engine, conclude, open};
 use crate::run::evaluate::with_requests;
 use crate::run::evaluating::Evaluating;
-use crate::run::question::{Answer, Engine, conclude, open};
 use crate::run::rate_rule::decision_name;
 
 /// The part of a simulation that a rule reads.
@@ -201,7 +201,7 @@ pub fn evaluate_pairs(
     plans: [&ResolvedPlan; 2],
     runs: [RunWriter; 2],
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<[Answer; 2], MishandleError> {
+) -> Result<[Evaluation; 2], MishandleError> {
     let [first, second] = plans;
     let rule = PairRule::new(&first.plan).filter(|_| first.plan.compare == second.plan.compare);
     let mut rule = rule.ok_or(MishandleError::MissingPlanTable { table: "compare" })?;
@@ -268,7 +268,8 @@ pub fn evaluate_pairs(
         })
     });
     let [first_found, second_found] = found?;
-    Ok([conclude(first_journal, first_found)?, conclude(second_journal, second_found)?])
+    let first = conclude(first_journal, first_found)?.try_into()?;
+    Ok([first, conclude(second_journal, second_found)?.try_into()?])
 }
 
 /// Adds the pairs of which both simulations are there.

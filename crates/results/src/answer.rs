@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::Serialize;
 
 use crate::{Evaluation, Falsification, Hardening, Margin, Metamorphic, Requirement, Risk, Screening};
@@ -92,3 +94,32 @@ impl Answer {
         }
     }
 }
+
+/// An answer is that of another question than the one whose answer is needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OtherQuestion;
+
+impl fmt::Display for OtherQuestion {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        out.write_str("the answer is that of another question")
+    }
+}
+
+impl std::error::Error for OtherQuestion {}
+
+macro_rules! answers {
+    ($($question:ident)*) => {$(
+        impl TryFrom<Answer> for $question {
+            type Error = OtherQuestion;
+
+            fn try_from(answer: Answer) -> Result<$question, OtherQuestion> {
+                match answer {
+                    Answer::$question(found) => Ok(*found),
+                    _ => Err(OtherQuestion),
+                }
+            }
+        }
+    )*};
+}
+
+answers!(Evaluation Falsification Margin Metamorphic Risk Hardening);

@@ -70,7 +70,7 @@ mod subject;
 mod training;
 mod values;
 
-pub use answer::Answer;
+pub use answer::{Answer, OtherQuestion};
 pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use bisection::{BisectedCandidate, Bisection};
 pub use campaign::{Campaign, CampaignRun};

@@ -162,9 +162,5 @@ fn run_one(
     let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
         watch(Step::Question(progress.simulations, progress.max_simulations))
     })?;
-    if !answer.is_complete() {
-        return Ok(None);
-    }
-    let result = mishandle::inspect::recorded_result(&resolved, &answer, &run.path)?;
-    Ok(Some(finished(resolved.plan.kind().name(), result)))
+    Ok(answer.is_complete().then(|| finished(resolved.plan.kind().name(), answer)))
 }
