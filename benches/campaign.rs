@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use mishandle::plan::FalsifyPlan;
 use mishandle::resolve::task_target;
 use mishandle::rollout::{Environment, Request, Sample, Seed};
+use mishandle::run::Engine;
 use mishandle::store::RunWriter;
 use mishandle::tasks::{TaskEnvironment, TaskTarget};
 use mishandle::{Plan, ResolvedPlan};
@@ -126,8 +127,8 @@ fn falsification(resolved: &ResolvedPlan) -> Duration {
     let path = folder.path().join("run.sqlite");
     let run: RunWriter = mishandle::run::create_run(resolved, Some(&path)).expect("the run can be written");
     let start = Instant::now();
-    let found = mishandle::falsify(resolved, run, |_| ControlFlow::Continue(()));
+    let found = mishandle::run::ask(resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(()));
     let elapsed = start.elapsed();
-    assert_eq!(found.expect("the falsification succeeds").simulations, u64::from(SIMULATIONS));
+    assert_eq!(found.expect("the falsification succeeds").simulations(), u64::from(SIMULATIONS));
     elapsed
 }

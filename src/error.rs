@@ -479,6 +479,9 @@ pub enum MishandleError {
         /// Present axes.
         found: String,
     },
+    /// An answer is that of another question.
+    #[error(transparent)]
+    OtherQuestion(#[from] mishandle_results::OtherQuestion),
     /// The plan lacks the table of the command.
     #[error(
         "cannot {table}: the plan has no table [{table}]; add it, or resume a run with the command that made it"

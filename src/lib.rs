@@ -43,7 +43,6 @@ pub mod tune;
 pub use error::MishandleError;
 pub use plan::Plan;
 pub use resolve::ResolvedPlan;
-pub use run::{evaluate, falsify};
 
 pub use {
     mishandle_camera as camera, mishandle_camera::sight, mishandle_controllers as controllers,

@@ -7,6 +7,7 @@
 use std::ops::ControlFlow;
 
 use mishandle::plan::FalsifyPlan;
+use mishandle::run::{Engine, ask};
 use mishandle::store::RunFile;
 use mishandle::{Plan, ResolvedPlan};
 use serde_json::Value;
@@ -32,7 +33,7 @@ fn simulations_are_bit_identical_to_an_earlier_commit() {
         let resolved = ResolvedPlan::new(&plan).unwrap();
         let path = folder.path().join(format!("{i}.sqlite"));
         let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-        mishandle::falsify(&resolved, run, |progress| {
+        ask(&resolved, run, Engine::Direct, &mut |progress| {
             let is_done = progress.simulations as usize >= expected.len();
             if is_done { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })

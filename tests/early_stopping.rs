@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use mishandle::plan::FalsifyPlan;
+use mishandle::run::{Engine, ask};
 use mishandle::search::SEARCHES;
 use mishandle::store::{RunFile, Simulation, SimulationEnd};
 use mishandle::{Plan, ResolvedPlan};
@@ -21,7 +22,7 @@ fn simulations(folder: &TempDir, task: &str, search: &str, early_stopping: bool)
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let path = folder.path().join(format!("{task}-{search}-{early_stopping}.sqlite"));
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let run = RunFile::open(&path).unwrap();
     let found: Vec<Simulation> = run.simulations().map(Result::unwrap).collect();
     let last = found.last().unwrap();

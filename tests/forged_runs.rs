@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::plan::{EvaluatePlan, FalsifyPlan};
+use mishandle::run::{Engine, ask};
 use mishandle::store::{
     IfExists, RunFile, RunHeader, RunKind, RunWriter, Simulation, SimulationEnd, TrialRecord, TrialStatus,
 };
@@ -69,8 +70,8 @@ impl Bench {
         };
         let bench = Bench::new(&Plan { falsify: Some(falsify), ..Plan::new("toy/car-following", "") });
         let run = mishandle::run::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
-        let outcome = mishandle::falsify(&bench.resolved, run, |_| ControlFlow::Continue(())).unwrap();
-        assert!(outcome.falsified_trials > 0 && outcome.simulations > 3, "{outcome:?}");
+        let answer = ask(&bench.resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
+        assert!(answer.is_violated() && answer.simulations() > 3, "{answer:?}");
         bench
     }
 
@@ -78,7 +79,7 @@ impl Bench {
         let evaluate = EvaluatePlan { episodes: 5, ..EvaluatePlan::default() };
         let bench = Bench::new(&Plan { evaluate: Some(evaluate), ..Plan::new("toy/car-following", "") });
         let run = mishandle::run::create_run(&bench.resolved, Some(&bench.honest())).unwrap();
-        mishandle::evaluate(&bench.resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        ask(&bench.resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
         bench
     }
 
@@ -122,12 +123,8 @@ impl Bench {
     fn resume(&self, change: Change) -> Result<(), String> {
         let (path, _) = self.forge(change);
         let run = RunWriter::resume(path).unwrap();
-        let resumed = if self.resolved.plan.falsify.is_some() {
-            mishandle::falsify(&self.resolved, run, |_| ControlFlow::Continue(())).map(drop)
-        } else {
-            mishandle::evaluate(&self.resolved, run, |_| ControlFlow::Continue(())).map(drop)
-        };
-        resumed.map_err(|error| error.to_string())
+        let resumed = ask(&self.resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(()));
+        resumed.map(drop).map_err(|error| error.to_string())
     }
 
     #[track_caller]

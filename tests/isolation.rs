@@ -19,10 +19,9 @@ fn falsified(isolate: Option<bool>) -> (Answer, RunFile, ResolvedPlan, tempfile:
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     let go = |_: &_| ControlFlow::Continue(());
-    let answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut { go }).unwrap();
-    let result =
-        mishandle::inspect::whole_result(&resolved, &answer, &path, None, |_, _| ControlFlow::Continue(()));
-    (result.unwrap(), RunFile::open(&path).unwrap(), resolved, folder)
+    let mut answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut { go }).unwrap();
+    mishandle::inspect::further(&resolved, &mut answer, None, |_, _| ControlFlow::Continue(())).unwrap();
+    (answer, RunFile::open(&path).unwrap(), resolved, folder)
 }
 
 #[test]
@@ -88,9 +87,7 @@ fn a_fault_is_caused_by_axes_that_have_a_meaning_for_its_kind() {
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     let go = |_: &_| ControlFlow::Continue(());
     let answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut { go }).unwrap();
-    let result =
-        mishandle::inspect::whole_result(&resolved, &answer, &path, None, |_, _| ControlFlow::Continue(()));
-    let Answer::Falsification(found) = result.unwrap() else { panic!() };
+    let Answer::Falsification(found) = answer else { panic!() };
     let run = RunFile::open(&path).unwrap();
     let recorded: Vec<_> = run.header().axes.iter().map(mishandle::run::recorded_axis).collect();
     for (axis, own) in recorded.iter().zip(resolved.space.axes()) {

@@ -8,9 +8,9 @@ use std::path::Path;
 use mishandle::inspect::mode_survey;
 use mishandle::plan::FalsifyPlan;
 use mishandle::replay::replay;
-use mishandle::run::create_run;
+use mishandle::run::{Engine, ask, create_run};
 use mishandle::store::{RunFile, RunWriter, Simulation, TrialStatus};
-use mishandle::{Plan, ResolvedPlan, falsify};
+use mishandle::{Plan, ResolvedPlan};
 
 fn resolved(batch: u32) -> ResolvedPlan {
     let falsify = FalsifyPlan {
@@ -28,7 +28,7 @@ fn resolved(batch: u32) -> ResolvedPlan {
 /// Runs until at least `limit` simulations are recorded.
 fn run(resolved: &ResolvedPlan, run: RunWriter, limit: u64) {
     let flow = |done: u64| if done < limit { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-    falsify(resolved, run, |progress| flow(progress.simulations)).unwrap();
+    ask(resolved, run, Engine::Direct, &mut |progress| flow(progress.simulations)).unwrap();
 }
 
 /// Returns all simulations with their traces, and the status of each trial.

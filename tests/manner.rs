@@ -4,7 +4,9 @@ use std::ops::ControlFlow;
 
 use mishandle::counterexample::Counterexample;
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, RiskPlan, ScreeningPlan};
+use mishandle::results::Evaluation;
 use mishandle::rollout::{Episode, Request, Seed};
+use mishandle::run::{Engine, ask};
 use mishandle::store::RunFile;
 use mishandle::tasks::MANNER;
 use mishandle::{Plan, ResolvedPlan};
@@ -65,7 +67,7 @@ fn a_failure_of_an_evaluation_is_exported_and_replays_to_the_same_bits() {
     let plan = Plan { evaluate: Some(evaluate), action_noise: 2.0, ..Plan::new("point-reaching", "ppo") };
     let resolved = resolved(&plan);
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let run = RunFile::open(&path).unwrap();
     let (trial, number) = mishandle::replay::select_simulation(&run, None, None).unwrap().unwrap();
     let exported = Counterexample::from_run(&run, trial, number).unwrap();
@@ -101,9 +103,10 @@ fn a_run_with_the_signals_replays_to_the_same_bits_and_a_full_trace_has_them() {
     let path = folder.path().join("run.sqlite");
     let resolved = resolved(&evaluation());
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    let outcome = mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    let answer = ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
+    let found: Evaluation = answer.try_into().unwrap();
     // The expert reaches every point carefully.
-    let rate = outcome.report.careful_success_rate.unwrap();
+    let rate = found.metrics.careful_success_rate.unwrap();
     assert_eq!((rate.value, rate.n), (Some(1.0), 2));
     let run = RunFile::open(&path).unwrap();
     assert!(run.header().signals.iter().any(|signal| signal.name == "tool_speed" && signal.unit == "m/s"));

@@ -12,6 +12,7 @@ use mishandle::plan::{AxisSetting, EvaluatePlan};
 use mishandle::record::{ArchiveSettings, RecordSettings, record};
 use mishandle::results::Demonstrations;
 use mishandle::rollout::{Controller, ControllerWorker, Environment, Request, Scenario, Seed, System};
+use mishandle::run::{Engine, ask};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
@@ -146,7 +147,7 @@ fn replayed_actions_give_the_same_observations_and_the_facts_are_those_of_an_eva
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let path = folder.path().join("run.sqlite");
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let arrays = Arrays::read(&out);
     let rows: Vec<_> = RunFile::open(&path).unwrap().simulations().map(Result::unwrap).collect();
     let rows: Vec<_> = rows.iter().filter(|row| row.trial == 1).collect();
@@ -355,7 +356,7 @@ fn images_of_a_replay_are_those_of_the_recording() {
         let resolved = ResolvedPlan::new(&plan).unwrap();
         let path = out.with_extension("sqlite");
         let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-        mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
         let (_, trajectory) =
             mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
         let mut seen = trajectory.seen_by(&cameras).unwrap().unwrap();

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use mishandle::inspect::EventKind;
 use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Request, Scenario, Seed};
+use mishandle::run::{Engine, ask};
 use mishandle::store::{RunFile, TraceColumn};
 use mishandle::world::Model;
 use mishandle::{Plan, ResolvedPlan};
@@ -151,7 +152,7 @@ fn states_of_a_robot_fit_its_model_with_visual_elements() {
     let plan = Plan { evaluate: Some(evaluate), ..plan(folder.path()) };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let run = RunFile::open(&path).unwrap();
     let (replayed, trajectory) = mishandle::picture::replay_states(&run, 1, 2, None).unwrap();
     assert_eq!(replayed.differences, Vec::<String>::new());

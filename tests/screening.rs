@@ -3,9 +3,12 @@
 
 use std::ops::ControlFlow;
 
-use mishandle::falsification::{FalsificationOutcome, ScreenedCounts, TrialOutcome};
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, MarginPlan, RiskPlan, ScreeningPlan};
-use mishandle::run::{Answer, Engine};
+use mishandle::results::{
+    Answer, Confirmed, Evaluation, Falsification, Finding, Risk, ScreenedFailure, Screening, Trial,
+};
+use mishandle::rollout::{Request, Scenario, Seed};
+use mishandle::run::Engine;
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::world::{BatchBuffers, BatchSpec, CpuDevice, Outputs, WorldBatch, WorldDevice, WorldError};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -37,28 +40,30 @@ fn ask(resolved: &ResolvedPlan, engine: Engine<'_>) -> Result<Answer, Box<Mishan
     mishandle::run::ask(resolved, run, engine, &mut |_| ControlFlow::Continue(())).map_err(Box::new)
 }
 
-fn screened(device: &dyn WorldDevice, sample_rate: f64) -> mishandle::risk::ScreenedReport {
-    match ask(&screening(resolved(), sample_rate), Engine::Screening(device)).unwrap() {
-        Answer::ScreenedRisk(report) => report,
-        answer => panic!("{answer:?}"),
-    }
+fn screened(device: &dyn WorldDevice, sample_rate: f64) -> Risk {
+    ask(&screening(resolved(), sample_rate), Engine::Screening(device)).unwrap().try_into().unwrap()
 }
 
-fn direct_failures() -> u64 {
-    match ask(&resolved(), Engine::Direct).unwrap() {
-        Answer::Risk(report) => report.monte_carlo.failures,
-        answer => panic!("{answer:?}"),
-    }
+fn failures_of(resolved: &ResolvedPlan) -> u64 {
+    let found: Risk = ask(resolved, Engine::Direct).unwrap().try_into().unwrap();
+    found.monte_carlo.failures
+}
+
+/// Returns the counts of a screening, and where it found failures.
+fn counts(found: &Risk) -> (&Screening, Finding) {
+    let counts = found.screening.as_ref().unwrap();
+    (counts, *counts.findings.as_ref().unwrap().get("failure").unwrap())
 }
 
 #[test]
 fn an_engine_with_the_bits_of_the_system_flags_exactly_the_failures() {
-    let failures = direct_failures();
+    let failures = failures_of(&resolved());
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
-    let counts = screened(&CpuDevice, 0.3).counts;
-    assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
-    assert!(counts.sampled > 0);
-    assert_eq!(counts.sampled_events, 0);
+    let found = screened(&CpuDevice, 0.3);
+    let (counts, finding) = counts(&found);
+    assert_eq!((counts.simulations, counts.flagged, finding.flagged), (100, failures, failures));
+    assert!(counts.audit_sample > 0);
+    assert_eq!(finding.audit_sample, 0);
 }
 
 #[test]
@@ -67,25 +72,21 @@ fn signals_of_the_manner_on_an_engine_with_the_bits_of_the_system_flag_exactly_t
     let formula = Some("always(tool_speed <= 2.2)".to_string());
     let risk = plan.risk.map(|risk| RiskPlan { formula, ..risk });
     let resolved = ResolvedPlan::new(&Plan { risk, ..plan }).unwrap();
-    let failures = match ask(&resolved, Engine::Direct).unwrap() {
-        Answer::Risk(report) => report.monte_carlo.failures,
-        answer => panic!("{answer:?}"),
-    };
+    let failures = failures_of(&resolved);
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
-    let Answer::ScreenedRisk(report) = ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)).unwrap()
-    else {
-        panic!("expected the answer of a screening");
-    };
-    let counts = report.counts;
-    assert_eq!((counts.flagged, counts.flagged_events, counts.sampled_events), (failures, failures, 0));
+    let answer = ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)).unwrap();
+    let found: Risk = answer.try_into().unwrap();
+    let (counts, finding) = counts(&found);
+    assert_eq!((counts.flagged, finding.flagged, finding.audit_sample), (failures, failures, 0));
 }
 
 #[test]
 fn a_tiny_sample_rate_still_repeats_twenty_of_the_others() {
-    let report = screened(&CpuDevice, 1e-9);
-    let others = report.counts.trials - report.counts.flagged;
-    assert_eq!(report.counts.sampled, others.min(20));
-    assert!(report.estimate().value.is_some());
+    let found = screened(&CpuDevice, 1e-9);
+    let (counts, _) = counts(&found);
+    let others = counts.simulations - counts.flagged;
+    assert_eq!(counts.audit_sample, others.min(20));
+    assert!(found.probability.as_ref().unwrap().value.is_some());
 }
 
 /// An engine that reports every row as diverged, or moves the robot without regard to its targets.
@@ -138,14 +139,15 @@ impl WorldBatch for WrongWorlds {
 
 #[test]
 fn a_wrong_engine_changes_the_effort_but_not_the_answer() {
-    let failures = direct_failures();
+    let failures = failures_of(&resolved());
     for is_diverging in [false, true] {
-        let report = screened(&Wrong(is_diverging), 1.0);
-        let counts = report.counts;
-        assert_eq!(counts.flagged + counts.sampled, 100);
-        assert_eq!(counts.flagged_events + counts.sampled_events, failures);
-        assert_eq!(report.screened_without_verdict, if is_diverging { 100 } else { 0 });
-        assert!((report.estimate().value.unwrap() - failures as f64 / 100.0).abs() < 1e-12);
+        let found = screened(&Wrong(is_diverging), 1.0);
+        let (counts, finding) = counts(&found);
+        assert_eq!(counts.flagged + counts.audit_sample, 100);
+        assert_eq!(finding.flagged + finding.audit_sample, failures);
+        assert_eq!(counts.without_verdict, if is_diverging { 100 } else { 0 });
+        let value = found.probability.as_ref().unwrap().value.unwrap();
+        assert!((value - failures as f64 / 100.0).abs() < 1e-12);
     }
 }
 
@@ -157,27 +159,19 @@ fn evaluation(corners: bool) -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn evaluated(
-    device: &dyn WorldDevice,
-    sample_rate: f64,
-    corners: bool,
-) -> mishandle::run::ScreenedEvaluationOutcome {
-    match ask(&screening(evaluation(corners), sample_rate), Engine::Screening(device)).unwrap() {
-        Answer::ScreenedEvaluation(outcome) => outcome,
-        answer => panic!("{answer:?}"),
-    }
+fn evaluated(device: &dyn WorldDevice, sample_rate: f64, corners: bool) -> Evaluation {
+    let answer = ask(&screening(evaluation(corners), sample_rate), Engine::Screening(device));
+    answer.unwrap().try_into().unwrap()
 }
 
 #[test]
 fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = mishandle::run::create_run(&evaluation(true), Some(&folder.path().join("run.sqlite"))).unwrap();
-    let plain = mishandle::evaluate(&evaluation(true), run, |_| ControlFlow::Continue(())).unwrap();
+    let plain: Evaluation = ask(&evaluation(true), Engine::Direct).unwrap().try_into().unwrap();
     let value = |rate: Option<mishandle::evaluation::Estimate>| rate.and_then(|rate| rate.value).unwrap();
     let expected = [
-        plain.report.success_rate.value.unwrap(),
-        value(plain.report.strict_success_rate),
-        value(plain.report.dangerous_episode_rate),
+        plain.metrics.success_rate.value.unwrap(),
+        value(plain.metrics.strict_success_rate),
+        value(plain.metrics.dangerous_episode_rate),
     ];
     assert!(
         expected.iter().any(|rate| (0.05..0.95).contains(rate)),
@@ -187,38 +181,53 @@ fn a_screened_evaluation_has_the_rates_of_the_plain_one_whatever_the_engine_does
     for (device, sample_rate, corners) in
         [(&CpuDevice as &dyn WorldDevice, 0.2, true), (&Wrong(false), 1.0, false), (&Wrong(true), 1.0, false)]
     {
-        let outcome = evaluated(device, sample_rate, corners);
-        let report = &outcome.report;
+        let screened = evaluated(device, sample_rate, corners);
+        let metrics = &screened.metrics;
         let found = [
-            report.success_rate().value.unwrap(),
-            value(report.strict_success_rate()),
-            value(report.dangerous_episode_rate()),
+            metrics.success_rate.value.unwrap(),
+            value(metrics.strict_success_rate),
+            value(metrics.dangerous_episode_rate),
         ];
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-12, "{found} and {expected}");
         }
         // A screened evaluation has no careful success rate.
         let mut expected = plain.corners.clone().filter(|_| corners);
-        for point in expected.iter_mut().flat_map(|report| &mut report.points) {
-            (point.careful_successes, point.verdicts[2]) = (None, 0);
+        if let Some(corners) = &mut expected {
+            (corners.carefully_succeeding, corners.center_carefully_succeeds) = (None, None);
+            corners.points.iter_mut().for_each(|point| point.careful_successes = None);
         }
-        assert_eq!(outcome.corners, expected);
-        assert!(report.is_complete);
+        assert_eq!(screened.corners, expected);
+        assert!(screened.is_complete);
     }
 }
 
 #[test]
 fn the_failures_of_a_screened_evaluation_are_those_of_the_system() {
     let resolved = evaluation(false);
-    let report = evaluated(&CpuDevice, 0.2, false).report;
-    let requests: Vec<_> = report.first_failures.iter().map(|failure| failure.request.clone()).collect();
+    let found = evaluated(&CpuDevice, 0.2, false);
+    let failures = found.failures.unwrap();
+    let request = |failure: &ScreenedFailure| {
+        let scenario = Scenario::new(failure.scenario.values().copied().collect());
+        Request { number: failure.number, ..Request::new(scenario, Seed(failure.seed.0)) }
+    };
+    let requests: Vec<_> = failures.iter().map(request).collect();
     let episodes = resolved.system().unwrap().rollout(&requests).unwrap();
     assert!(requests.len() > 2);
-    assert_eq!(report.failures.flagged_events, requests.len() as u64);
-    for (failure, episode) in report.first_failures.iter().zip(&episodes) {
-        assert_eq!(failure.robustness, episode.verdict.success);
-        assert!(failure.robustness.unwrap() <= 0.0);
+    let findings = found.screening.unwrap().findings.unwrap();
+    assert_eq!(findings.get("failure").unwrap().flagged, requests.len() as u64);
+    for (failure, episode) in failures.iter().zip(&episodes) {
+        let robustness = failure.robustness.map(|robustness| robustness.0);
+        assert_eq!(robustness, episode.verdict.success);
+        assert!(robustness.unwrap() <= 0.0);
     }
+}
+
+/// Returns an answer without the path of its run.
+fn without_run(answer: &Answer) -> serde_json::Value {
+    let mut json = serde_json::to_value(answer).unwrap();
+    json.as_object_mut().unwrap().remove("run").unwrap();
+    json
 }
 
 /// Asks a question in pieces, each of which has twice as many calls of `watch` as the one before,
@@ -257,7 +266,7 @@ fn a_screened_question_in_pieces_has_the_answer_and_the_rows_of_one_in_one_go() 
         let engine = Engine::Screening(&CpuDevice);
         let (whole, digest, _) = in_pieces(&resolved, engine, u32::MAX);
         let (pieces, digest_of_pieces, count) = in_pieces(&resolved, engine, 100);
-        assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+        assert_eq!(without_run(&whole), without_run(&pieces));
         assert!(digest == digest_of_pieces && count > 1, "{count} pieces");
     }
 }
@@ -272,9 +281,9 @@ fn an_interrupted_screened_evaluation_counts_no_part_of_a_chunk() {
         calls += 1;
         if calls < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
-    let Answer::ScreenedEvaluation(outcome) = answer.unwrap() else { panic!("another question") };
-    assert!(!outcome.report.is_complete);
-    assert_eq!((outcome.report.failures.trials, outcome.report.success_rate().value), (0, None));
+    let found: Evaluation = answer.unwrap().try_into().unwrap();
+    assert!(!found.is_complete);
+    assert_eq!((found.metrics.simulations, found.metrics.success_rate.value), (0, None));
 }
 
 #[test]
@@ -314,55 +323,63 @@ fn falsification(batch: u32) -> ResolvedPlan {
     ResolvedPlan::new(&plan).unwrap()
 }
 
-fn falsified(
-    device: &dyn WorldDevice,
-    sample_rate: f64,
-    batch: u32,
-) -> (FalsificationOutcome, ScreenedCounts) {
+fn falsified(device: &dyn WorldDevice, sample_rate: f64, batch: u32) -> Falsification {
     falsified_by(&screening(falsification(batch), sample_rate), device)
 }
 
-fn falsified_by(resolved: &ResolvedPlan, device: &dyn WorldDevice) -> (FalsificationOutcome, ScreenedCounts) {
-    match ask(resolved, Engine::Screening(device)).unwrap() {
-        Answer::Falsification(outcome, Some(counts)) => (outcome, counts),
-        answer => panic!("{answer:?}"),
-    }
+fn falsified_by(resolved: &ResolvedPlan, device: &dyn WorldDevice) -> Falsification {
+    ask(resolved, Engine::Screening(device)).unwrap().try_into().unwrap()
 }
 
-fn plain_falsification() -> FalsificationOutcome {
-    let folder = tempfile::tempdir().unwrap();
-    let resolved = falsification(24);
-    let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-    let outcome = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-    let falsified = outcome.falsified_trials;
+fn plain_falsification() -> Falsification {
+    let found: Falsification = ask(&falsification(24), Engine::Direct).unwrap().try_into().unwrap();
+    let falsified = found.falsified_trials;
     assert!(
         (1..6).contains(&falsified),
         "{falsified} of 6 trials are falsified: the test needs both outcomes"
     );
-    outcome
+    found
 }
 
 /// Returns what a screening must not change.
-fn evidence(trial: &TrialOutcome) -> impl PartialEq + std::fmt::Debug {
-    (trial.end, trial.simulations, trial.first_violation, trial.minimum.clone())
+fn evidence(found: &Falsification) -> Vec<impl PartialEq + std::fmt::Debug> {
+    let evidence = |trial: &Trial| {
+        let minimum = (trial.minimum_robustness, trial.scenario.clone(), trial.simulation, trial.seed);
+        (trial.end.clone(), trial.simulations, trial.first_violation, minimum)
+    };
+    found.trials.iter().map(evidence).collect()
+}
+
+/// Returns the simulations of MuJoCo C for a reason.
+fn confirmed(found: &Falsification, reason: &str) -> Confirmed {
+    *found.screening.as_ref().unwrap().reasons.as_ref().unwrap().get(reason).unwrap()
+}
+
+/// Returns the number of simulations that MuJoCo C did not repeat.
+fn not_repeated(found: &Falsification) -> u64 {
+    let counts = found.screening.as_ref().unwrap();
+    counts.simulations - counts.flagged - counts.audit_sample
 }
 
 #[test]
 fn an_engine_with_the_bits_of_the_system_finds_the_same_counterexamples_and_minima() {
     let plain = plain_falsification();
     for batch in [1, 24, 64] {
-        let (found, counts) = falsified(&CpuDevice, 0.1, batch);
-        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)), "batch {batch}");
+        let found = falsified(&CpuDevice, 0.1, batch);
+        assert_eq!(evidence(&found), evidence(&plain), "batch {batch}");
         let falsified = u64::from(plain.falsified_trials);
-        assert_eq!((counts.violated.simulations, counts.violated.violations), (falsified, falsified));
-        assert_eq!((counts.minima.violations, counts.sampled.violations), (0, 0));
-        assert_eq!(found.screened, counts.not_repeated);
+        let violated = confirmed(&found, "violated");
+        assert_eq!((violated.simulations, violated.violations), (falsified, falsified));
+        let lowest = confirmed(&found, "lowest");
+        let sampled = confirmed(&found, "audit_sample");
+        assert_eq!((lowest.violations, sampled.violations), (0, 0));
         // The test needs simulations of each kind.
         assert!(
-            counts.minima.simulations > 3 && counts.sampled.simulations > 0 && found.screened > 20,
-            "{counts:?}"
+            lowest.simulations > 3 && sampled.simulations > 0 && not_repeated(&found) > 20,
+            "{:?}",
+            found.screening
         );
-        assert_eq!(found.failure_rate_bound(), None);
+        assert_eq!(found.failure_rate_bound, None);
     }
 }
 
@@ -370,24 +387,24 @@ fn an_engine_with_the_bits_of_the_system_finds_the_same_counterexamples_and_mini
 fn what_the_system_repeats_does_not_depend_on_the_batch() {
     let expected = falsified(&Wrong(false), 0.2, 24);
     let found = falsified(&Wrong(false), 0.2, 7);
-    assert_eq!(found.1, expected.1);
-    assert_eq!(found.0.trials, expected.0.trials);
+    assert_eq!(found.screening, expected.screening);
+    assert_eq!(found.trials, expected.trials);
 }
 
 #[test]
 fn a_wrong_engine_cannot_falsify_a_trial_and_with_all_repeated_it_changes_nothing() {
     let plain = plain_falsification();
     for is_diverging in [false, true] {
-        let (found, counts) = falsified(&Wrong(is_diverging), 1.0, 24);
-        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)));
-        assert_eq!((found.screened, counts.not_repeated), (0, 0));
-        let without_verdict = counts.without_verdict.simulations;
+        let found = falsified(&Wrong(is_diverging), 1.0, 24);
+        assert_eq!(evidence(&found), evidence(&plain));
+        assert_eq!(not_repeated(&found), 0);
+        let without_verdict = confirmed(&found, "without_verdict").simulations;
         assert_eq!(without_verdict == found.simulations, is_diverging);
     }
     // The hand stays far from its target on this engine, so it reports violations that the system
     // refutes.
-    let counts = falsified(&Wrong(false), 0.01, 24).1;
-    assert!(counts.violated.simulations > counts.violated.violations, "{counts:?}");
+    let violated = confirmed(&falsified(&Wrong(false), 0.01, 24), "violated");
+    assert!(violated.simulations > violated.violations, "{violated:?}");
 }
 
 #[test]
@@ -395,12 +412,10 @@ fn changed_constants_events_and_faults_have_the_counterexamples_of_the_system() 
     for space in ["starts+dynamics+events", "starts+timing+faults-sensing+faults-actuation"] {
         let plan = Plan { space: space.to_string(), ..falsification(24).plan };
         let resolved = ResolvedPlan::new(&plan).unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let run = mishandle::run::create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-        let plain = mishandle::falsify(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-        let (found, counts) = falsified_by(&screening(resolved, 0.1), &CpuDevice);
-        assert!(found.trials.iter().map(evidence).eq(plain.trials.iter().map(evidence)), "{space}");
-        assert_eq!(counts.sampled.violations, 0, "{space}");
+        let plain: Falsification = ask(&resolved, Engine::Direct).unwrap().try_into().unwrap();
+        let found = falsified_by(&screening(resolved, 0.1), &CpuDevice);
+        assert_eq!(evidence(&found), evidence(&plain), "{space}");
+        assert_eq!(confirmed(&found, "audit_sample").violations, 0, "{space}");
     }
 }
 
@@ -483,16 +498,15 @@ fn a_robot_in_a_file_is_screened_as_a_task() {
         std::fs::write(&path, file).unwrap();
         let plan = Plan { seed: 4, risk: Some(risk.clone()), ..Plan::new(path.to_str().unwrap(), "") };
         let resolved = ResolvedPlan::new(&plan).unwrap();
-        let Answer::Risk(direct) = ask(&resolved, Engine::Direct).unwrap() else { panic!("a failure rate") };
-        (direct.monte_carlo.failures, ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)))
+        (failures_of(&resolved), ask(&screening(resolved, 0.3), Engine::Screening(&CpuDevice)))
     };
     let (failures, answer) = answers(CART_POLE_FILE);
     assert!((5..95).contains(&failures), "{failures} failures: the test needs both outcomes");
-    let Answer::ScreenedRisk(report) = answer.unwrap() else { panic!("a screened rate") };
-    let counts = report.counts;
-    assert_eq!((counts.trials, counts.flagged, counts.flagged_events), (100, failures, failures));
-    assert!(counts.sampled > 0);
-    assert_eq!(counts.sampled_events, 0);
+    let found: Risk = answer.unwrap().try_into().unwrap();
+    let (counts, finding) = counts(&found);
+    assert_eq!((counts.simulations, counts.flagged, finding.flagged), (100, failures, failures));
+    assert!(counts.audit_sample > 0);
+    assert_eq!(finding.audit_sample, 0);
     let peak = CART_POLE_FILE
         .replace("\"abs(qpos('hinge'))[0]\"", "{ value = \"abs(qpos('hinge'))[0]\", over = \"max\" }");
     let error = answers(&peak).1.unwrap_err().to_string();

@@ -7,7 +7,7 @@ use std::path::Path;
 use mishandle::campaign::create_campaign;
 use mishandle::plan::{AxisSetting, ComparePlan, EvaluatePlan, Measure, Until};
 use mishandle::results::{Control, Evaluation};
-use mishandle::run::{CONTROL_TRIAL, Opening, create_run, evaluate, evaluate_pairs, evaluation_result};
+use mishandle::run::{CONTROL_TRIAL, Engine, OpenRun, Opening, ask, create_run, evaluate_pairs};
 use mishandle::store::{RunFile, RunWriter, Simulation, TrialStatus};
 use mishandle::{Plan, ResolvedPlan};
 
@@ -25,13 +25,13 @@ fn evaluated(plan: &Plan, path: &Path, pieces: u64) -> Evaluation {
     let mut run = create_run(&resolved, Some(path)).unwrap();
     loop {
         let mut batches = 0;
-        let outcome = evaluate(&resolved, run, |_| {
+        let answer = ask(&resolved, run, Engine::Direct, &mut |_| {
             batches += 1;
             if batches > pieces { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        let outcome = outcome.unwrap();
-        if outcome.is_complete {
-            return evaluation_result(&resolved, &outcome, path);
+        let found: Evaluation = answer.unwrap().try_into().unwrap();
+        if found.is_complete {
+            return found;
         }
         run = RunWriter::resume(path).unwrap();
     }
@@ -78,11 +78,11 @@ fn compared(folder: &Path, compare: ComparePlan, pieces: u64) -> mishandle::resu
     let [a, b] = &plans;
     loop {
         let mut batches = 0;
-        let is_complete = evaluate_pairs([a, b], runs, |_, _| {
+        let answers = evaluate_pairs([a, b], runs, |_, _| {
             batches += 1;
             if batches > pieces { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        if is_complete.unwrap() {
+        if answers.unwrap().iter().all(|answer| answer.is_complete) {
             break;
         }
         runs = paths.each_ref().map(|path| RunWriter::resume(path).unwrap());
@@ -119,7 +119,8 @@ fn the_pairs_of_a_comparison_end_together_and_a_resumed_one_is_the_same() {
         let path = folder.path().join("a.sqlite");
         let resolved =
             mishandle::resolve::recorded_plan(RunFile::open(&path).unwrap().header(), None).unwrap();
-        let error = evaluate(&resolved, RunWriter::resume(&path).unwrap(), |_| ControlFlow::Continue(()));
+        let run = RunWriter::resume(&path).unwrap();
+        let error = ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(()));
         assert!(error.unwrap_err().to_string().contains("mishandle compare --resume"));
     }
 }
@@ -134,7 +135,8 @@ fn a_pair_that_is_complete_but_undecided_is_refused() {
     let paths = ["a.sqlite", "b.sqlite"].map(|name| folder.path().join(name));
     let runs = paths.each_ref().map(|path| create_run(&resolved, Some(path)).unwrap());
     let both = [&resolved, &resolved];
-    assert!(!evaluate_pairs(both, runs, |_, _| ControlFlow::Break(())).unwrap());
+    let answers = evaluate_pairs(both, runs, |_, _| ControlFlow::Break(())).unwrap();
+    assert!(!answers.iter().any(|answer| answer.is_complete));
     let [mut a, b] = paths.map(|path| RunWriter::resume(&path).unwrap());
     a.end_trial(1, TrialStatus::BudgetSpent).unwrap();
     let error = evaluate_pairs(both, [a, b], |_, _| ControlFlow::Continue(())).unwrap_err();
@@ -244,10 +246,8 @@ fn runs_of_a_campaign_that_differ_only_in_what_the_arm_fixes_share_its_simulatio
         let (file, resolved) = run.resume(Opening::default()).unwrap();
         let known = run.known_arm(&resolved, &runs);
         assert_eq!(known.is_some(), !arms.is_empty());
-        let answer =
-            mishandle::run::ask_with_arm(&resolved, file, mishandle::run::Engine::Direct, known, &mut |_| {
-                ControlFlow::Continue(())
-            });
+        let file = OpenRun { writer: file, known_arm: known };
+        let answer = ask(&resolved, file, Engine::Direct, &mut |_| ControlFlow::Continue(()));
         assert!(answer.unwrap().is_complete());
         arms.push(rows(&run.path, CONTROL_TRIAL));
         // A copied row is what its own plan simulates.

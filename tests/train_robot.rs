@@ -79,9 +79,7 @@ fn evaluated(target: &str, controller: &Path, space: &str, path: Option<&Path>) 
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = create_run(&resolved, path).unwrap();
     let answer = ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
-    let results::Answer::Evaluation(found) = answer.result(&resolved, Path::new("run")).unwrap() else {
-        panic!("an evaluation");
-    };
+    let found: results::Evaluation = answer.try_into().unwrap();
     let rate = found.metrics.success_rate.value.unwrap();
     (resolved, rate)
 }

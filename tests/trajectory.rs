@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use mishandle::inspect::EventKind;
 use mishandle::plan::EvaluatePlan;
 use mishandle::rollout::{Environment, Request, Scenario, Seed};
+use mishandle::run::{Engine, ask};
 use mishandle::store::{RunFile, TraceColumn};
 use mishandle::tasks::{Preset, Reward, TaskEnvironment, tasks};
 use mishandle::world::Model;
@@ -34,7 +35,7 @@ fn a_replayed_trajectory_has_one_state_per_sample_of_the_trace() {
     let plan = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "expert") };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
 
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 2, None).unwrap();
@@ -71,7 +72,7 @@ fn the_first_contact_and_the_release_are_those_of_the_trace() {
     };
     let resolved = ResolvedPlan::new(&plan).unwrap();
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
-    mishandle::evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+    ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&RunFile::open(&path).unwrap(), 1, 1, None).unwrap();
     let trace = &replayed.episode.trace;

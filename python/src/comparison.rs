@@ -97,11 +97,10 @@ pub fn evaluate_pairs(
         let (a, first_run) = open_run(first, &plans[0], (path(0), resume, durable, false))?;
         let (b, second_run) = open_run(second, &plans[1], (path(1), resume, durable, false))?;
         let paths = [&first_run, &second_run].map(|run| run.file().path().to_path_buf());
-        let is_complete =
-            mishandle::run::evaluate_pairs([&a, &b], [first_run, second_run], |done, total| {
-                report(first, progress.as_ref(), done, total)
-            })?;
-        Ok((paths, is_complete))
+        let answers = mishandle::run::evaluate_pairs([&a, &b], [first_run, second_run], |done, total| {
+            report(first, progress.as_ref(), done, total)
+        })?;
+        Ok((paths, answers.iter().all(|answer| answer.is_complete)))
     });
     let take = |target: &PyTarget| target.pending.lock().unwrap_or_else(PoisonError::into_inner).take();
     match take(first).or_else(|| take(second)) {

@@ -286,20 +286,19 @@ fn ask(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answered> {
     let work = |resolved: &ResolvedPlan, run: RunWriter| {
-        let path = run.file().path().to_path_buf();
         let is_new = run.file().counts()?.simulations == 0;
         let mut warnings = if is_new { run.file().header().preflight.clone() } else { Vec::new() };
         if plan.risk.is_some() {
             warnings.extend(mishandle::run::risk_scenarios(resolved)?.warnings());
         }
-        let answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
+        let mut answer = mishandle::run::ask(resolved, run, Engine::Direct, &mut |done| {
             report(target, progress.as_ref(), done.simulations, done.max_simulations)
         })?;
         // The progress is that of the question; its repeats can be interrupted, too.
         let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
-        let result = mishandle::inspect::whole_result(resolved, &answer, &path, repeats, watch)?;
-        Ok((result, warnings))
+        mishandle::inspect::further(resolved, &mut answer, repeats, watch)?;
+        Ok((answer, warnings))
     };
-    let ((result, warnings), exception) = in_run(py, target, plan, out, work)?;
-    Ok((json(&result)?, exception, warnings))
+    let ((answer, warnings), exception) = in_run(py, target, plan, out, work)?;
+    Ok((json(&answer)?, exception, warnings))
 }

@@ -4,9 +4,8 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use mishandle_evaluation::Decision;
 use mishandle_files::{limits, read_text_bounded};
-use mishandle_results::BisectedCandidate;
+use mishandle_results::{BisectedCandidate, Evaluation};
 use mishandle_rollout::Component;
 use mishandle_text::{path_text, plural};
 use sha2::{Digest, Sha256};
@@ -19,7 +18,7 @@ use crate::counterexample::{Counterexample, Suite, Tested, suite_files};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{continue_run, evaluate};
+use crate::run::{Engine, Progress, ask, continue_run};
 
 /// The test that all candidates take.
 pub(super) struct CandidateTest<'a> {
@@ -117,11 +116,12 @@ impl<'a> CandidateTest<'a> {
         let file = self.file(candidate, hash, "sqlite");
         let evaluation = asked.evaluate.clone().unwrap_or_default();
         let run = continue_run(&resolved, &file)?;
-        let outcome = evaluate(&resolved, run, |done| count(done, evaluation.episodes))?;
-        let Some(rule) = outcome.rule.filter(|_| outcome.is_complete) else { return Ok(None) };
-        let sequential = rule.result(&evaluation);
-        let (outcome, reason) = match rule.decision() {
-            Some(Decision::Above) => (Outcome::Passes, None),
+        let mut watch = |progress: &Progress| count(progress.simulations, evaluation.episodes);
+        let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
+        let answer: Evaluation = answer.try_into()?;
+        let Some(sequential) = answer.sequential.filter(|_| answer.is_complete) else { return Ok(None) };
+        let (outcome, reason) = match sequential.decision.as_deref() {
+            Some("above") => (Outcome::Passes, None),
             Some(_) => (Outcome::Fails, Some(sequential.verdict)),
             None => (Outcome::Undecided, Some(sequential.verdict)),
         };
@@ -207,7 +207,7 @@ impl<'a> CandidateTest<'a> {
 /// Path of a counterexample, and why it is violated.
 type Violated = (String, String);
 
-type Count<'w> = &'w mut dyn FnMut(u64, u64) -> ControlFlow<()>;
+type Count<'w> = &'w mut (dyn FnMut(u64, u64) -> ControlFlow<()> + Send);
 
 fn of_candidate(plan: &Plan, candidate: &Candidate) -> Plan {
     Plan { controller: path_text(&candidate.controller), ..plan.clone() }

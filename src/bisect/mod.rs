@@ -88,7 +88,7 @@ pub struct BisectionProgress<'a> {
 }
 
 /// Gets the progress now and then, and can end the bisection, which a later call continues.
-pub type Watch<'w> = &'w mut dyn FnMut(BisectionProgress<'_>) -> ControlFlow<()>;
+pub type Watch<'w> = &'w mut (dyn FnMut(BisectionProgress<'_>) -> ControlFlow<()> + Send);
 
 /// Finds the first failing candidate, and writes the result to the folder.
 ///

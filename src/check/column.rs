@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle_results as results;
-use mishandle_results::CheckRun;
+use mishandle_results::{Answer, CheckRun};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
@@ -28,10 +28,11 @@ impl Checker<'_> {
         let mut runs = Vec::new();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
-            let Some(run) = self.ask(resolved, &path, "random scenarios", watch)? else {
+            let done = self.ask(resolved, &path, "random scenarios", watch)?;
+            let Some((answer, run)) = done else {
                 return Ok(None);
             };
-            row::add(&mut rows, &run, true)?;
+            row::add(&mut rows, answer.requirements(), &run, true)?;
             runs.push(check_run(&run, "random", None)?);
         }
         for (index, asked) in self.asked.iter().enumerate() {
@@ -42,10 +43,11 @@ impl Checker<'_> {
             }
             let name = &asked.written.name;
             let path = run_file(self.folder, &self.label, "search", name);
-            let Some(run) = self.ask(resolved, &path, &format!("search for {name}"), watch)? else {
+            let done = self.ask(resolved, &path, &format!("search for {name}"), watch)?;
+            let Some((answer, run)) = done else {
                 return Ok(None);
             };
-            row::add(&mut rows, &run, false)?;
+            row::add(&mut rows, answer.requirements(), &run, false)?;
             runs.push(check_run(&run, "search", Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
@@ -60,7 +62,7 @@ impl Checker<'_> {
         path: &Path,
         what: &str,
         watch: Watch<'_>,
-    ) -> Result<Option<RunFile>, MishandleError> {
+    ) -> Result<Option<(Answer, RunFile)>, MishandleError> {
         let run = continue_run(resolved, path)?;
         let phase = format!("{}: {what}", self.label);
         let mut watch = |progress: &Progress| {
@@ -68,7 +70,10 @@ impl Checker<'_> {
             watch(&CheckProgress { phase: phase.clone(), done, all })
         };
         let answer = ask(resolved, run, Engine::Direct, &mut watch)?;
-        if answer.is_complete() { Ok(Some(RunFile::open_unchecked(path)?)) } else { Ok(None) }
+        if !answer.is_complete() {
+            return Ok(None);
+        }
+        Ok(Some((answer, RunFile::open_unchecked(path)?)))
     }
 }
 

@@ -11,7 +11,6 @@ use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
-use crate::inspect::requirements;
 use crate::run::end_text;
 use crate::run::record::{REQUIREMENT, episode_end};
 
@@ -194,10 +193,14 @@ impl Row {
     }
 }
 
-/// Adds what a run says about the requirements in its space.
-pub(super) fn add(rows: &mut [Row], run: &RunFile, is_random: bool) -> Result<(), MishandleError> {
+/// Adds what a run found about the requirements in its space.
+pub(super) fn add(
+    rows: &mut [Row],
+    found: &[results::Requirement],
+    run: &RunFile,
+    is_random: bool,
+) -> Result<(), MishandleError> {
     let all = run.counts()?.simulations;
-    let found = requirements(run)?.unwrap_or_default();
     for row in rows {
         if let Some(found) = found.iter().find(|found| found.name == row.name) {
             row.add(found, all, run, is_random);

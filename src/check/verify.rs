@@ -67,7 +67,8 @@ pub fn differences<'r>(
             };
             let facts = facts(found, controller, named, file)?;
             differences.extend(facts.into_iter().map(|fact| format!("{}: another {fact}", named.run)));
-            row::add(&mut rows, file, named.kind == "random")?;
+            let found = crate::run::requirements(file)?.unwrap_or_default();
+            row::add(&mut rows, &found, file, named.kind == "random")?;
         }
         for (requirement, row) in found.requirements.iter().zip(&rows) {
             let name = &requirement.name;

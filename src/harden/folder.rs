@@ -5,15 +5,14 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
-use mishandle_results as results;
-use mishandle_results::{Hardening, Versioned};
+use mishandle_results::{Answer, Hardening, Versioned};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Answer, Engine, Opening, Progress, ask, continue_run};
+use crate::run::{Engine, Opening, Progress, ask, continue_run};
 
 use super::controller_files::ControllerFiles;
 use super::{EXTENSION, HardenProgress, HardenUnit, ONNX_EXTENSION, Watch, plan_file};
@@ -219,7 +218,7 @@ impl Folder {
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
         let is_complete = answer.is_complete();
-        Ok(is_complete.then(|| Asked { resolved, answer, path: path.to_path_buf() }))
+        Ok(is_complete.then(|| Asked { answer, path: path.to_path_buf() }))
     }
 
     /// Returns the run files in the folder, sorted.
@@ -256,8 +255,7 @@ fn list(folder: &Path, runs: &mut Vec<PathBuf>) -> std::io::Result<()> {
 
 /// A question of a hardening, and its answer.
 pub(super) struct Asked {
-    pub resolved: ResolvedPlan,
-    answer: Answer,
+    pub answer: Answer,
     pub path: PathBuf,
 }
 
@@ -265,10 +263,5 @@ impl Asked {
     /// Opens its run file.
     pub fn run(&self) -> Result<RunFile, MishandleError> {
         Ok(RunFile::open(&self.path)?)
-    }
-
-    /// Returns its answer as a result.
-    pub fn result(&self) -> Result<results::Answer, MishandleError> {
-        self.answer.result(&self.resolved, &self.path)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_results as results;
+use mishandle_results::Evaluation;
 use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
@@ -95,11 +95,8 @@ impl Measured {
         Ok(run.header().components.first().map_or(String::new(), |component| component.file_hash.clone()))
     }
 
-    fn evaluation(&self, asked: &Asked) -> Result<results::Evaluation, MishandleError> {
-        match asked.result()? {
-            results::Answer::Evaluation(found) => Ok(*found),
-            _ => Err(MishandleError::MissingPlanTable { table: "evaluate" }),
-        }
+    fn evaluation(&self, asked: &Asked) -> Result<Evaluation, MishandleError> {
+        Ok(asked.answer.clone().try_into()?)
     }
 
     /// Returns the corners of the initial box, and at how many of them all simulations succeed.

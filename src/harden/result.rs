@@ -126,13 +126,11 @@ impl Hardener<'_> {
         let Some(risk) = ask(Plan { risk: Some(risk), ..plan(1) }, "risk")? else {
             return Ok(None);
         };
-        let results::Answer::Risk(risk) = risk.result()? else {
-            return Err(MishandleError::MissingPlanTable { table: "risk" });
-        };
+        let risk: results::Risk = risk.answer.try_into()?;
         let space = ResolvedPlan::new(&plan(0))?.space;
         let margin = if has_margin(&space) {
             match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
-                Some(asked) => Some(hardened_margin(asked.result()?)?),
+                Some(asked) => Some(hardened_margin(&asked.answer.try_into()?)),
                 None => return Ok(None),
             }
         } else {
@@ -193,15 +191,12 @@ impl Hardener<'_> {
     }
 }
 
-fn hardened_margin(answer: results::Answer) -> Result<HardenedMargin, MishandleError> {
-    let results::Answer::Margin(margin) = answer else {
-        return Err(MishandleError::MissingPlanTable { table: "margin" });
-    };
-    Ok(HardenedMargin {
+fn hardened_margin(margin: &results::Margin) -> HardenedMargin {
+    HardenedMargin {
         amplitude: margin.witness.as_ref().map(|witness| witness.norms.amplitude),
         without_failure: margin.no_violation_up_to,
         simulations: margin.simulations,
-    })
+    }
 }
 
 fn hardened_measures(measures: &[Measure], is_judged: bool) -> Vec<HardenedMeasure> {

@@ -10,7 +10,7 @@ use mishandle_evaluation::{
 use mishandle_results::{ComparedRun, PairedMeans, PairedRates, Sequential};
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
-use mishandle_store::{AxisRecord, ComponentRecord, RunFile, RunHeader, RunKind, Simulation};
+use mishandle_store::{AxisRecord, ComponentRecord, RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::error::MishandleError;
 use crate::plan::{ComparePlan, Plan};
@@ -18,9 +18,6 @@ use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
 use crate::run::{PairRule, record, unfinished};
 use mishandle_text::{p_value_phrase, plural, shell_quote};
-
-/// Trial of the random simulations of an evaluation.
-pub(super) const RANDOM_TRIAL: u32 = 1;
 
 /// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
 ///

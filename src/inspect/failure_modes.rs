@@ -11,10 +11,9 @@ use mishandle_rollout::{Axis, Scenario};
 use mishandle_store::{RunFile, RunHeader, Simulation};
 
 use crate::error::MishandleError;
-use crate::inspect::cause::{Isolation, isolation};
 use crate::inspect::explanation::trace;
 use crate::run::violation::{Violation, violation};
-use crate::run::{has_random_rows, recorded_axis};
+use crate::run::{FailureCause, Isolation, has_random_rows, isolation, recorded_axis};
 
 /// A recorded failure.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,17 +38,6 @@ pub struct Failure {
     pub distance_from_nominal: f64,
     /// The axes that stayed off nominal when the failure was moved toward it; `None` if it was not.
     pub cause: Option<FailureCause>,
-}
-
-/// The cause of a failure: the scenario that it becomes when it moves toward nominal.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FailureCause {
-    /// Indices of the axes off nominal.
-    pub axes: Vec<usize>,
-    /// Their values: below (-1) or above (1) nominal, or the category.
-    pub sides: Vec<i64>,
-    /// Share of simulations with other seeds that fail; `None` if the target is not random.
-    pub failing_seeds: Option<f64>,
 }
 
 /// Failures with the same decisive predicate at similar times that the same axes cause, in the same

@@ -1,19 +1,15 @@
 //! Findings about the simulations of a run: why a simulation fails, which failures belong together,
 //! what was covered, and how two runs differ.
 
-mod answer;
 mod axes_at_nominal;
-mod axis_rates;
-mod cause;
 mod comparison;
 mod event;
 mod explanation;
 mod explanation_text;
 mod failure_modes;
+mod further;
 mod masking;
-mod metric_counter;
 mod mode_survey;
-mod requirements;
 mod result;
 mod run_difference;
 mod sample_size;
@@ -22,9 +18,7 @@ mod smooth_region;
 mod space_coverage;
 mod traces;
 
-pub use answer::{reasons, recorded_result, whole_result};
 pub use axes_at_nominal::axes_at_nominal;
-pub use axis_rates::axis_rates;
 pub use comparison::{ComparedPair, Comparison, compare, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
@@ -32,15 +26,13 @@ pub use explanation::{
     explain_recorded, explain_trace, unit,
 };
 pub use explanation_text::compared_values;
-pub use failure_modes::{Failure, FailureCause, FailureMode, FailureModes, failure_modes};
+pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
+pub use further::further;
 pub use masking::masking;
-pub use metric_counter::metric_counter;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
-pub use requirements::requirements;
 pub use result::{counterexamples_result, run_facts};
 pub use run_difference::run_difference;
 pub use sample_size::{Expected, SizeQuestion, sample_size};
 pub use simulation::{Simulated, simulate, simulated};
-pub use smooth_region::smooth_region_of;
 pub use space_coverage::space_coverage;
 pub use traces::{RandomTraces, SimulatedTrace, random_traces};

@@ -8,14 +8,15 @@ use mishandle_results::{
     ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
     RunDifference, Seed,
 };
-use mishandle_store::{RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
 use toml::Value;
 
 use crate::error::MishandleError;
-use crate::inspect::comparison::RANDOM_TRIAL;
-use crate::inspect::{metric_counter, run_facts};
+use crate::inspect::run_facts;
 use crate::resolve::recorded_plan;
-use crate::run::{recorded_answer, recorded_axes, recorded_episode, recorded_parts, recorded_scenario};
+use crate::run::{
+    metric_counter, recorded_answer, recorded_axes, recorded_episode, recorded_parts, recorded_scenario,
+};
 
 /// Largest number of changed verdicts that are listed.
 const LISTED: usize = 100;
@@ -186,8 +187,7 @@ fn falsified(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
 /// Returns the answer of a margin, a metamorphic test or a failure probability.
 fn answered(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
     let resolved = recorded_plan(run.header(), None)?;
-    let answer = recorded_answer(&resolved, run)?.result(&resolved, run.path())?;
-    Ok(match answer {
+    Ok(match recorded_answer(&resolved, run)? {
         results::Answer::Risk(found) => {
             let (value, low, high) = found
                 .probability

@@ -2,16 +2,13 @@
 
 use mishandle_evaluation::{SizeSettings, Sizes, StopRule, decides_success, pair_size, rate_size};
 use mishandle_results::{ExpectedPairs, SampleSize, Seed as ResultSeed};
-use mishandle_store::{RunFile, RunKind};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunKind};
 
 use crate::error::MishandleError;
 use crate::inspect::compare;
 use crate::plan::{ComparePlan, EvaluatePlan, Plan, Until};
 use crate::resolve::{check_compare, check_evaluate};
 use crate::run::recorded_episode;
-
-/// Trial of the random simulations of an evaluation.
-const RANDOM_TRIAL: u32 = 1;
 
 /// Expected rates, from experience or from a pilot run.
 #[derive(Clone, Copy, Debug, PartialEq)]

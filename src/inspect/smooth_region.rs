@@ -4,15 +4,15 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle_evaluation::{NotSmooth, smooth_region};
-use mishandle_falsification::{FalsificationOutcome, unit_scenario};
-use mishandle_results::SmoothRegion;
+use mishandle_falsification::unit_scenario;
+use mishandle_results::{Falsification, SmoothRegion};
 use mishandle_rollout::{AxisValues, Request, RolloutError};
 use mishandle_stl::{Clock, Formula, Monitor, Trace};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::resolve::{ResolvedPlan, space_depends_on_seed};
-use crate::run::{failure_rate_bound, recorded_episode};
+use crate::run::recorded_episode;
 
 /// Most samples that are used. They are simulated again for their traces.
 const MOST: usize = 1000;
@@ -30,13 +30,13 @@ const BATCH: usize = 64;
 ///
 /// # Errors
 /// If the run cannot be read, or a simulation cannot be run.
-pub fn smooth_region_of(
+pub(super) fn smooth_region_of(
     resolved: &ResolvedPlan,
-    outcome: &FalsificationOutcome,
+    found: &Falsification,
     run: &Path,
     watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<Option<SmoothRegion>, MishandleError> {
-    if failure_rate_bound(resolved, outcome).is_none() {
+    if found.failure_rate_bound.is_none() {
         return Ok(None);
     }
     if let Some(reason) = obstacle(resolved) {

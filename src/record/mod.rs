@@ -19,6 +19,7 @@ use mishandle_results::Demonstrations;
 use mishandle_rollout::{
     Controller, Environment, Episode, Request, Scenario, Seed, System, TrainingScenarios,
 };
+use mishandle_store::RANDOM_TRIAL;
 use mishandle_text::path_text;
 use mishandle_training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};
 
@@ -31,7 +32,7 @@ use crate::picture::{
 use crate::plan::CPU;
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target, training_target};
 use crate::run::end_text;
-use crate::run::evaluate::{TRIAL, with_requests};
+use crate::run::evaluate::with_requests;
 
 use self::labels::{labeler, labels};
 
@@ -159,7 +160,7 @@ pub fn record(
     while found.simulations < episodes {
         let last = episodes.min(found.simulations + batch);
         let mut requests: Vec<Request> = with_requests(resolved, |requests| {
-            let request = |number: u64| requests.request(TRIAL, number as u32);
+            let request = |number: u64| requests.request(RANDOM_TRIAL, number as u32);
             (found.simulations + 1..=last).filter_map(|number| request(number).transpose()).collect()
         })?;
         if let Some(archive) = &archive {

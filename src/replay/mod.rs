@@ -13,6 +13,7 @@ use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
 use crate::error::MishandleError;
 use crate::resolve::{Moved, ResolvedPlan, recorded_plan};
+use crate::run::journal::keeps_all_traces;
 use crate::run::{header, record, recorded_axis, system_of};
 
 pub use crate::run::build_differences;
@@ -87,10 +88,7 @@ pub(crate) fn replay_in(
     let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_parts > 0)])?;
     let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
     let mut again = record::record(&episode, resolved);
-    // Such a run keeps a limited number of traces.
-    let keeps_all = matches!(run.header().kind, RunKind::Evaluate | RunKind::Falsify)
-        && resolved.plan.screening.is_none();
-    if !keeps_all && recorded.trace.is_none() {
+    if !keeps_all_traces(resolved) && recorded.trace.is_none() {
         again.trace = None;
     }
     let names = record::verdict_names(resolved);

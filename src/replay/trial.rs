@@ -7,6 +7,7 @@ use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, Tri
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
+use crate::run::journal::with_needed_trace;
 use crate::run::{asked, evaluate, falsify, record};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan
@@ -113,7 +114,7 @@ fn of_falsification(
             found.extend(differences);
             return Ok(found);
         }
-        let simulation = falsify::with_needed_trace(run, simulation, &plan)?;
+        let simulation = with_needed_trace(run, simulation, plan.keep_going)?;
         let episode = match record::episode(&simulation, resolved) {
             Ok(episode) => episode,
             Err(error) => {

@@ -27,7 +27,7 @@ mod target_file;
 mod task;
 mod training;
 
-use mishandle_falsification::{FalsificationSettings, search_space};
+use mishandle_falsification::search_space;
 use mishandle_random::Seed;
 use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_search::SearchSpace;
@@ -256,10 +256,7 @@ impl ResolvedPlan {
     /// Returns the recorded seed of a trial: its own in a falsification, otherwise that of the run.
     pub(crate) fn trial_seed(&self, trial: u32) -> u64 {
         match &self.plan.falsify {
-            Some(_) => {
-                let seed = Seed(self.plan.seed);
-                FalsificationSettings { seed, ..FalsificationSettings::default() }.trial_seed(trial.max(1)).0
-            }
+            Some(_) => mishandle_falsification::trial_seed(Seed(self.plan.seed), trial.max(1)).0,
             None => self.plan.seed,
         }
     }

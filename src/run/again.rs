@@ -77,17 +77,14 @@ mod tests {
 
     use super::*;
     use crate::plan::{EvaluatePlan, FalsifyPlan};
-    use crate::run::{create_run, evaluate, falsify};
+    use crate::run::{Engine, ask, create_run};
 
     /// Runs a plan with a run file, and returns its trials with their simulations.
     fn recorded(resolved: &ResolvedPlan) -> Vec<(TrialRecord, Vec<Simulation>)> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.sqlite");
         let run = create_run(resolved, Some(&path)).unwrap();
-        match resolved.plan.falsify {
-            Some(_) => drop(falsify(resolved, run, |_| ControlFlow::Continue(())).unwrap()),
-            None => drop(evaluate(resolved, run, |_| ControlFlow::Continue(())).unwrap()),
-        }
+        ask(resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
         let run = RunFile::open(&path).unwrap();
         let simulations = |trial: TrialRecord| {
             let found = run.trial_simulations(trial.number).collect::<Result<_, _>>().unwrap();

@@ -123,7 +123,7 @@ mod tests {
 
     use super::*;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::run::{evaluate, header, record};
+    use crate::run::{Engine, Progress, ask, header, record};
 
     #[test]
     fn another_build_adds_rows_only_if_the_header_names_it() {
@@ -137,10 +137,11 @@ mod tests {
         started.versions.push(("engine".to_string(), "1.0".to_string()));
         RunWriter::create(&path, &started, IfExists::Refuse).unwrap().close().unwrap();
         let go = |simulations: u64| {
-            let watch = |done| {
-                if done >= simulations { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            let mut watch = |progress: &Progress| {
+                let is_done = progress.simulations >= simulations;
+                if is_done { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
-            evaluate(&resolved, RunWriter::resume(&path).unwrap(), watch).map(drop)
+            ask(&resolved, RunWriter::resume(&path).unwrap(), Engine::Direct, &mut watch).map(drop)
         };
         let error = go(2).unwrap_err().to_string();
         for part in ["commit c0ffee", "recorded engine 1.0, now unknown", "--any-build"] {

@@ -1,17 +1,13 @@
 //! Whether a recorded run is complete.
 
-use mishandle_evaluation::Corners;
-use mishandle_store::{RunFile, RunKind, TrialStatus};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunKind, TrialStatus};
 use mishandle_text::plural;
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::evaluate::{TRIAL, trial_differences, with_requests};
+use crate::run::ask::recorded_answer;
 use crate::run::evaluating::stops_by_itself;
-use crate::run::question::recorded_answer;
-use crate::run::rate_rule::RateRule;
-use crate::run::{control, record};
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
 /// is complete.
@@ -57,7 +53,7 @@ pub fn unfinished(run: &RunFile) -> Result<Option<String>, MishandleError> {
         }
         RunKind::Evaluate => {
             let planned = plan.and_then(|plan| plan.evaluate).map_or(1, |evaluate| evaluate.episodes);
-            let random = trials.iter().find(|found| found.trial.number == TRIAL);
+            let random = trials.iter().find(|found| found.trial.number == RANDOM_TRIAL);
             has(random.map_or(0, |found| found.counts.simulations), planned, "random simulation")
         }
     };
@@ -79,54 +75,11 @@ pub fn missing(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<String>,
     if let Some(missing) = unfinished(run)? {
         return Ok(Some(missing));
     }
-    let is_screened = resolved.plan.screening.is_some();
-    match run.header().kind {
-        RunKind::Evaluate if !is_screened => missing_of_evaluation(run, resolved),
-        RunKind::Falsify if !is_screened => Ok(None),
-        _ => match recorded_answer(resolved, run) {
-            Ok(answer) if answer.is_complete() => Ok(None),
-            Ok(_) => Ok(Some("its question asks for further simulations".to_string())),
-            Err(error) => Ok(Some(error.to_string())),
-        },
-    }
-}
-
-/// Describes what a recorded evaluation lacks although its rows say that it is complete.
-fn missing_of_evaluation(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<String>, MishandleError> {
-    let differences = trial_differences(resolved, run)?;
-    if !differences.is_empty() {
-        return Ok(Some(differences.join("; ")));
-    }
-    let mut recorded = run.trials()?;
-    recorded.extend(run.derived_trials()?);
-    let count = |trial: u32| {
-        let found = recorded.iter().find(|found| found.trial.number == trial);
-        found.map_or(0, |found| found.counts.simulations)
-    };
-    let random = count(TRIAL);
-    let (corners, arm) = with_requests(resolved, |requests| {
-        let arm = requests.control.as_ref().map_or(0, |arm| arm.simulations(random));
-        Ok((requests.corners.as_ref().map_or(0, |corners| u64::from(corners.simulations())), arm))
-    })?;
-    for (what, trial, planned) in [
-        ("the corners of the initial box", Corners::TRIAL, corners),
-        ("the control arm", control::TRIAL, arm),
-    ] {
-        if count(trial) < planned {
-            return Ok(Some(format!("it has {} of {planned} simulations of {what}", count(trial))));
-        }
-    }
-    // The rows decide when a rule ends the run.
-    let evaluate = resolved.plan.evaluate.as_ref();
-    if let Some((evaluate, mut rule)) = evaluate.and_then(|plan| Some((plan, RateRule::new(plan)?))) {
-        for row in run.trial_simulations(TRIAL) {
-            rule.add(&record::recorded_episode(&row?));
-        }
-        if !rule.is_decided() && random < evaluate.episodes {
-            return Ok(Some(format!("its rule asks for more than {}", plural(random, "random simulation"))));
-        }
-    }
-    Ok(None)
+    Ok(match recorded_answer(resolved, run) {
+        Ok(answer) if answer.is_complete() => None,
+        Ok(_) => Some("its question asks for further simulations".to_string()),
+        Err(error) => Some(error.to_string()),
+    })
 }
 
 #[cfg(test)]
@@ -135,7 +88,7 @@ mod tests {
 
     use super::*;
     use crate::plan::EvaluatePlan;
-    use crate::run::{create_run, evaluate};
+    use crate::run::{Engine, Progress, ask, create_run};
 
     #[test]
     fn an_evaluation_is_complete_after_its_last_simulation() {
@@ -154,10 +107,10 @@ mod tests {
             (u64::MAX, None),
         ] {
             let run = mishandle_store::RunWriter::resume(&path).unwrap();
-            let watch = |done| {
-                if done >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            let mut watch = |progress: &Progress| {
+                if progress.simulations >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
-            evaluate(&resolved, run, watch).unwrap();
+            ask(&resolved, run, Engine::Direct, &mut watch).unwrap();
             assert_eq!(missing().as_deref(), expected);
         }
     }

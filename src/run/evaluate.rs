@@ -1,37 +1,22 @@
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{CornerReport, Corners, Evaluation, FormulaRoles, Metrics};
-use mishandle_results::Control;
+use mishandle_evaluation::{
+    CornerReport, Corners, Evaluation, EvaluationError, FormulaRoles, ScreenedProgress, evaluate_corners,
+    evaluate_screened,
+};
+use mishandle_results::Answer;
 use mishandle_rollout::{Request, Scenario, Seed, Space};
-use mishandle_store::{RunFile, RunWriter, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_store::{RANDOM_TRIAL, RunFile, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
-use crate::plan::StartRegion;
+use crate::plan::{ScreeningPlan, StartRegion};
 use crate::resolve::ResolvedPlan;
+use crate::run::ask::{Found, Progress, Watch};
 use crate::run::control::{self, ControlArm};
 use crate::run::evaluating::{Evaluating, stops_by_itself};
-use crate::run::rate_rule::RateRule;
+use crate::run::journal::Journal;
+use crate::run::result::screened_evaluation_result;
 use mishandle_text::plural;
-
-/// Number of the trial of the random simulations. [`Corners::TRIAL`] and [`control::TRIAL`] are the
-/// other ones.
-pub(crate) const TRIAL: u32 = 1;
-
-/// Results of an evaluation.
-#[derive(Clone, Debug)]
-pub struct EvaluationOutcome {
-    /// Metrics of the random simulations.
-    pub report: Metrics,
-    /// Results at the corners and the center of the initial box; `None` if the space has no numeric
-    /// axis of kind `start`.
-    pub corners: Option<CornerReport>,
-    /// The rule that ends the evaluation, if the plan has one.
-    pub(crate) rule: Option<RateRule>,
-    /// Results of the control arm; `None` without one, and before its first simulation.
-    pub control: Option<Control>,
-    /// Whether all simulations of the plan are finished.
-    pub is_complete: bool,
-}
 
 /// The simulations of an evaluation: a function of the plan and the space.
 pub(crate) struct Requests<'a> {
@@ -48,7 +33,7 @@ impl Requests<'_> {
             return Ok(self.corners.as_ref().and_then(|corners| corners.request(number)));
         }
         let planned = match (trial, &self.control) {
-            (TRIAL, _) => self.random.episodes,
+            (RANDOM_TRIAL, _) => self.random.episodes,
             (control::TRIAL, Some(arm)) => arm.simulations(self.random.episodes),
             _ => 0,
         };
@@ -66,7 +51,7 @@ impl Requests<'_> {
     pub(crate) fn trials(&self) -> impl Iterator<Item = u32> {
         let corners = self.corners.as_ref().map(|_| Corners::TRIAL);
         let control = self.control.as_ref().map(|_| control::TRIAL);
-        [Some(TRIAL), corners, control].into_iter().flatten()
+        [Some(RANDOM_TRIAL), corners, control].into_iter().flatten()
     }
 }
 
@@ -101,7 +86,7 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
 /// If the axes of the control arm make no space.
 pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleError> {
     let mut sum = 0;
-    for trial in [TRIAL, Corners::TRIAL, control::TRIAL] {
+    for trial in [RANDOM_TRIAL, Corners::TRIAL, control::TRIAL] {
         sum += planned_simulations(resolved, trial)?.unwrap_or(0);
     }
     Ok(sum)
@@ -112,7 +97,7 @@ pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleE
 fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Result<Option<u64>, MishandleError> {
     let episodes = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
     Ok(match trial {
-        TRIAL => Some(episodes),
+        RANDOM_TRIAL => Some(episodes),
         Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
         control::TRIAL => ControlArm::new(resolved)?.map(|arm| arm.simulations(episodes)),
         _ => None,
@@ -134,52 +119,72 @@ pub fn evaluation_request(
     with_requests(resolved, |requests| requests.request(trial, number))
 }
 
-/// Evaluates a target and stores every simulation in `run`: the random ones as trial 1, those of
-/// the corners as trial 2, those of the control arm as a derived trial.
+/// Evaluates a target: the random simulations are trial 1, those of the corners trial 2, those of
+/// the control arm a derived trial.
 ///
-/// `run` is an open run file of the same plan. The simulations that it already contains are
-/// counted, not repeated. `watch` gets the number of finished simulations after each batch and can
-/// stop the evaluation; the report then covers the finished simulations.
-///
-/// # Errors
-/// If the plan has no table `[evaluate]` or one `[compare]`, `run` contains other simulations than
-/// the plan, or a simulation cannot be run or stored.
-pub fn evaluate(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
-    watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<EvaluationOutcome, MishandleError> {
-    evaluate_with_arm(resolved, run, None, watch)
-}
-
-/// Evaluates a target as [`evaluate`] does. Simulations of the control arm that the run `known_arm`
-/// has are copied from there: see [`shares_arm`](crate::run::shares_arm).
-///
-/// # Errors
-/// Those of [`evaluate`].
-pub(crate) fn evaluate_with_arm(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
-    known_arm: Option<RunFile>,
-    mut watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<EvaluationOutcome, MishandleError> {
-    if resolved.plan.compare.is_some() {
+/// The recorded simulations are counted, not repeated. `watch` can stop the evaluation; the answer
+/// then covers the finished simulations.
+pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
+    if let Some(plan) = &resolved.plan.screening {
+        return screened(journal, plan, watch);
+    }
+    if resolved.plan.compare.is_some() && !journal.is_read_only() {
         let what = "the plan of the run";
         let value = "one of a comparison that stops by itself".to_string();
         let expected = "continued together with the other run: mishandle compare --resume A B";
         return Err(MishandleError::InvalidValue { what, value, expected });
     }
+    let max_simulations = evaluation_simulations(resolved)?;
+    let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
     with_requests(resolved, |requests| {
-        let mut evaluating = Evaluating::open(resolved, requests, run, |_| {})?.with_known_arm(known_arm);
-        if watch(evaluating.done()).is_break() {
-            return evaluating.close();
+        let mut evaluating = Evaluating::open(journal, requests, |_| {})?;
+        if journal.is_read_only() || watch(evaluating.done()).is_break() {
+            return Ok(evaluating.found());
         }
         let on_batch = &mut |done, _: &[_]| watch(done);
         match evaluating.advance(requests.random.episodes, on_batch)? {
             ControlFlow::Continue(()) => evaluating.finish(on_batch),
-            ControlFlow::Break(()) => evaluating.close(),
+            ControlFlow::Break(()) => Ok(evaluating.found()),
         }
     })
+}
+
+/// Evaluates a target by screening: see
+/// [`evaluate_screened`](mishandle_evaluation::evaluate_screened()). The corners are all from the
+/// target's system.
+fn screened(journal: &Journal<'_>, plan: &ScreeningPlan, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
+    let max_simulations = resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes);
+    let mut watch = |progress: ScreenedProgress| {
+        watch(&Progress { simulations: progress.screened, max_simulations, ..Progress::default() })
+    };
+    let mut screen = journal.screening();
+    let mut system = journal.system(None);
+    let roles = FormulaRoles::of(&resolved.specification);
+    let found = with_requests(resolved, |requests| {
+        let mut report =
+            evaluate_screened(&mut screen, &mut system, &requests.random, roles, plan.confirm, &mut watch)?;
+        let Some(corners) = requests.corners.as_ref().filter(|_| report.is_complete) else {
+            return Ok((report, None));
+        };
+        let progress = ScreenedProgress { screened: report.failures.trials, confirmed: report.confirmed() };
+        let mut found = corner_report(resolved, corners);
+        let mut is_stopped = false;
+        evaluate_corners(&mut system, corners, requests.random.batch, &mut found, |_| {
+            let flow = watch(progress);
+            is_stopped |= flow.is_break();
+            Ok::<_, EvaluationError>(flow)
+        })?;
+        report.is_complete = !is_stopped;
+        Ok((report, (!is_stopped).then_some(found)))
+    });
+    let (report, corners) = journal.result(found)?;
+    let trials = [Some(RANDOM_TRIAL), corners.as_ref().map(|_| Corners::TRIAL)];
+    let trials = trials.into_iter().flatten().filter(|_| report.is_complete);
+    let ended = trials.map(|trial| (trial, TrialStatus::BudgetSpent)).collect();
+    let found = screened_evaluation_result(resolved, &report, corners.as_ref(), &journal.path());
+    Ok(Found { answer: Answer::Evaluation(Box::new(found)), ended, is_checked: false })
 }
 
 /// Returns the report on the corners before their simulations.
@@ -268,9 +273,20 @@ pub fn rejects_scenarios(resolved: &ResolvedPlan) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use mishandle_results::CornerPoint;
+    use mishandle_store::RunWriter;
+
     use super::*;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::run::{create_run, record};
+    use crate::run::{Engine, create_run, record};
+
+    fn evaluate(
+        resolved: &ResolvedPlan,
+        run: RunWriter,
+        mut watch: impl FnMut() -> ControlFlow<()> + Send,
+    ) -> Result<mishandle_results::Evaluation, MishandleError> {
+        Ok(crate::run::ask(resolved, run, Engine::Direct, &mut |_| watch())?.try_into()?)
+    }
 
     #[test]
     fn a_recorded_simulation_that_differs_from_the_plan_is_an_error() {
@@ -280,11 +296,11 @@ mod tests {
         let resolved =
             ResolvedPlan::new(&Plan { evaluate: Some(plan), ..Plan::new("toy/sphere-2d", "") }).unwrap();
         let mut run = create_run(&resolved, Some(&path)).unwrap();
-        run.start_trial(TRIAL, 0).unwrap();
+        run.start_trial(RANDOM_TRIAL, 0).unwrap();
         let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
         let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
         run.record(&[record::record(&episodes[0], &resolved)]).unwrap();
-        let error = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap_err();
+        let error = evaluate(&resolved, run, || ControlFlow::Continue(())).unwrap_err();
         assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
     }
 
@@ -300,27 +316,27 @@ mod tests {
         let other = folder.path().join("other.sqlite");
         let resolved = toy("toy/noisy", 10);
         let run = create_run(&resolved, Some(&path)).unwrap();
-        let whole = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        let whole = evaluate(&resolved, run, || ControlFlow::Continue(())).unwrap();
         // One axis has two corners and a center, and the noise needs 20 seeds.
         let corners = whole.corners.clone().unwrap();
         assert!(whole.is_complete && evaluation_simulations(&resolved).unwrap() == 70);
         assert_eq!(corners.points.iter().map(|point| point.n).collect::<Vec<_>>(), [20, 20, 20]);
-        let values = |point: &mishandle_evaluation::CornerResult| point.scenario.get(0).unwrap();
+        let values = |point: &CornerPoint| point.scenario.values().next().copied().flatten().unwrap();
         assert_eq!(corners.points.iter().map(values).collect::<Vec<_>>(), [0.0, 1.0, 0.5]);
 
         // Two stops are in the random simulations, the third is in the corners.
         let mut stopped = create_run(&resolved, Some(&other)).unwrap();
         for _ in 0..3 {
             let mut batches = 0;
-            let outcome = evaluate(&resolved, stopped, |_| {
+            let outcome = evaluate(&resolved, stopped, || {
                 batches += 1;
                 if batches > 1 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
             assert!(!outcome.unwrap().is_complete);
             stopped = RunWriter::resume(&other).unwrap();
         }
-        let resumed = evaluate(&resolved, stopped, |_| ControlFlow::Continue(())).unwrap();
-        assert_eq!((resumed.report, resumed.corners), (whole.report, whole.corners));
+        let resumed = evaluate(&resolved, stopped, || ControlFlow::Continue(())).unwrap();
+        assert_eq!((resumed.metrics, resumed.corners), (whole.metrics, whole.corners));
 
         let file = RunFile::open(&path).unwrap();
         let counts: Vec<usize> = [1, 2]
@@ -346,10 +362,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let resolved = toy("toy/sphere-2d", 3);
         let mut run = create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-        run.start_trial(TRIAL, 0).unwrap();
-        let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
-        assert_eq!((outcome.report.simulations, outcome.corners.unwrap().simulations()), (3, 5));
-        assert!(outcome.is_complete);
+        run.start_trial(RANDOM_TRIAL, 0).unwrap();
+        let found = evaluate(&resolved, run, || ControlFlow::Continue(())).unwrap();
+        let corners: u32 = found.corners.unwrap().points.iter().map(|point| point.n).sum();
+        assert_eq!((found.metrics.simulations, corners), (3, 5));
+        assert!(found.is_complete);
     }
 
     #[test]
@@ -359,7 +376,7 @@ mod tests {
         let plan = Plan { evaluate: Some(plan), space: "noise".to_string(), ..Plan::new("toy/noisy", "") };
         let resolved = ResolvedPlan::new(&plan).unwrap();
         let run = create_run(&resolved, Some(&folder.path().join("run.sqlite"))).unwrap();
-        let outcome = evaluate(&resolved, run, |_| ControlFlow::Continue(())).unwrap();
+        let outcome = evaluate(&resolved, run, || ControlFlow::Continue(())).unwrap();
         assert_eq!((outcome.corners, outcome.is_complete), (None, true));
     }
 }

@@ -2,22 +2,20 @@
 
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{
-    CornerReport, Corners, Evaluation, FormulaRoles, MetricCounter, evaluate_corners,
-};
-use mishandle_results::{Control, Sequential};
-use mishandle_rollout::{AxisKind, Episode, Request, Seed, System};
-use mishandle_store::{AxisRecord, RunFile, RunWriter, TrialStatus};
+use mishandle_evaluation::{CornerReport, Corners, FormulaRoles, MetricCounter, evaluate_corners};
+use mishandle_results::{Answer, Control, Evaluation, Sequential};
+use mishandle_rollout::{AxisKind, Episode, Request, Seed};
+use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::ResolvedPlan;
+use crate::run::ask::Found;
 use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
-use crate::run::evaluate::{
-    EvaluationOutcome, Requests, TRIAL, check_trials, corner_report, evaluation_simulations,
-};
+use crate::run::evaluate::{Requests, check_trials, corner_report, evaluation_simulations};
+use crate::run::journal::{Journal, JournalSystem};
 use crate::run::rate_rule::RateRule;
-use crate::run::{header, record};
+use crate::run::record;
+use crate::run::result::{corners_result, evaluation_result};
 
 /// The task preset whose completion times include failed episodes, as in the code of the original
 /// benchmark.
@@ -46,7 +44,7 @@ impl Counted {
             expected.seed == *seed && expected.scenario.is_same(scenario) && unit_point.is_empty()
         });
         // After its decision, a rule asks for no more.
-        let is_surplus = *trial == TRIAL && self.rule.as_ref().is_some_and(RateRule::is_decided);
+        let is_surplus = *trial == RANDOM_TRIAL && self.rule.as_ref().is_some_and(RateRule::is_decided);
         if u64::from(*number) != next || !is_expected || is_surplus {
             return Err(MishandleError::SimulationMismatch { number: next as u32 });
         }
@@ -65,13 +63,10 @@ impl Counted {
 
 /// An evaluation while it runs.
 pub(crate) struct Evaluating<'a> {
-    resolved: &'a ResolvedPlan,
+    journal: &'a Journal<'a>,
     requests: &'a Requests<'a>,
-    run: RunWriter,
-    system: Option<Box<dyn System>>,
+    system: JournalSystem<'a>,
     counted: Counted,
-    /// Whether a run of another space has the arm already.
-    known_arm: Option<RunFile>,
     /// Whether somebody else decided that there are enough random simulations.
     is_ended: bool,
 }
@@ -81,26 +76,22 @@ pub(crate) struct Evaluating<'a> {
 pub(crate) type OnBatch<'w> = &'w mut dyn FnMut(u64, &[Episode]) -> ControlFlow<()>;
 
 impl<'a> Evaluating<'a> {
-    /// Reads the simulations that `run` contains. `each` gets the random ones.
+    /// Reads the simulations that the run file contains. `each` gets the random ones.
     pub(crate) fn open(
-        resolved: &'a ResolvedPlan,
+        journal: &'a Journal<'a>,
         requests: &'a Requests<'a>,
-        mut run: RunWriter,
         mut each: impl FnMut(&Episode),
     ) -> Result<Evaluating<'a>, MishandleError> {
-        header::check_run(run.file(), resolved)?;
-        check_trials(resolved, run.file())?;
+        let resolved = journal.resolved();
+        journal.read(|run| check_trials(resolved, run))?;
         let plan = &resolved.plan;
         let evaluate = plan.evaluate.clone().unwrap_or_default();
         let metrics = MetricCounter::new(FormulaRoles::of(&resolved.specification))
             .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
             .with_intervals_at_any_time(stops_by_itself(plan));
         // A process that was killed here can have started the first of them alone.
-        let recorded: Vec<u32> = trials(run.file())?.into_iter().map(|(trial, _)| trial).collect();
-        for trial in requests.trials().filter(|trial| !recorded.contains(trial)) {
-            run.start_trial(trial, plan.seed)?;
-        }
-        let statuses = trials(run.file())?;
+        journal.start(requests.trials())?;
+        let statuses = journal.read(trials)?;
         let mut counted = Counted {
             metrics,
             corners: requests.corners.as_ref().map(|corners| corner_report(resolved, corners)),
@@ -108,29 +99,23 @@ impl<'a> Evaluating<'a> {
             pairs: Pairs::default(),
             done: 0,
         };
-        for simulation in run.file().simulations().chain(run.file().derived_simulations(TRIAL)) {
-            let episode = record::episode(&simulation?, resolved)?;
-            counted.add_recorded(requests, &episode)?;
-            if episode.request.trial == TRIAL {
-                each(&episode);
+        journal.rows(Some(RANDOM_TRIAL), |episode| {
+            counted.add_recorded(requests, episode)?;
+            if episode.request.trial == RANDOM_TRIAL {
+                each(episode);
             }
-        }
-        let is_ended = statuses.contains(&(TRIAL, TrialStatus::BudgetSpent));
-        let found = Evaluating { resolved, requests, run, system: None, counted, known_arm: None, is_ended };
+            Ok(())
+        })?;
+        let is_ended = statuses.contains(&(RANDOM_TRIAL, TrialStatus::BudgetSpent));
+        let found = Evaluating { journal, requests, system: journal.deferred(), counted, is_ended };
         if found.is_ended && !found.has_enough() && plan.compare.is_none() {
             let differences = vec![format!(
-                "status of trial {TRIAL}: recorded as complete, but its rule does not end it after {} simulations",
+                "status of trial {RANDOM_TRIAL}: recorded as complete, but its rule does not end it after {} simulations",
                 found.random()
             )];
             return Err(MishandleError::RunMismatch { differences });
         }
         Ok(found)
-    }
-
-    /// Uses the simulations of the arm in `other` that are those of this arm, instead of repeating
-    /// them.
-    pub(crate) fn with_known_arm(self, other: Option<RunFile>) -> Evaluating<'a> {
-        Evaluating { known_arm: other, ..self }
     }
 
     /// Returns the number of simulations in the run file.
@@ -169,39 +154,34 @@ impl<'a> Evaluating<'a> {
         if self.is_ended || self.has_enough() || self.random() >= number {
             return Ok(ControlFlow::Continue(()));
         }
-        let Evaluating { resolved, requests, run, system, counted, .. } = self;
+        let Evaluating { journal, requests, system, counted, .. } = self;
         let Counted { metrics, rule, pairs, done, .. } = counted;
-        let system = match system {
-            Some(system) => system,
-            None => system.insert(resolved.system()?),
-        };
         let episodes = number.min(requests.random.episodes);
-        let random = Evaluation { episodes, ..requests.random };
+        let random = mishandle_evaluation::Evaluation { episodes, ..requests.random };
         let mut flow = ControlFlow::Continue(());
-        mishandle_evaluation::evaluate(&mut **system, &random, metrics, |episodes| {
-            run.record(
-                &episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>(),
-            )?;
+        let found = mishandle_evaluation::evaluate(system, &random, metrics, |episodes| {
+            journal.keep(episodes, &[])?;
             episodes.iter().for_each(|episode| add_random(rule, pairs, episode));
             *done += episodes.len() as u64;
             flow = on_batch(*done, episodes);
             let is_decided = rule.as_ref().is_some_and(RateRule::is_decided);
             Ok::<_, MishandleError>(if is_decided { ControlFlow::Break(()) } else { flow })
-        })?;
+        });
+        journal.result(found)?;
         Ok(flow)
     }
 
-    /// Runs the simulations of the corners and of the control arm, and closes the run file.
-    pub(crate) fn finish(mut self, on_batch: OnBatch<'_>) -> Result<EvaluationOutcome, MishandleError> {
+    /// Runs the simulations of the corners and of the control arm.
+    pub(crate) fn finish(mut self, on_batch: OnBatch<'_>) -> Result<Found, MishandleError> {
         if (self.is_ended || self.has_enough()) && self.run_corners(on_batch)?.is_continue() {
             self.run_control(on_batch)?;
         }
-        self.close()
+        Ok(self.found())
     }
 
     fn run_corners(&mut self, on_batch: OnBatch<'_>) -> Result<ControlFlow<()>, MishandleError> {
         let mut flow = ControlFlow::Continue(());
-        let Evaluating { resolved, requests, run, system, counted, .. } = self;
+        let Evaluating { journal, requests, system, counted, .. } = self;
         let Counted { corners, done, .. } = counted;
         let Some((corners, report)) = requests.corners.as_ref().zip(corners.as_mut()) else {
             return Ok(flow);
@@ -209,18 +189,13 @@ impl<'a> Evaluating<'a> {
         if report.simulations() == corners.simulations() {
             return Ok(flow);
         }
-        let system = match system {
-            Some(system) => system,
-            None => system.insert(resolved.system()?),
-        };
-        evaluate_corners(&mut **system, corners, requests.random.batch, report, |episodes| {
-            run.record(
-                &episodes.iter().map(|episode| record::record(episode, resolved)).collect::<Vec<_>>(),
-            )?;
+        let found = evaluate_corners(system, corners, requests.random.batch, report, |episodes| {
+            journal.keep(episodes, &[])?;
             *done += episodes.len() as u64;
             flow = on_batch(*done, &[]);
             Ok::<_, MishandleError>(flow)
-        })?;
+        });
+        journal.result(found)?;
         Ok(flow)
     }
 
@@ -236,25 +211,23 @@ impl<'a> Evaluating<'a> {
             for number in first..=last {
                 requests.extend(self.requests.request(control::TRIAL, number as u32)?);
             }
-            let rows = match self.copied_rows(arm, &requests)? {
-                Some(rows) => rows,
-                None => {
-                    let system = match &mut system {
-                        Some(system) => system,
-                        None => system.insert(arm.system(self.resolved)?),
-                    };
-                    let episodes = system.rollout(&requests)?;
-                    if episodes.len() != requests.len() {
-                        return Err(MishandleError::NoEpisode);
-                    }
-                    episodes.iter().map(|episode| record::record(episode, self.resolved)).collect()
+            let episodes = if let Some(rows) = self.copied_rows(arm, &requests)? {
+                self.journal.copy(&rows)?;
+                rows.iter().map(record::recorded_episode).collect()
+            } else {
+                let system = match &mut system {
+                    Some(system) => system,
+                    None => system.insert(arm.system(self.journal.resolved())?),
+                };
+                let episodes = system.rollout(&requests)?;
+                if episodes.len() != requests.len() {
+                    return Err(MishandleError::NoEpisode);
                 }
+                self.journal.keep(&episodes, &[])?;
+                episodes
             };
-            self.run.record(&rows)?;
-            for row in &rows {
-                self.counted.pairs.control.push(Outcome::of(&record::recorded_episode(row)));
-            }
-            self.counted.done += rows.len() as u64;
+            self.counted.pairs.control.extend(episodes.iter().map(Outcome::of));
+            self.counted.done += episodes.len() as u64;
             if on_batch(self.counted.done, &[]).is_break() {
                 break;
             }
@@ -268,7 +241,7 @@ impl<'a> Evaluating<'a> {
         arm: &ControlArm,
         requests: &[Request],
     ) -> Result<Option<Vec<mishandle_store::Simulation>>, MishandleError> {
-        let Some(other) = &self.known_arm else { return Ok(None) };
+        let Some(other) = self.journal.known_arm() else { return Ok(None) };
         let mut rows = Vec::with_capacity(requests.len());
         for request in requests {
             match copied(arm, request, other)? {
@@ -279,8 +252,8 @@ impl<'a> Evaluating<'a> {
         Ok(Some(rows))
     }
 
-    /// Closes the run file, also before the evaluation is complete.
-    pub(crate) fn close(mut self) -> Result<EvaluationOutcome, MishandleError> {
+    /// Returns what the evaluation found, also before it is complete.
+    pub(crate) fn found(self) -> Found {
         let is_random_done = self.is_ended || self.has_enough();
         let arm = self.requests.control.as_ref();
         let has_corners = match (&self.requests.corners, &self.counted.corners) {
@@ -290,37 +263,31 @@ impl<'a> Evaluating<'a> {
         let has_control =
             arm.is_none_or(|arm| self.counted.pairs.control.len() as u64 == arm.simulations(self.random()));
         let is_complete = is_random_done && has_corners && has_control;
-        if is_complete {
-            for trial in self.requests.trials() {
-                if self.run.file().trial(trial)?.status == TrialStatus::Running {
-                    self.run.end_trial(trial, TrialStatus::BudgetSpent)?;
-                }
-            }
-        }
-        let mut report = self.counted.metrics.report(Seed(self.resolved.plan.seed));
+        let resolved = self.journal.resolved();
+        let plan = &resolved.plan;
+        let mut report = self.counted.metrics.report(Seed(plan.seed));
         if let Some(rule) = self.counted.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
             report.success_rate = rule.estimate();
         }
-        let outcome = EvaluationOutcome {
-            report,
-            corners: self.counted.corners,
-            rule: self.counted.rule,
-            control: arm.and_then(|arm| {
-                self.counted.pairs.result(
-                    arm.nominal(),
-                    arm.is_single(),
-                    stops_by_itself(&self.resolved.plan),
-                )
-            }),
-            is_complete,
+        let spent = |trial| (trial, TrialStatus::BudgetSpent);
+        let ended = if is_complete { self.requests.trials().map(spent).collect() } else { Vec::new() };
+        let control = arm
+            .and_then(|arm| self.counted.pairs.result(arm.nominal(), arm.is_single(), stops_by_itself(plan)));
+        let evaluate = plan.evaluate.clone().unwrap_or_default();
+        let axes = resolved.space.axes();
+        let answer = Evaluation {
+            metrics: report,
+            corners: self.counted.corners.as_ref().map(|report| corners_result(axes, report)),
+            sequential: self.counted.rule.as_ref().map(|rule| rule.result(&evaluate)),
+            control,
+            ..evaluation_result(resolved, &self.journal.path(), is_complete)
         };
-        self.run.close()?;
-        Ok(outcome)
+        Found { answer: Answer::Evaluation(Box::new(answer)), ended, is_checked: true }
     }
 
     /// Returns the largest number of simulations.
     pub(crate) fn max_simulations(&self) -> Result<u64, MishandleError> {
-        evaluation_simulations(self.resolved)
+        evaluation_simulations(self.journal.resolved())
     }
 }
 
@@ -353,7 +320,7 @@ pub fn recorded_parts(run: &RunFile) -> Result<RecordedParts, MishandleError> {
     };
     let mut rule = RateRule::new(evaluate);
     let mut pairs = Pairs::default();
-    for row in run.trial_simulations(TRIAL) {
+    for row in run.trial_simulations(RANDOM_TRIAL) {
         add_random(&mut rule, &mut pairs, &record::recorded_episode(&row?));
     }
     let mut at_nominal = None;

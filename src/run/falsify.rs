@@ -2,141 +2,115 @@ use std::ops::ControlFlow;
 use std::rc::Rc;
 
 use mishandle_falsification::{
-    Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, ScreenedCounts, Trial, TrialEnd,
-    TrialOutcome, isolate, isolation_budget,
+    Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, Trial, TrialEnd, TrialOutcome,
+    isolate, isolation_budget,
 };
-use mishandle_rollout::{Episode, Request, Screen, Seed, System};
+use mishandle_results::Answer;
+use mishandle_rollout::{Episode, Request, Seed};
 use mishandle_stl::Trace;
-use mishandle_store::{MAX_TRIALS, RunFile, RunWriter, Simulation, TrialRecord, TrialStatus};
+use mishandle_store::{MAX_TRIALS, RunFile, TrialRecord, TrialStatus, TrialSummary};
 
 use crate::error::MishandleError;
-use crate::plan::{FalsifyPlan, Plan};
+use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
-use crate::run::first_simulations::FirstSimulations;
+use crate::run::ask::{Found, Progress, Watch};
 use crate::run::journal::{Journal, Numbering};
+use crate::run::record;
+use crate::run::result::falsification_result;
 use crate::run::violation::violation_of;
-use crate::run::{Progress, header, record};
 
-/// Searches for counterexamples and stores every simulation in `run`.
-///
-/// `run` is an open run file of the same plan. The simulations that it already contains are not
-/// repeated: the searches get their recorded results. `watch` gets the progress after each batch
-/// and can stop the campaign.
-///
-/// # Errors
-/// If the plan has no table `[falsify]`, `run` contains other simulations than the plan, a
-/// simulation cannot be run or stored, or the first ones all fail.
-pub fn falsify(
-    resolved: &ResolvedPlan,
-    mut run: RunWriter,
-    mut watch: impl FnMut(&Progress) -> ControlFlow<()>,
-) -> Result<FalsificationOutcome, MishandleError> {
+/// Searches for counterexamples. The recorded simulations are not repeated: the searches get their
+/// results. `watch` gets the progress after each batch.
+pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
     let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
-    header::check_run(run.file(), resolved)?;
-    let settings = settings(plan, falsify);
+    if let Some(screening) = &plan.screening {
+        return screened(journal, falsify, screening, watch);
+    }
     let FalsifyPlan { trials, budget, .. } = *falsify;
-    let mut campaign = Falsification::new(settings, space, new_search(falsify, search_space))?;
+    let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, search_space))?;
     if let Some(settings) = keep_going(resolved) {
         campaign = campaign.keep_going(settings);
     }
     let mut progress =
         Progress { max_simulations: u64::from(trials) * u64::from(budget), ..Progress::default() };
-    let mut first = FirstSimulations::default();
-    for simulation in run.file().simulations() {
-        let simulation = with_needed_trace(run.file(), simulation?, falsify)?;
-        let episode = record::episode(&simulation, resolved)?;
-        campaign.replay(&episode)?;
-        first.add(&episode);
+    journal.rows(None, |episode| {
         progress.simulations += 1;
-    }
-    first.check(resolved, run.file())?;
-    let mut started = vec![false; trials as usize];
-    let recorded = campaign.outcome();
-    for trial in run.file().trials()? {
-        check_trial(resolved, &trial.trial, &recorded)?;
-        // `replay` has already rejected simulations of trials that the plan does not have.
-        if let Some(started) = started.get_mut((trial.trial.number as usize).wrapping_sub(1)) {
-            *started = true;
-        }
-        if trial.trial.status != TrialStatus::Running {
-            progress.ended += 1;
-            progress.max_simulations -= u64::from(budget).saturating_sub(trial.counts.simulations);
-        }
-        progress.falsified += u32::from(trial.trial.status == TrialStatus::Falsified);
-    }
-    let mut system = resolved.system()?;
-    let mut outcome = campaign.run(&mut *system, |batch| {
-        for episode in batch.episodes {
-            let trial = episode.request.trial;
-            if !std::mem::replace(&mut started[trial as usize - 1], true) {
-                run.start_trial(trial, settings.trial_seed(trial).0)?;
-            }
-        }
-        let record = |episode| record::record(episode, resolved);
-        run.record(&batch.episodes.iter().map(record).collect::<Vec<_>>())?;
-        for trial in batch.ended {
-            run.end_trial(trial.trial, status(trial))?;
-            progress.ended += 1;
-            progress.falsified += u32::from(trial.falsified());
-        }
-        progress.simulations += batch.episodes.len() as u64;
-        progress.max_simulations -= batch.unspent(budget);
-        batch.episodes.iter().for_each(|episode| first.add(episode));
-        first.check(resolved, run.file())?;
-        Ok::<_, MishandleError>(watch(&progress))
+        Ok(campaign.replay(episode)?)
     })?;
-    // A search can end without another simulation, and a run can be killed between the last
-    // simulation of a trial and the record of its end.
-    for trial in &outcome.trials {
-        let must_end = trial.end.is_some() && started[trial.trial as usize - 1];
-        if must_end && run.file().trial(trial.trial)?.status == TrialStatus::Running {
-            run.end_trial(trial.trial, status(trial))?;
+    let recorded = journal.read(RunFile::trials)?;
+    if journal.is_read_only() {
+        // A search can end without another simulation.
+        for trial in recorded.iter().filter(|trial| trial.trial.status != TrialStatus::Running) {
+            campaign.settle(trial.trial.number)?;
         }
     }
-    if falsify.isolate == Some(true) && outcome.trials.iter().all(|trial| trial.end.is_some()) {
-        let is_complete = isolate_counterexamples(resolved, run, &outcome, &mut |done| {
+    let mut outcome = campaign.outcome();
+    for TrialSummary { trial, counts, .. } in &recorded {
+        check_trial(resolved, trial, &outcome, journal.is_read_only())?;
+        if trial.status != TrialStatus::Running {
+            progress.ended += 1;
+            progress.max_simulations -= u64::from(budget).saturating_sub(counts.simulations);
+        }
+        progress.falsified += u32::from(trial.status == TrialStatus::Falsified);
+    }
+    if !journal.is_read_only() {
+        let found = campaign.run(&mut journal.deferred(), |batch| {
+            journal.keep(batch.episodes, &ended(batch.ended))?;
+            progress.ended += batch.ended.len() as u32;
+            progress.falsified += batch.ended.iter().filter(|trial| trial.falsified()).count() as u32;
+            progress.simulations += batch.episodes.len() as u64;
+            progress.max_simulations -= batch.unspent(budget);
+            Ok::<_, MishandleError>(watch(&progress))
+        });
+        outcome = journal.result(found)?;
+        // A search can end without another simulation, and a run can be killed between the last
+        // simulation of a trial and the record of its end.
+        let mut ended = ended(&outcome.trials);
+        ended.retain(|(trial, _)| journal.is_started(*trial));
+        journal.set_ended(&ended)?;
+    }
+    let planned = outcome.trials.iter().filter(|trial| trial.end.is_some()).count() == trials as usize;
+    outcome.is_interrupted = !planned;
+    let mut derived = Vec::new();
+    if falsify.isolate == Some(true) && planned {
+        let (ended, is_complete) = isolate_counterexamples(journal, &outcome, &mut |done| {
             watch(&Progress { simulations: progress.simulations + done, ..progress })
         })?;
+        derived = ended;
         outcome.is_interrupted = !is_complete;
-    } else {
-        run.close()?;
     }
-    Ok(outcome)
+    let answer = falsification_result(resolved, &outcome, None, &journal.path());
+    Ok(Found { answer: Answer::Falsification(Box::new(answer)), ended: derived, is_checked: true })
 }
 
 /// Moves the counterexample of each trial toward nominal. The simulations are trials of their own:
-/// see [`MAX_TRIALS`]. Returns whether they came to their end.
+/// see [`MAX_TRIALS`]. Returns those that came to their end, and whether all of them did.
 fn isolate_counterexamples(
-    resolved: &ResolvedPlan,
-    run: RunWriter,
+    journal: &Journal<'_>,
     outcome: &FalsificationOutcome,
     watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
-) -> Result<bool, MishandleError> {
-    let mut failures = Vec::new();
-    for trial in outcome.trials.iter().filter(|trial| trial.falsified()) {
-        failures.extend(first_failure(resolved, run.file(), trial.trial)?);
-    }
-    let journal = Journal::new(resolved, run)?;
+) -> Result<(Vec<(u32, TrialStatus)>, bool), MishandleError> {
     let mut ended = Vec::new();
     let mut done = 0;
-    let count = failures.len();
-    for failure in failures {
+    for trial in outcome.trials.iter().filter(|trial| trial.falsified()) {
+        let failure = journal.read(|run| first_failure(journal.resolved(), run, trial.trial))?;
+        let Some(failure) = failure else { continue };
         let mut own = 0;
-        let found = isolate_failure(&journal, &failure, |count| {
+        let found = isolate_failure(journal, &failure, |count| {
             own = count;
             watch(done + count)
         });
-        if !journal.result(found)? {
-            break;
+        // The answer of an interrupted run.
+        if journal.is_missing() || !journal.result(found)? {
+            return Ok((ended, false));
         }
         done += own;
-        ended.push((failure.request.trial + MAX_TRIALS, TrialStatus::BudgetSpent));
+        ended.push((trial.trial + MAX_TRIALS, TrialStatus::BudgetSpent));
     }
-    let is_complete = ended.len() == count;
-    journal.close(ended)?;
-    Ok(is_complete)
+    Ok((ended, true))
 }
 
 /// Returns the first recorded failure of a trial.
@@ -163,7 +137,7 @@ fn isolate_failure(
     let trial = failure.request.trial + MAX_TRIALS;
     let budget = isolation_budget(resolved.plan.falsify.as_ref().map_or(0, |falsify| falsify.budget));
     let is_random = resolve::space_depends_on_seed(resolved);
-    let mut system = journal.system(Some(Numbering { trial, last: 0 }))?;
+    let mut system = journal.system(Some(Numbering { trial, last: 0 }));
     Ok(isolate(&mut system, failure, budget, is_random, watch)?)
 }
 
@@ -187,16 +161,30 @@ pub(crate) fn derived_request(
 
 /// Searches for counterexamples by screening: see [`Falsification::run_screened`]. Counterexamples
 /// are from the target's own system.
-pub(crate) fn screened(
-    resolved: &ResolvedPlan,
-    (screening, system): (&mut dyn Screen, &mut dyn System),
-    sample_rate: f64,
-    watch: &mut (dyn FnMut(&FalsificationOutcome) -> ControlFlow<()> + Send),
-) -> Result<(FalsificationOutcome, ScreenedCounts), MishandleError> {
+fn screened(
+    journal: &Journal<'_>,
+    falsify: &FalsifyPlan,
+    screening: &ScreeningPlan,
+    watch: Watch<'_>,
+) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
     let ResolvedPlan { plan, space, search_space, .. } = resolved;
-    let falsify = plan.falsify.as_ref().ok_or(MishandleError::MissingPlanTable { table: "falsify" })?;
+    let max_simulations = u64::from(falsify.trials) * u64::from(falsify.budget);
     let mut campaign = Falsification::new(settings(plan, falsify), space, new_search(falsify, search_space))?;
-    Ok(campaign.run_screened(screening, system, sample_rate, watch)?)
+    let mut watch = |outcome: &FalsificationOutcome| {
+        watch(&Progress {
+            simulations: outcome.simulations,
+            max_simulations,
+            ended: outcome.trials.iter().filter(|trial| trial.end.is_some()).count() as u32,
+            falsified: outcome.falsified_trials,
+        })
+    };
+    let mut screen = journal.screening();
+    let found = campaign.run_screened(&mut screen, &mut journal.system(None), screening.confirm, &mut watch);
+    let (outcome, counts) = journal.result(found)?;
+    let answer = falsification_result(resolved, &outcome, Some(&counts), &journal.path());
+    let answer = Answer::Falsification(Box::new(answer));
+    Ok(Found { answer, ended: ended(&outcome.trials), is_checked: false })
 }
 
 fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
@@ -211,11 +199,13 @@ fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
     }
 }
 
-/// Checks seed and status of a recorded trial against the recorded simulations.
+/// Checks seed and status of a recorded trial against the recorded simulations, after which the
+/// searches that end without another one have ended if the outcome `is_settled`.
 fn check_trial(
     resolved: &ResolvedPlan,
     trial: &TrialRecord,
     recorded: &FalsificationOutcome,
+    is_settled: bool,
 ) -> Result<(), MishandleError> {
     let mut differences: Vec<String> = seed_difference(resolved, trial).into_iter().collect();
     let outcome = recorded.trials.iter().find(|outcome| outcome.trial == trial.number);
@@ -223,7 +213,7 @@ fn check_trial(
     // The process can have been killed before it recorded the end, and a search can end without
     // another simulation.
     let ended_between = |status: TrialStatus| match status {
-        TrialStatus::Converged => true,
+        TrialStatus::Converged => !is_settled,
         TrialStatus::Falsified => outcome.is_some_and(TrialOutcome::falsified),
         _ => false,
     };
@@ -245,11 +235,10 @@ fn check_trial(
 /// it.
 pub(crate) fn seed_difference(resolved: &ResolvedPlan, trial: &TrialRecord) -> Option<String> {
     let TrialRecord { number, seed, .. } = *trial;
-    let settings =
-        FalsificationSettings { seed: Seed(resolved.plan.seed), ..FalsificationSettings::default() };
-    let Some(expected) = (number > 0).then(|| settings.trial_seed(number).0) else {
+    if number == 0 {
         return Some("trial 0: trials are numbered from 1".to_string());
-    };
+    }
+    let expected = resolved.trial_seed(number);
     (seed != expected).then(|| format!("seed of trial {number}: recorded {seed}, expected {expected}"))
 }
 
@@ -285,23 +274,11 @@ fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
     })
 }
 
-/// Returns a recorded simulation, with its trace if the failure mode matters to the search.
-pub(crate) fn with_needed_trace(
-    run: &RunFile,
-    recorded: Simulation,
-    falsify: &FalsifyPlan,
-) -> Result<Simulation, MishandleError> {
-    if falsify.keep_going && recorded.is_violated() {
-        return Ok(run.simulation(recorded.trial, recorded.number)?);
-    }
-    Ok(recorded)
-}
-
 /// Returns an upper bound of the failure rate in the space if no simulation fails, with 95 %
 /// confidence: see [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws
 /// independent uniform samples, because the points of other searches are not a random sample, or if
 /// a random target has the same seed in all of them.
-pub fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
+pub(super) fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.search_space)(0).ok()?;
     let is_one_draw = falsify.fixed_seed.is_some() && resolve::space_depends_on_seed(resolved);
@@ -316,4 +293,10 @@ pub(crate) fn status(trial: &TrialOutcome) -> TrialStatus {
         Some(TrialEnd::SearchEnded(_)) => TrialStatus::Converged,
         Some(_) => TrialStatus::BudgetSpent,
     }
+}
+
+/// Returns the trials that have ended, with their statuses.
+fn ended(trials: &[TrialOutcome]) -> Vec<(u32, TrialStatus)> {
+    let ended = trials.iter().filter(|trial| trial.end.is_some());
+    ended.map(|trial| (trial.trial, status(trial))).collect()
 }

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use mishandle_evaluation::{
     ClippedDifferences, Decision, DifferenceSequence, Estimate, StopRule, decides_success,
 };
-use mishandle_results::{Number, Sequential};
+use mishandle_results::{Evaluation, Number, Sequential};
 use mishandle_rollout::Episode;
 use mishandle_store::RunWriter;
 use mishandle_text::{decimal, number_text, p_value_text, plural};
@@ -15,6 +15,7 @@ use mishandle_text::{decimal, number_text, p_value_text, plural};
 use crate::error::MishandleError;
 use crate::plan::{ComparePlan, EvaluatePlan, Measure, Plan, Until};
 use crate::resolve::ResolvedPlan;
+use crate::run::ask::{Engine, conclude, open};
 use crate::run::evaluate::with_requests;
 use crate::run::evaluating::Evaluating;
 use crate::run::rate_rule::decision_name;
@@ -187,7 +188,7 @@ impl PairRule {
 }
 
 /// Runs both evaluations of a comparison in step until its rule decides, then their corners and
-/// control arms. Returns whether they are complete.
+/// control arms. Returns the answers of both.
 ///
 /// `runs` are open run files of the plans, which have the same table `[compare]`; the simulations
 /// that they contain are not repeated. `watch` gets the numbers of finished simulations and of all
@@ -200,17 +201,20 @@ pub fn evaluate_pairs(
     plans: [&ResolvedPlan; 2],
     runs: [RunWriter; 2],
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
-) -> Result<bool, MishandleError> {
+) -> Result<[Evaluation; 2], MishandleError> {
     let [first, second] = plans;
     let rule = PairRule::new(&first.plan).filter(|_| first.plan.compare == second.plan.compare);
     let mut rule = rule.ok_or(MishandleError::MissingPlanTable { table: "compare" })?;
     let [first_run, second_run] = runs;
-    with_requests(first, |first_requests| {
+    let first_journal = open(first, first_run.into(), Engine::Direct)?;
+    let second_journal = open(second, second_run.into(), Engine::Direct)?;
+    let found = with_requests(first, |first_requests| {
         with_requests(second, |second_requests| {
             let mut waiting = [VecDeque::new(), VecDeque::new()];
-            let mut a =
-                Evaluating::open(first, first_requests, first_run, |it| waiting[0].push_back(Side::of(it)))?;
-            let mut b = Evaluating::open(second, second_requests, second_run, |it| {
+            let mut a = Evaluating::open(&first_journal, first_requests, |it| {
+                waiting[0].push_back(Side::of(it));
+            })?;
+            let mut b = Evaluating::open(&second_journal, second_requests, |it| {
                 waiting[1].push_back(Side::of(it));
             })?;
             let max = a.max_simulations()? + b.max_simulations()?;
@@ -242,16 +246,14 @@ pub fn evaluate_pairs(
                 take_pairs(&mut rule, &mut waiting)?;
             }
             if !rule.has_enough() {
-                a.close()?;
-                b.close()?;
-                return Ok(false);
+                return Ok([a.found(), b.found()]);
             }
             a.end();
             b.end();
             let others = b.done();
             let mut done_by_a = a.done();
-            let is_complete = if is_stopped {
-                a.close()?.is_complete
+            let a = if is_stopped {
+                a.found()
             } else {
                 a.finish(&mut |done, _| {
                     done_by_a = done;
@@ -259,13 +261,15 @@ pub fn evaluate_pairs(
                     is_stopped |= flow.is_break();
                     flow
                 })?
-                .is_complete
             };
             let b =
-                if is_stopped { b.close()? } else { b.finish(&mut |done, _| watch(done + done_by_a, max))? };
-            Ok(is_complete && b.is_complete)
+                if is_stopped { b.found() } else { b.finish(&mut |done, _| watch(done + done_by_a, max))? };
+            Ok([a, b])
         })
-    })
+    });
+    let [first_found, second_found] = found?;
+    let first = conclude(first_journal, first_found)?.try_into()?;
+    Ok([first, conclude(second_journal, second_found)?.try_into()?])
 }
 
 /// Adds the pairs of which both simulations are there.

@@ -51,11 +51,6 @@ impl RateRule {
         }
     }
 
-    /// Returns what the rule decided; `None` if more simulations are necessary.
-    pub(crate) fn decision(&self) -> Option<Decision> {
-        self.decision
-    }
-
     /// Returns whether the rule ended the evaluation.
     pub(crate) fn is_decided(&self) -> bool {
         self.decision.is_some()

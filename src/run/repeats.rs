@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::Repeats;
-use mishandle_falsification::{FalsificationOutcome, Minimum, Repeated, measure_noise, repeat, repeat_seeds};
+use mishandle_falsification::{Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle_random::Seed;
-use mishandle_results::{Estimate, Simulation};
+use mishandle_results::{Estimate, Falsification, Simulation, Trial};
 use mishandle_rollout::Scenario;
 use mishandle_text::plural;
 
@@ -25,16 +25,20 @@ use crate::run::result::repeated_result;
 /// If a simulation cannot be run.
 pub fn counterexample_repeats(
     resolved: &ResolvedPlan,
-    found: &FalsificationOutcome,
+    found: &Falsification,
     requested: Option<u64>,
     mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
 ) -> Result<BTreeMap<u32, Repeats>, MishandleError> {
-    let counterexamples: Vec<(u32, &Minimum)> = found
+    let minimum = |trial: &Trial| {
+        let scenario = Scenario::new(trial.initial_configuration.clone()?);
+        Some((trial.trial, scenario, Seed(trial.seed?.0)))
+    };
+    let counterexamples: Vec<(u32, Scenario, Seed)> = found
         .trials
         .iter()
-        .filter(|trial| trial.falsified())
-        .filter_map(|trial| Some((trial.trial, trial.minimum.as_ref()?)))
-        .filter(|(_, minimum)| depends_on_seed(resolved, &minimum.scenario))
+        .filter(|trial| trial.falsified)
+        .filter_map(minimum)
+        .filter(|(_, scenario, _)| depends_on_seed(resolved, scenario))
         .collect();
     let number = counterexamples.len() as u64;
     let requested = requested.unwrap_or(Repeated::Counterexample.simulations());
@@ -46,9 +50,8 @@ pub fn counterexample_repeats(
     let mut system = resolved.system()?;
     let mut done = 0;
     let mut is_interrupted = false;
-    for (trial, minimum) in counterexamples {
-        let seeds = repeat_seeds(minimum.seed, each);
-        let report = repeat(&mut *system, &minimum.scenario, seeds, |_| {
+    for (trial, scenario, seed) in counterexamples {
+        let report = repeat(&mut *system, &scenario, repeat_seeds(seed, each), |_| {
             done += 1;
             let flow = watch(done, each * number);
             is_interrupted |= flow.is_break();

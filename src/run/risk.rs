@@ -1,15 +1,19 @@
 //! The probability that a system violates its requirement, under the distribution of a plan.
 
-use std::ops::ControlFlow;
-
+use mishandle_results::Answer;
 use mishandle_risk::{
-    Disagreement, FREQUENT, LARGEST_RATIO, Method, Refusal, Report, Scenarios, Settings, Source,
+    Disagreement, FREQUENT, LARGEST_RATIO, Method, Refusal, Report, Scenarios, ScreenedSettings, Settings,
+    Source, risk, screened_risk,
 };
-use mishandle_rollout::{Seed, System};
+use mishandle_rollout::Seed;
+use mishandle_store::TrialStatus;
 
 use crate::error::MishandleError;
 use crate::plan::RiskPlan;
 use crate::resolve::{ResolvedPlan, space_depends_on_seed};
+use crate::run::ask::{Found, Progress, Watch};
+use crate::run::journal::{Journal, Numbering};
+use crate::run::result::{risk_result, screened_risk_result};
 use mishandle_text::{plural, probability_text};
 
 /// Returns the distribution of the scenarios of a plan.
@@ -36,27 +40,34 @@ pub(crate) fn check_risk_method(resolved: &ResolvedPlan) -> Result<(), Mishandle
     Ok(())
 }
 
-/// Estimates the probability that a simulation violates the requirement of a plan: see
-/// [`mishandle_risk::risk()`](mishandle_risk::risk()).
-///
-/// `watch` gets the number of simulations after each batch, and can interrupt the estimation.
-///
-/// # Errors
-/// If the plan has no table `[risk]`, nothing is random, or a simulation cannot be run.
-pub fn risk(
-    resolved: &ResolvedPlan,
-    system: &mut dyn System,
-    watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<Report, MishandleError> {
+/// Trial of the simulations.
+const TRIAL: u32 = 1;
+
+/// Estimates the probability that a simulation violates the requirement of a plan.
+pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
     let table = table(resolved)?;
-    let settings = Settings {
-        simulations: table.simulations,
-        method: table.method()?,
-        seed: Seed(resolved.plan.seed),
-        batch: table.batch as usize,
-    };
     let scenarios = risk_scenarios(resolved)?;
-    Ok(mishandle_risk::risk(system, &scenarios, &settings, watch)?)
+    let max_simulations = table.simulations;
+    let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
+    let mut system = journal.system(Some(Numbering { trial: TRIAL, last: 0 }));
+    let seed = Seed(resolved.plan.seed);
+    let batch = table.batch as usize;
+    let path = journal.path();
+    let found = if let Some(screening) = &resolved.plan.screening {
+        let settings =
+            ScreenedSettings { simulations: table.simulations, sample_rate: screening.confirm, seed, batch };
+        let mut screen = journal.screening();
+        let report =
+            screened_risk(&mut screen, &mut system, &scenarios, &settings, &mut |done| watch(done.screened));
+        screened_risk_result(resolved, &scenarios, &journal.result(report)?, &path)
+    } else {
+        let settings = Settings { simulations: table.simulations, method: table.method()?, seed, batch };
+        let report = risk(&mut system, &scenarios, &settings, watch);
+        risk_result(resolved, &scenarios, &journal.result(report)?, &path)
+    };
+    let ended = if found.is_complete { vec![(TRIAL, TrialStatus::BudgetSpent)] } else { Vec::new() };
+    Ok(Found { answer: Answer::Risk(Box::new(found)), ended, is_checked: false })
 }
 
 fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {

@@ -3,15 +3,12 @@
 use mishandle_controllers::guard::{ROBUSTNESS, Switch};
 use mishandle_rollout::{Episode, Request};
 use mishandle_stl::{Clock, Formula, Trace, is_violated};
-use mishandle_store::RunFile;
+use mishandle_store::{RANDOM_TRIAL, RunFile};
 
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 use crate::run::violation::decided;
 use crate::run::{evaluation_request, record};
-
-/// Trial of the random simulations.
-pub(super) const TRIAL: u32 = 1;
 
 /// Number of simulations whose traces are in memory together.
 const BATCH: usize = 256;
@@ -91,7 +88,7 @@ impl WatchedRun {
         let mut found = WatchedRun::default();
         let mut again = Vec::new();
         let control_dt = resolved.target.control_dt;
-        for simulation in run.trial_simulations(TRIAL) {
+        for simulation in run.trial_simulations(RANDOM_TRIAL) {
             let simulation = simulation?;
             let episode = record::episode(&simulation, resolved)?;
             if !episode.end.counts_in_rates() {
@@ -108,7 +105,7 @@ impl WatchedRun {
                 continue;
             }
             // A list of simulations has no traces.
-            match run.simulation(TRIAL, number)?.trace {
+            match run.simulation(RANDOM_TRIAL, number)?.trace {
                 Some(stored) => {
                     let trace = record::trace(resolved.signal_names(), &stored);
                     found.simulations.push(Watched::new(
@@ -126,7 +123,7 @@ impl WatchedRun {
             for batch in again.chunks(BATCH) {
                 let mut requests: Vec<Request> = Vec::with_capacity(batch.len());
                 for (number, _) in batch {
-                    requests.extend(evaluation_request(resolved, TRIAL, *number)?);
+                    requests.extend(evaluation_request(resolved, RANDOM_TRIAL, *number)?);
                 }
                 for ((number, fails), episode) in batch.iter().zip(system.rollout(&requests)?) {
                     let rule = (&requirement.formula, *fails);

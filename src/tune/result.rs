@@ -7,6 +7,7 @@ use mishandle_evaluation::{PairedCounts, paired_rates, wilson};
 use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed};
 use mishandle_rollout::Episode;
 use mishandle_stl::is_violated;
+use mishandle_store::RANDOM_TRIAL;
 use mishandle_text::{path_text, plural};
 
 use super::alarm::{Requirement, WatchedRun};
@@ -100,7 +101,7 @@ fn lead(watched: &WatchedRun, switch: &Switch, control_dt: f64) -> Option<AlarmL
 fn paired(first: &Asked, second: &Asked) -> Result<PairedRates, MishandleError> {
     let outcomes = |asked: &Asked| -> Result<Vec<Option<Outcome>>, MishandleError> {
         let run = asked.run()?;
-        let rows = run.trial_simulations(super::alarm::TRIAL);
+        let rows = run.trial_simulations(RANDOM_TRIAL);
         rows.map(|row| Ok(outcome(&asked.requirement, &record::episode(&row?, &asked.resolved)?))).collect()
     };
     let mut counts = PairedCounts::default();

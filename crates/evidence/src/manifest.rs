@@ -2,8 +2,9 @@
 
 use mishandle::Plan;
 use mishandle::build::build;
-use mishandle::inspect::{requirements, run_facts};
+use mishandle::inspect::run_facts;
 use mishandle::portable::portable_plan;
+use mishandle::run::requirements;
 use mishandle::store::{BuildRecord, ComponentRecord, RunFile};
 use serde::{Deserialize, Serialize};
 

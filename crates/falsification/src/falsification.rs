@@ -42,7 +42,7 @@ impl Default for FalsificationSettings {
 impl FalsificationSettings {
     /// Returns the seed of trial `number`, counted from 1.
     pub fn trial_seed(&self, number: u32) -> Seed {
-        self.seed.child(u64::from(number) - 1)
+        trial_seed(self.seed, number)
     }
 
     /// Returns the random seed of a simulation of a trial, both counted from 1.
@@ -54,6 +54,12 @@ impl FalsificationSettings {
     pub(crate) fn own_seed(&self, trial: u32, number: u32) -> Seed {
         self.trial_seed(trial).child(u64::from(number))
     }
+}
+
+/// Returns the seed of trial `number`, counted from 1, of a falsification with the random seed
+/// `seed`.
+pub fn trial_seed(seed: Seed, number: u32) -> Seed {
+    seed.child(u64::from(number) - 1)
 }
 
 /// The results of one batch of simulations.
@@ -234,6 +240,19 @@ impl<'a> Falsification<'a> {
             }
         }
         Ok(self.outcome())
+    }
+
+    /// Ends trial `number` if its search has no further simulation. The falsification must not run
+    /// afterwards.
+    ///
+    /// # Errors
+    /// If the search fails.
+    pub fn settle(&mut self, number: u32) -> Result<(), FalsificationError> {
+        let index = (number as usize).wrapping_sub(1);
+        if matches!(self.slots.get(index), Some(Slot::Running(_))) {
+            self.ask(index, 1)?;
+        }
+        Ok(())
     }
 
     /// Returns the outcome so far.

@@ -57,7 +57,7 @@ mod trial;
 pub use bound::{inside_bounds, is_inside_of, on_bounds};
 pub use coordinate::{coordinate, search_space};
 pub use error::FalsificationError;
-pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings};
+pub use falsification::{Falsification, FalsificationBatch, FalsificationSettings, trial_seed};
 pub use isolate::{isolate, isolation_budget};
 pub use keep_going::{KeepGoing, SignatureOf, simulations_without_mode};
 pub use margin::{

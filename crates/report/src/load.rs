@@ -4,13 +4,14 @@ use std::path::Path;
 
 use mishandle::evaluation::{Corners, Lifetime, Metrics};
 use mishandle::inspect::{
-    ExplainedSimulation, FailureModes, ModeSurvey, axis_rates, explain, failure_modes, metric_counter,
-    mode_survey, requirements,
+    ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
 use mishandle::portable::portable_plan;
 use mishandle::results::{Answer, AxisRates, Requirement};
 use mishandle::rollout::{Axis, Seed};
-use mishandle::run::{RecordedParts, recorded_answer, recorded_axis, recorded_parts};
+use mishandle::run::{
+    RecordedParts, axis_rates, metric_counter, recorded_answer, recorded_axis, recorded_parts, requirements,
+};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -292,7 +293,7 @@ impl RunReport {
         if !self.has_answer() || self.counts.simulations == 0 {
             return Ok(());
         }
-        let answer = recorded_answer(resolved, run)?.result(resolved, run.path())?;
+        let answer = recorded_answer(resolved, run)?;
         if let Answer::Margin(found) = &answer
             && let Some(witness) = &found.witness
         {

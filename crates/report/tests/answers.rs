@@ -21,7 +21,7 @@ fn asked(plan: &Plan, calls: u64) -> (Answer, String) {
         left = left.saturating_sub(1);
         if left > 0 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
-    let answer = answer.unwrap().result(&resolved, &path).unwrap();
+    let answer = answer.unwrap();
     let run = RunFile::open(&path).unwrap();
     let mut report = RunReport::load(&run, "runs/run.sqlite").unwrap();
     report.add_answer(&run, None).unwrap();

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{Evaluation, Falsification, Hardening, Margin, Metamorphic, Risk};
+use crate::Answer;
 
 /// A grid of runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -24,24 +24,4 @@ pub struct CampaignRun {
     pub kind: String,
     /// The result. The command of that name, if there is one, prints it with `schema`.
     pub result: Answer,
-}
-
-/// The result of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(untagged)]
-#[cfg_attr(feature = "schema", schemars(inline))]
-pub enum Answer {
-    /// That of `evaluate`.
-    Evaluation(Box<Evaluation>),
-    /// That of `falsify`.
-    Falsification(Box<Falsification>),
-    /// That of `margin`.
-    Margin(Box<Margin>),
-    /// The result of metamorphic relations.
-    Metamorphic(Box<Metamorphic>),
-    /// That of `risk`.
-    Risk(Box<Risk>),
-    /// That of `harden`.
-    Hardening(Box<Hardening>),
 }

@@ -31,6 +31,7 @@
 //! assert_eq!(serde_json::to_string(&rate).unwrap(), r#"{"value":0.5,"low":0.1,"high":"inf","n":4}"#);
 //! ```
 
+mod answer;
 mod axis_rates;
 mod bisection;
 mod campaign;
@@ -69,9 +70,10 @@ mod subject;
 mod training;
 mod values;
 
+pub use answer::{Answer, OtherQuestion};
 pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use bisection::{BisectedCandidate, Bisection};
-pub use campaign::{Answer, Campaign, CampaignRun};
+pub use campaign::{Campaign, CampaignRun};
 pub use catalog::{
     Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,
 };

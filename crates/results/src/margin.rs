@@ -18,7 +18,7 @@ pub struct Margin {
     pub simulations: u64,
     /// Whether the seed has an effect. If so, the simulations of the search have different seeds.
     pub is_random: bool,
-    /// Whether the search was not interrupted.
+    /// Whether the search and the repeats of the witness were not interrupted.
     pub is_complete: bool,
     /// Names of the categorical axes and the category at which each of them stays. A margin varies
     /// numbers only.

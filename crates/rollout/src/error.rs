@@ -151,6 +151,9 @@ pub enum RolloutError {
     /// A system outside this crate failed.
     #[error("the system under test failed: {0}")]
     System(String),
+    /// The caller of a question ended it. Nobody reads this: the caller knows why.
+    #[error("the caller ended the question")]
+    Ended,
     /// Random scenario after random scenario is invalid.
     #[error("{environment} could not start from {draws} random scenarios one after the other")]
     NoStart {

@@ -154,7 +154,7 @@ pub use header::{
 pub use parquet::export_parquet;
 pub use reason::EndReasons;
 pub use record::{Counts, Simulation, SimulationEnd, TrialRecord, TrialStatus, TrialSummary};
-pub use run_file::{MAX_TRIALS, RunFile, Simulations};
+pub use run_file::{MAX_TRIALS, RANDOM_TRIAL, RunFile, Simulations};
 pub use run_writer::{IfExists, RunWriter};
 pub use screened::{ScreenedChunk, requests_digest};
 pub use trace_blob::{StoredTrace, trace_digest};

@@ -22,6 +22,9 @@ const PAGE: usize = 256;
 /// space may use them, so only [`RunFile::derived_simulations`] returns them.
 pub const MAX_TRIALS: u32 = 1_000_000;
 
+/// Number of the trial of the random simulations of an evaluation.
+pub const RANDOM_TRIAL: u32 = 1;
+
 /// Largest number of axes and verdicts in all simulations that are read at once.
 const PAGE_VALUES: usize = 1 << 18;
 

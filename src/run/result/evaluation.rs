@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use mishandle_evaluation::{CornerReport, CornerResult, TwoPhase};
+use mishandle_evaluation::{CornerReport, CornerResult, ScreenedEvaluation, TwoPhase};
 use mishandle_results::{
     CornerPoint, Corners, Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed,
 };
@@ -8,27 +8,16 @@ use mishandle_rollout::Axis;
 
 use crate::plan::StartRegion;
 use crate::resolve::{ResolvedPlan, named_scenario};
-use crate::run::{EvaluationOutcome, ScreenedEvaluationOutcome, rejects_scenarios};
+use crate::run::rejects_scenarios;
 
-/// Returns the result of an evaluation. `run` is the path of its run file.
-pub fn evaluation_result(resolved: &ResolvedPlan, found: &EvaluationOutcome, run: &Path) -> Evaluation {
-    let evaluate = resolved.plan.evaluate.clone().unwrap_or_default();
-    Evaluation {
-        metrics: found.report.clone(),
-        corners: found.corners.as_ref().map(|report| corners(resolved.space.axes(), report)),
-        sequential: found.rule.as_ref().map(|rule| rule.result(&evaluate)),
-        control: found.control.clone(),
-        ..empty(resolved, run, found.is_complete)
-    }
-}
-
-/// Returns the result of a screened evaluation. `run` is the path of its run file.
-pub fn screened_evaluation_result(
+/// Returns the result of a screened evaluation. `corners` are those of the target's system, `run`
+/// is the path of its run file.
+pub(crate) fn screened_evaluation_result(
     resolved: &ResolvedPlan,
-    found: &ScreenedEvaluationOutcome,
+    report: &ScreenedEvaluation,
+    corners: Option<&CornerReport>,
     run: &Path,
 ) -> Evaluation {
-    let report = &found.report;
     let finding =
         |counts: TwoPhase| Finding { flagged: counts.flagged_events, audit_sample: counts.sampled_events };
     let findings = [
@@ -59,7 +48,7 @@ pub fn screened_evaluation_result(
             dangerous_episode_rate: report.dangerous_episode_rate(),
             task_completion_time: None,
         },
-        corners: found.corners.as_ref().map(|report| corners(resolved.space.axes(), report)),
+        corners: corners.map(|report| corners_result(resolved.space.axes(), report)),
         screening: Some(Screening {
             confirmed_without_verdict: report.without_verdict,
             findings: Some(findings.collect::<Named<_>>()),
@@ -71,11 +60,13 @@ pub fn screened_evaluation_result(
             )
         }),
         failures: Some(failures.collect()),
-        ..empty(resolved, run, report.is_complete)
+        ..evaluation_result(resolved, run, report.is_complete)
     }
 }
 
-fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
+/// Returns the result of an evaluation without what its simulations say. `run` is the path of its
+/// run file.
+pub(crate) fn evaluation_result(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
     let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default();
     let starts = match starts {
         StartRegion::Whole => "whole",
@@ -99,7 +90,8 @@ fn empty(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
     }
 }
 
-fn corners(axes: &[Axis], report: &CornerReport) -> Corners {
+/// Returns the results at the corners and the center of the initial box.
+pub(crate) fn corners_result(axes: &[Axis], report: &CornerReport) -> Corners {
     let last = report.points.len().saturating_sub(1);
     let point = |(index, point): (usize, &CornerResult)| CornerPoint {
         kind: if index == last { "center" } else { "corner" }.to_string(),

@@ -7,12 +7,13 @@ use mishandle_search::OptionValue;
 
 use crate::plan::FalsifyPlan;
 use crate::resolve::{ResolvedPlan, named_scenario};
-use crate::run::{end_text, failure_rate_bound};
+use crate::run::end_text;
+use crate::run::falsify::failure_rate_bound;
 
 /// Returns the result of a falsification, without the repeats of its counterexamples, the smooth
 /// region and the failure modes. `counts` are those of its screening, `run` is the path of its run
 /// file.
-pub fn falsification_result(
+pub(crate) fn falsification_result(
     resolved: &ResolvedPlan,
     found: &FalsificationOutcome,
     counts: Option<&ScreenedCounts>,

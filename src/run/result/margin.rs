@@ -6,11 +6,11 @@ use mishandle_results::{CategoryMargin, Named, Repeats, Seed};
 use mishandle_rollout::{AxisValues, Space};
 
 use crate::resolve::{ResolvedPlan, named_scenario, space_depends_on_seed};
-use crate::run::MarginOutcome;
+use crate::run::margin::MarginOutcome;
 
 /// Returns the result of a search for the smallest disturbance. `run` is the path of its run file.
-pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path) -> results::Margin {
-    let MarginOutcome { margin, each_category, simulations, repeats, is_complete: _ } = found;
+pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path) -> results::Margin {
+    let MarginOutcome { margin, each_category, simulations, repeats, is_complete } = found;
     let passed = margin.largest_without_violation();
     let witness = |witness: &Witness| {
         let Witness { episode, norms, axes } = witness;
@@ -31,7 +31,7 @@ pub fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path)
         formula: resolved.specification.requirement.to_string(),
         simulations: *simulations,
         is_random: space_depends_on_seed(resolved),
-        is_complete: margin.is_complete,
+        is_complete: *is_complete,
         categories: categories(&resolved.space, space_of(found).unwrap_or(&resolved.space)),
         each_category: each_category
             .iter()

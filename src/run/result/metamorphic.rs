@@ -16,7 +16,7 @@ use crate::resolve::{
 ///
 /// # Errors
 /// If the plan is not that of the test.
-pub fn metamorphic_result(
+pub(crate) fn metamorphic_result(
     resolved: &ResolvedPlan,
     found: &Metamorphic,
     run: &Path,

@@ -16,7 +16,7 @@ use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::{risk_assumption, risk_refusals};
 
 /// Returns the result of an estimation. `run` is the path of its run file.
-pub fn risk_result(
+pub(crate) fn risk_result(
     resolved: &ResolvedPlan,
     scenarios: &Scenarios,
     report: &Report,
@@ -54,7 +54,7 @@ pub fn risk_result(
 
 /// Returns the result of a screened estimation, which is that of plain Monte Carlo. `run` is the
 /// path of its run file.
-pub fn screened_risk_result(
+pub(crate) fn screened_risk_result(
     resolved: &ResolvedPlan,
     scenarios: &Scenarios,
     report: &ScreenedReport,

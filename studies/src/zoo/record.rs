@@ -4,10 +4,8 @@
 //! and saving a record gives the same bytes.
 
 use mishandle::ResolvedPlan;
-use mishandle::evaluation::{CornerReport, CornerResult, Estimate};
-use mishandle::falsification::{FalsificationOutcome, TrialEnd, TrialOutcome};
 use mishandle::plan::StartRegion;
-use mishandle::run::{EvaluationOutcome, rejects_scenarios};
+use mishandle::results::{CornerPoint, Corners, Estimate, Evaluation, Falsification, Trial};
 use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
 
@@ -161,14 +159,14 @@ pub struct EvaluationRecord {
 
 impl EvaluationRecord {
     /// Returns the record of an evaluation.
-    pub fn new(resolved: &ResolvedPlan, outcome: &EvaluationOutcome) -> EvaluationRecord {
-        let report = &outcome.report;
+    pub fn new(resolved: &ResolvedPlan, found: &Evaluation) -> EvaluationRecord {
+        let report = &found.metrics;
         let estimate =
             |estimate: &Option<Estimate>| estimate.as_ref().map(EstimateRecord::from).unwrap_or_default();
         EvaluationRecord {
             plan: PlanRecord::from(resolved),
             starts: resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default(),
-            leaves_out_starts: rejects_scenarios(resolved),
+            leaves_out_starts: found.leaves_out_starts,
             simulations: report.simulations,
             diverged: report.diverged,
             undecided: report.undecided,
@@ -178,7 +176,7 @@ impl EvaluationRecord {
             dangerous_behavior_rate: estimate(&report.dangerous_behavior_rate),
             dangerous_episode_rate: estimate(&report.dangerous_episode_rate),
             task_completion_time: estimate(&report.task_completion_time),
-            corners: outcome.corners.as_ref().map(CornersRecord::from).unwrap_or_default(),
+            corners: found.corners.as_ref().map(CornersRecord::from).unwrap_or_default(),
         }
     }
 }
@@ -228,32 +226,29 @@ impl CornersRecord {
     }
 }
 
-impl From<&CornerReport> for CornersRecord {
-    fn from(report: &CornerReport) -> CornersRecord {
-        let count = |holds: &dyn Fn(&CornerResult) -> bool| {
-            report.corners().filter(|point| holds(point)).count() as u32
-        };
-        let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
-        let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
+impl From<&Corners> for CornersRecord {
+    fn from(found: &Corners) -> CornersRecord {
         // A record has no third answer: a point without a verdict does not succeed.
-        let succeeds = |point: &CornerResult| point.succeeds() == Some(true);
-        let fails = |point: &&CornerResult| !succeeds(point) || point.succeeds_strictly() == Some(false);
-        let failing = |point: &CornerResult| FailingPoint {
-            values: point.scenario.values().to_vec(),
+        let succeeds = |point: &CornerPoint| point.has_verdict() && point.successes == point.started();
+        let fails_strictly = |point: &CornerPoint| {
+            point.has_verdict() && point.strict_successes.is_some_and(|strict| strict < point.started())
+        };
+        let fails = |point: &&CornerPoint| point.counts && (!succeeds(point) || fails_strictly(point));
+        let failing = |point: &CornerPoint| FailingPoint {
+            values: point.scenario.values().copied().collect(),
             successes: point.successes,
             strict_successes: point.strict_successes,
         };
         CornersRecord {
-            seeds: report.seeds,
-            n: report.corners().count() as u32,
-            succeeding: count(&succeeds),
-            strictly_succeeding: has_strict.then(|| count(&|point| point.succeeds_strictly() == Some(true))),
-            carefully_succeeding: has_careful
-                .then(|| count(&|point| point.succeeds_carefully() == Some(true))),
-            center_succeeds: report.center().map(succeeds),
-            center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
-            center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
-            failing: report.corners().chain(report.center()).filter(fails).map(failing).collect(),
+            seeds: found.seeds,
+            n: found.n as u32,
+            succeeding: found.succeeding as u32,
+            strictly_succeeding: found.strictly_succeeding.map(|count| count as u32),
+            carefully_succeeding: found.carefully_succeeding.map(|count| count as u32),
+            center_succeeds: found.points.last().filter(|center| center.counts).map(succeeds),
+            center_strictly_succeeds: found.center_strictly_succeeds,
+            center_carefully_succeeds: found.center_carefully_succeeds,
+            failing: found.points.iter().filter(fails).map(failing).collect(),
         }
     }
 }
@@ -308,19 +303,18 @@ pub struct FalsificationRecord {
 
 impl FalsificationRecord {
     /// Returns the record of a falsification.
-    pub fn new(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> FalsificationRecord {
-        let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+    pub fn new(resolved: &ResolvedPlan, found: &Falsification) -> FalsificationRecord {
         FalsificationRecord {
             plan: PlanRecord::from(resolved),
-            search: falsify.search,
-            formula: resolved.specification.requirement.to_string(),
-            budget: falsify.budget,
-            falsified_trials: outcome.falsified_trials,
-            falsification_rate: EstimateRecord::from(&outcome.falsification_rate),
-            mean_simulations: outcome.mean_simulations,
-            median_simulations: outcome.median_simulations,
-            restricted_mean_simulations: outcome.restricted_mean_simulations,
-            trials: outcome.trials.iter().map(TrialMeasurement::from).collect(),
+            search: found.search.clone(),
+            formula: found.formula.clone(),
+            budget: found.budget,
+            falsified_trials: found.falsified_trials,
+            falsification_rate: EstimateRecord::from(&found.falsification_rate),
+            mean_simulations: found.mean_simulations,
+            median_simulations: found.median_simulations,
+            restricted_mean_simulations: found.restricted_mean_simulations,
+            trials: found.trials.iter().map(TrialMeasurement::from).collect(),
         }
     }
 }
@@ -353,26 +347,19 @@ pub struct TrialMeasurement {
     pub undecided: u32,
 }
 
-impl From<&TrialOutcome> for TrialMeasurement {
-    fn from(outcome: &TrialOutcome) -> TrialMeasurement {
-        let minimum = outcome.minimum.as_ref();
-        let end = |end| match end {
-            TrialEnd::Falsified => "falsified",
-            TrialEnd::BudgetSpent => "budget spent",
-            TrialEnd::ModesDriedUp => "modes dried up",
-            TrialEnd::SearchEnded(_) => "search ended",
-        };
+impl From<&Trial> for TrialMeasurement {
+    fn from(found: &Trial) -> TrialMeasurement {
         TrialMeasurement {
-            trial: outcome.trial,
-            falsified: outcome.falsified(),
-            simulations: outcome.simulations,
-            minimum_robustness: minimum.map(|minimum| minimum.robustness),
-            initial_configuration: minimum.map(|minimum| minimum.scenario.values().to_vec()),
-            simulation: minimum.map(|minimum| minimum.number),
-            seed: minimum.map(|minimum| minimum.seed.0),
-            end: outcome.end.map(|found| end(found).to_string()),
-            diverged: outcome.diverged,
-            undecided: outcome.undecided,
+            trial: found.trial,
+            falsified: found.falsified,
+            simulations: found.simulations,
+            minimum_robustness: found.minimum_robustness.map(|robustness| robustness.0),
+            initial_configuration: found.initial_configuration.clone(),
+            simulation: found.simulation,
+            seed: found.seed.map(|seed| seed.0),
+            end: found.end.clone(),
+            diverged: found.diverged,
+            undecided: found.undecided,
         }
     }
 }

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use mishandle::build::build;
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, StartRegion};
-use mishandle::run::create_run;
+use mishandle::run::{Engine, ask, create_run};
 use mishandle::tasks::{Preset, TASKS, task_hash};
 use mishandle::train::{TrainObserver, TrainPlan, reward};
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 use crate::zoo::folder::{create_parent, remove};
 use crate::zoo::measure::{CAMPAIGN_TRIALS, EVALUATION_SEED, evaluation_episodes};
@@ -166,9 +166,10 @@ impl Runner for LocalRunner {
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
-            let outcome = mishandle::evaluate(&resolved, run, |_| flow(stop))?;
-            if outcome.is_complete {
-                Ok(EvaluationRecord::new(&resolved, &outcome))
+            let answer = ask(&resolved, run, Engine::Direct, &mut |_| flow(stop))?;
+            if answer.is_complete() {
+                let found = answer.try_into().map_err(MishandleError::from)?;
+                Ok(EvaluationRecord::new(&resolved, &found))
             } else {
                 Err(ZooError::Interrupted)
             }
@@ -186,12 +187,12 @@ impl Runner for LocalRunner {
         let resolved = ResolvedPlan::new(&plan)?;
         with_run_file(&subject.run, || {
             let run = create_run(&resolved, Some(&subject.run))?;
-            let outcome = mishandle::falsify(&resolved, run, |_| flow(stop))?;
-            let ended = outcome.trials.iter().filter(|trial| trial.end.is_some()).count();
-            if ended < self.trials as usize {
-                Err(ZooError::Interrupted)
+            let answer = ask(&resolved, run, Engine::Direct, &mut |_| flow(stop))?;
+            if answer.is_complete() {
+                let found = answer.try_into().map_err(MishandleError::from)?;
+                Ok(FalsificationRecord::new(&resolved, &found))
             } else {
-                Ok(FalsificationRecord::new(&resolved, &outcome))
+                Err(ZooError::Interrupted)
             }
         })
     }

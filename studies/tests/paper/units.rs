@@ -10,6 +10,7 @@ use mishandle::ResolvedPlan;
 use mishandle::campaign::{campaign_runs, create_campaign};
 use mishandle::evaluation::{betting_mean, bootstrap_mean};
 use mishandle::rollout::Seed;
+use mishandle::run::{Engine, ask};
 use mishandle::store::{RunFile, Simulation, TrialStatus};
 use mishandle_studies::paper::{CampaignResults, Results, RunResults, Unit};
 use sha2::{Digest, Sha256};
@@ -24,10 +25,7 @@ fn campaign(text: &str, folder: &Path) -> CampaignResults {
     create_campaign(text, folder).unwrap();
     for run in campaign_runs(folder).unwrap() {
         let (file, resolved) = run.resume(Default::default()).unwrap();
-        match resolved.plan.falsify {
-            Some(_) => drop(mishandle::falsify(&resolved, file, |_| ControlFlow::Continue(())).unwrap()),
-            None => drop(mishandle::evaluate(&resolved, file, |_| ControlFlow::Continue(())).unwrap()),
-        }
+        ask(&resolved, file, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     }
     CampaignResults::read(folder, Path::new("")).unwrap()
 }

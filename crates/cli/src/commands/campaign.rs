@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::campaign::{CampaignRun, campaign_runs, create_campaign, free_campaign_folder};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::results::{Answer, Campaign};
+use mishandle::results::Campaign;
 use mishandle::run::{Device, Opening};
 use mishandle_text::{path_text, plural, shell_quote};
 
@@ -120,30 +120,11 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     ensure!(stopped.is_empty(), "{} without a result", plural(stopped.len() as u64, "run"));
     // Exit code 0 would say that the controllers were tested.
     ensure!(
-        found.runs.is_empty() || found.runs.iter().any(|run| has_verdict(&run.result)),
+        found.runs.is_empty() || found.runs.iter().any(|run| run.result.has_verdict()),
         "no simulation has a verdict, so nothing was tested; the run files contain the end of each simulation"
     );
-    let has_failed = found.runs.iter().any(|run| match &run.result {
-        Answer::Falsification(found) => found.falsified_trials > 0,
-        Answer::Margin(found) => found.witness.is_some(),
-        Answer::Metamorphic(found) => found.is_broken(),
-        Answer::Risk(found) => !found.failures.is_empty(),
-        Answer::Hardening(found) => found.after.is_none(),
-        Answer::Evaluation(_) => false,
-    });
+    let has_failed = found.runs.iter().any(|run| run.result.is_violated());
     Ok(if has_failed { ExitStatus::Violated } else { ExitStatus::Done })
-}
-
-/// Returns whether any simulation of a run has a verdict.
-fn has_verdict(result: &Answer) -> bool {
-    match result {
-        Answer::Falsification(found) => found.falsification_rate.value.is_some(),
-        Answer::Evaluation(found) => found.metrics.success_rate.value.is_some(),
-        Answer::Margin(found) => found.has_verdict(),
-        Answer::Metamorphic(found) => found.has_verdict(),
-        Answer::Risk(found) => found.monte_carlo.failure_rate.value.is_some(),
-        Answer::Hardening(found) => found.failure_probability.iter().any(|rate| rate.value.is_some()),
-    }
 }
 
 /// Opens the campaign to resume, or else creates a new one.

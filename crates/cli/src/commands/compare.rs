@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::{ComparePlan, EvaluatePlan, Measure, Until};
+use mishandle::run::Engine;
 use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
@@ -173,11 +174,11 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     for (index, (resolved, file)) in plans.iter().zip(files).enumerate() {
         bar.set_length(mishandle::run::evaluation_simulations(resolved)?);
         bar.set_note(resolved.plan.controller.clone());
-        let outcome = mishandle::run::evaluate(resolved, file, |done| {
-            bar.set_position(done);
+        let answer = mishandle::run::ask(resolved, file, Engine::Direct, &mut |progress| {
+            bar.set_position(progress.simulations);
             run::control_flow()
         })?;
-        if !outcome.is_complete {
+        if !answer.is_complete() {
             bar.clear();
             let resume = names[index..].iter().map(|name| format!("mishandle evaluate --resume {name}"));
             let compare = format!("mishandle compare {}", names.join(" "));
@@ -222,12 +223,13 @@ fn run_pairs(
     names: &[String; 2],
     bar: &Bar,
 ) -> Result<bool> {
-    let is_complete = mishandle::run::evaluate_pairs(plans, files, |done, max| {
+    let answers = mishandle::run::evaluate_pairs(plans, files, |done, max| {
         bar.set_length(max);
         bar.set_position(done);
         run::control_flow()
     })?;
     bar.clear();
+    let is_complete = answers.iter().all(|answer| answer.is_complete);
     if is_complete {
         names.iter().for_each(|name| output::message(&format!("Run file: {name}")));
     } else {

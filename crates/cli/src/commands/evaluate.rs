@@ -1,8 +1,8 @@
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::{EvaluatePlan, StartRegion, Until};
-use mishandle::results::{Answer, CornerPoint};
+use mishandle::results::{CornerPoint, Evaluation};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
@@ -56,11 +56,9 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let asked = question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
-    let question::Asked { resolved, answer, path, .. } = &asked;
-    let Answer::Evaluation(found) = mishandle::inspect::recorded_result(resolved, answer, path)? else {
-        bail!("the answer is that of another question");
-    };
+    let (answer, asked) =
+        question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
+    let found: Evaluation = answer.try_into()?;
     let report = &found.metrics;
     let has_result = report.simulations > 0;
     if command.run.json {
@@ -76,7 +74,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         }
         None => report.simulations,
     };
-    if let Some(status) = asked.report_file() {
+    if let Some(status) = asked.report_file(found.is_complete) {
         return Ok(status);
     }
     if found.starts == "reachable" && !found.leaves_out_starts {

@@ -1,10 +1,10 @@
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::Plan;
 use mishandle::plan::FalsifyPlan;
 use mishandle::results::{Answer, Falsification};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
+use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -96,8 +96,10 @@ fn name_and_value(text: &str) -> Result<(String, String), String> {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let asked = question::ask(RunKind::Falsify, &command.subject, &command.file, gpu, || plan(command))?;
-    let found = result(&asked, command.repeats)?;
+    let (mut answer, asked) =
+        question::ask(RunKind::Falsify, &command.subject, &command.file, gpu, || plan(command))?;
+    add_repeats(&mut answer, &asked.resolved, command.repeats)?;
+    let found: Falsification = answer.try_into()?;
     falsification::report_unevaluated(&found);
     if command.run.json {
         output::json(&found)?;
@@ -116,7 +118,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
             plural(found.surplus, "simulation")
         ));
     }
-    if let Some(status) = asked.report_file() {
+    if let Some(status) = asked.report_file(found.is_complete) {
         return Ok(status);
     }
     // Exit status 0 would say that the search found no violation.
@@ -133,21 +135,16 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     Ok(ExitStatus::Violated)
 }
 
-/// Returns the result, with a progress bar for the repeats of its counterexamples.
-fn result(asked: &question::Asked, repeats: Option<u32>) -> Result<Falsification> {
-    let question::Asked { resolved, answer, path, .. } = asked;
+/// Adds the repeats of the counterexamples to an answer, with a progress bar.
+fn add_repeats(answer: &mut Answer, resolved: &ResolvedPlan, repeats: Option<u32>) -> Result<()> {
     let bar = Bar::new(0, "repeats");
-    let result =
-        mishandle::inspect::whole_result(resolved, answer, path, repeats.map(u64::from), |done, all| {
-            bar.set_length(all);
-            bar.set_position(done);
-            run::control_flow()
-        })?;
+    mishandle::inspect::further(resolved, answer, repeats.map(u64::from), |done, all| {
+        bar.set_length(all);
+        bar.set_position(done);
+        run::control_flow()
+    })?;
     bar.clear();
-    match result {
-        Answer::Falsification(found) => Ok(*found),
-        _ => bail!("the answer is that of another question"),
-    }
+    Ok(())
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {

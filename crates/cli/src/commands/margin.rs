@@ -1,10 +1,9 @@
 //! `mishandle margin`: the smallest disturbance that makes a controller fail.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
-use mishandle::falsification::Margin;
-use mishandle::results::Answer;
+use mishandle::results::Margin;
 use mishandle::store::RunKind;
 
 use crate::exit_status::ExitStatus;
@@ -46,10 +45,9 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let asked = question::ask(RunKind::Margin, &command.subject, &command.file, None, || plan(command))?;
-    let Answer::Margin(found) = asked.answer.result(&asked.resolved, &asked.path)? else {
-        bail!("the answer is that of another question");
-    };
+    let (answer, asked) =
+        question::ask(RunKind::Margin, &command.subject, &command.file, None, || plan(command))?;
+    let found: Margin = answer.try_into()?;
     if command.run.json {
         output::json(&found)?;
     } else {
@@ -61,7 +59,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             asked.name, witness.simulation
         ));
     }
-    if let Some(status) = asked.report_file() {
+    if let Some(status) = asked.report_file(found.is_complete) {
         return Ok(status);
     }
     ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
@@ -71,7 +69,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 fn plan(command: &Arguments) -> Result<Plan> {
     let mut plan = flags::plan(&command.subject, &command.run)?;
     if command.subject.space.is_none() && command.subject.plan.is_none() {
-        plan.space = Margin::SPACE.to_string();
+        plan.space = mishandle::falsification::Margin::SPACE.to_string();
     }
     let mut margin = plan.margin.take().unwrap_or_default();
     margin.formula = command.formula.clone().or(margin.formula);

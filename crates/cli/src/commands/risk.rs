@@ -1,10 +1,10 @@
 //! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
 use mishandle::plan::RiskPlan;
-use mishandle::results::Answer;
+use mishandle::results::Risk;
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
@@ -63,13 +63,12 @@ fn distribution(text: &str) -> Result<(String, String), String> {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let asked = question::ask(RunKind::Risk, &command.subject, &command.file, gpu, || plan(command))?;
+    let (answer, asked) =
+        question::ask(RunKind::Risk, &command.subject, &command.file, gpu, || plan(command))?;
     for warning in mishandle::run::risk_scenarios(&asked.resolved)?.warnings() {
         output::message(&format!("warning: {warning}"));
     }
-    let Answer::Risk(found) = asked.answer.result(&asked.resolved, &asked.path)? else {
-        bail!("the answer is that of another question");
-    };
+    let found: Risk = answer.try_into()?;
     if command.run.json {
         output::json(&found)?;
     } else if found.screening.is_none() || found.simulations > 0 {
@@ -88,7 +87,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
             asked.name, failure.simulation
         ));
     }
-    if let Some(status) = asked.report_file() {
+    if let Some(status) = asked.report_file(found.is_complete) {
         return Ok(status);
     }
     ensure!(

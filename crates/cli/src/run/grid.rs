@@ -9,7 +9,7 @@ use mishandle::MishandleError;
 use mishandle::campaign::CampaignRun as PlannedRun;
 use mishandle::harden::{HardenProgress, HardenUnit};
 use mishandle::results::{Answer, CampaignRun};
-use mishandle::run::{Device, Engine, Opening};
+use mishandle::run::{Device, Engine, OpenRun, Opening};
 
 use super::file::report_build_differences;
 use crate::interrupt;
@@ -158,13 +158,9 @@ fn run_one(
         report_build_differences("started", &differences);
     }
     let engine = gpu.map_or(Engine::Direct, |gpu| Engine::Screening(&*gpu.worlds));
-    let known_arm = run.known_arm(&resolved, runs);
-    let answer = mishandle::run::ask_with_arm(&resolved, file, engine, known_arm, &mut |progress| {
+    let file = OpenRun { writer: file, known_arm: run.known_arm(&resolved, runs) };
+    let answer = mishandle::run::ask(&resolved, file, engine, &mut |progress| {
         watch(Step::Question(progress.simulations, progress.max_simulations))
     })?;
-    if !answer.is_complete() {
-        return Ok(None);
-    }
-    let result = mishandle::inspect::recorded_result(&resolved, &answer, &run.path)?;
-    Ok(Some(finished(resolved.plan.kind().name(), result)))
+    Ok(answer.is_complete().then(|| finished(resolved.plan.kind().name(), answer)))
 }

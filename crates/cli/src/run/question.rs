@@ -1,13 +1,12 @@
 //! The part that `evaluate`, `falsify`, `margin` and `risk` share: they ask a question.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
 use mishandle::plan::ScreeningPlan;
 use mishandle::resolve::Moved;
-use mishandle::results::Screening;
-use mishandle::run::{Answer, Device, Engine};
+use mishandle::results::{Answer, Screening};
+use mishandle::run::{Device, Engine};
 use mishandle::store::RunKind;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::plural;
@@ -17,27 +16,25 @@ use crate::flags;
 use crate::show::output;
 use crate::show::progress::Bar;
 
-/// A question that was asked, and its answer.
+/// A question that was asked.
 pub struct Asked {
     pub resolved: ResolvedPlan,
-    pub answer: Answer,
-    /// Path of the run file, and the same quoted for a shell.
-    pub path: PathBuf,
+    /// Path of the run file, quoted for a shell.
     pub name: String,
     kind: RunKind,
     simulations: u64,
     seconds: f64,
 }
 
-/// Opens or creates the run file of a question, and asks it. `subject` and `file` have the
-/// new paths of the files of a resumed run.
+/// Opens or creates the run file of a question, asks it, and returns the answer. `subject` and
+/// `file` have the new paths of the files of a resumed run.
 pub fn ask(
     kind: RunKind,
     subject: &flags::Subject,
     file: &flags::OpenRun,
     gpu: Option<&Device>,
     plan: impl FnOnce() -> Result<Plan>,
-) -> Result<Asked> {
+) -> Result<(Answer, Asked)> {
     let bar = Bar::new(0, "simulations");
     stop_on_signals(&bar)?;
     // Before there is a run file.
@@ -54,7 +51,6 @@ pub fn ask(
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {
         output::message(&format!("warning: {}", crate::show::escape::name(warning)));
     }
-    let path = file.file().path().to_path_buf();
     let name = name(file.file());
     let start = Instant::now();
     let mut simulations = 0;
@@ -75,7 +71,7 @@ pub fn ask(
     }
     let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
-    Ok(Asked { resolved, answer, path, name, kind, simulations, seconds })
+    Ok((answer, Asked { resolved, name, kind, simulations, seconds }))
 }
 
 impl Asked {
@@ -90,8 +86,8 @@ impl Asked {
     }
 
     /// Reports the run file, and how to resume an interrupted question. Returns `Interrupted` then.
-    pub fn report_file(&self) -> Option<ExitStatus> {
-        if self.answer.is_complete() {
+    pub fn report_file(&self, is_complete: bool) -> Option<ExitStatus> {
+        if is_complete {
             output::message(&format!("Run file: {}", self.name));
             return None;
         }

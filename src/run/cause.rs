@@ -8,8 +8,18 @@ use mishandle_rollout::{Axis, AxisValues, Scenario, Space};
 use mishandle_store::{RunFile, Simulation};
 
 use crate::error::MishandleError;
-use crate::inspect::FailureCause;
 use crate::run::recorded_axis;
+
+/// The cause of a failure: the scenario that it becomes when it moves toward nominal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FailureCause {
+    /// Indices of the axes off nominal.
+    pub axes: Vec<usize>,
+    /// Their values: below (-1) or above (1) nominal, or the category.
+    pub sides: Vec<i64>,
+    /// Share of simulations with other seeds that fail; `None` if the target is not random.
+    pub failing_seeds: Option<f64>,
+}
 
 /// The simulations that move a counterexample toward nominal.
 pub(crate) struct Isolation {

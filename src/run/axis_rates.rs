@@ -3,10 +3,9 @@
 use mishandle_evaluation::AxisRateCounter;
 use mishandle_results::AxisRates;
 use mishandle_rollout::Space;
-use mishandle_store::{RunFile, RunKind};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunKind};
 
 use crate::error::MishandleError;
-use crate::inspect::comparison::RANDOM_TRIAL;
 use crate::plan::Plan;
 use crate::run::{has_random_rows, recorded_axis, recorded_episode, stops_by_itself};
 

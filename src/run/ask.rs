@@ -1,0 +1,183 @@
+//! Asking the question of a plan: one function runs all of them, with every engine, and writes
+//! every simulation to a run file.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::Ordering;
+
+use mishandle_results::Answer;
+use mishandle_rollout::Request;
+use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
+use mishandle_world::WorldDevice;
+
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+use crate::run::answer::add_recorded_parts;
+use crate::run::journal::Journal;
+use crate::run::{evaluate, falsify, header, margin, metamorphic, risk, screening};
+
+/// The engine that computes the simulations of a question.
+#[derive(Clone, Copy)]
+pub enum Engine<'a> {
+    /// The target's own system computes all of them.
+    Direct,
+    /// This device proposes, and the target's own system confirms: see
+    /// [`ScreeningPlan`](crate::plan::ScreeningPlan).
+    Screening(&'a dyn WorldDevice),
+}
+
+/// Progress of a question.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Number of finished simulations.
+    pub simulations: u64,
+    /// Total number of simulations if all running trials spend their budgets.
+    pub max_simulations: u64,
+    /// Number of finished trials of a falsification.
+    pub ended: u32,
+    /// Number of trials that found a counterexample.
+    pub falsified: u32,
+}
+
+/// Gets the progress now and then, and can end the question, which a later call continues.
+pub type Watch<'w> = &'w mut (dyn FnMut(&Progress) -> ControlFlow<()> + Send);
+
+/// A run file to which a question adds its simulations.
+pub struct OpenRun {
+    /// The file.
+    pub writer: RunWriter,
+    /// A run whose control arm has simulations of this one, which are copied instead of repeated:
+    /// see [`CampaignRun::known_arm`](crate::campaign::CampaignRun::known_arm).
+    pub known_arm: Option<RunFile>,
+}
+
+impl From<RunWriter> for OpenRun {
+    fn from(writer: RunWriter) -> OpenRun {
+        OpenRun { writer, known_arm: None }
+    }
+}
+
+/// The answer of a question, and the statuses that its run file must have.
+pub(super) struct Found {
+    pub answer: Answer,
+    /// The trials that have ended, with their statuses.
+    pub ended: Vec<(u32, TrialStatus)>,
+    /// Whether the question has compared every row and trial already.
+    pub is_checked: bool,
+}
+
+/// Asks the question of a plan and stores every simulation in `run`, an open run file of the same
+/// plan. The simulations that it already contains are not repeated.
+///
+/// # Errors
+/// If the run is of another plan or contains other simulations, the engine is not that of the plan,
+/// a simulation cannot be run or stored, or the first simulations of a search all fail.
+pub fn ask(
+    resolved: &ResolvedPlan,
+    run: impl Into<OpenRun>,
+    engine: Engine<'_>,
+    watch: Watch<'_>,
+) -> Result<Answer, MishandleError> {
+    let journal = open(resolved, run.into(), engine)?;
+    let found = question(&journal, watch)?;
+    conclude(journal, found)
+}
+
+/// Opens the journal of a question.
+pub(super) fn open<'a>(
+    resolved: &'a ResolvedPlan,
+    run: OpenRun,
+    engine: Engine<'_>,
+) -> Result<Journal<'a>, MishandleError> {
+    let OpenRun { writer, known_arm } = run;
+    header::check_run(writer.file(), resolved)?;
+    let engine = match (&resolved.plan.screening, engine) {
+        (None, _) => None,
+        (Some(plan), Engine::Screening(device)) => {
+            Some(Box::new(screening(resolved, device, plan.rows as usize)?) as _)
+        }
+        (Some(plan), Engine::Direct) => {
+            return Err(MishandleError::NoDevice { device: plan.device.clone() });
+        }
+    };
+    Ok(Journal::new(resolved, writer)?.with_engine(engine).with_known_arm(known_arm))
+}
+
+/// Writes what a question found about its trials, adds what the run file says besides, and closes
+/// it.
+pub(super) fn conclude(journal: Journal<'_>, found: Found) -> Result<Answer, MishandleError> {
+    let Found { mut answer, ended, is_checked } = found;
+    if !is_checked {
+        journal.check(&ended, answer.is_complete())?;
+    }
+    journal.set_ended(&ended)?;
+    // Before the file is closed: a second one would have to read its log.
+    journal.read(|run| add_recorded_parts(&mut answer, run, journal.resolved()))?;
+    journal.close()?;
+    Ok(answer)
+}
+
+/// Asks the question of a journal.
+fn question(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    match journal.resolved().plan.kind() {
+        RunKind::Evaluate => evaluate::ask(journal, watch),
+        RunKind::Falsify => falsify::ask(journal, watch),
+        RunKind::Margin => margin::ask(journal, watch),
+        RunKind::Metamorphic => metamorphic::ask(journal, watch),
+        RunKind::Risk => risk::ask(journal, watch),
+    }
+}
+
+/// Returns the answer of a run from its records alone: that of the recorded simulations if the run
+/// was interrupted.
+///
+/// # Errors
+/// If the run is of another plan, has no simulations, or has others than its question asks.
+pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
+    header::check(run.header(), resolved)?;
+    let mut journal = Journal::again(resolved, run);
+    let mut found = question(&journal, &mut |_| ControlFlow::Continue(()));
+    if found.is_err() && journal.is_missing() {
+        // An interrupted run has whole batches.
+        let end = journal.answered().load(Ordering::Relaxed);
+        journal = Journal::again(resolved, run);
+        let answered = journal.answered();
+        found = question(&journal, &mut |_| {
+            if answered.load(Ordering::Relaxed) == end {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        });
+        if journal.is_missing() {
+            let differences = vec!["simulations: some are missing".to_string()];
+            return Err(MishandleError::RunMismatch { differences });
+        }
+    }
+    conclude(journal, found?)
+}
+
+/// Returns the request that the question of a run asks as simulation `number` of `trial`, from the
+/// recorded answers of the earlier ones; `None` if it does not ask it.
+///
+/// # Errors
+/// If an earlier record is not what the question asks.
+pub(crate) fn asked(
+    resolved: &ResolvedPlan,
+    run: &RunFile,
+    sought: (u32, u32),
+) -> Result<Option<Request>, MishandleError> {
+    let journal = Journal::until(resolved, run, sought);
+    let mut watch = |_: &Progress| ControlFlow::Continue(());
+    let end = question(&journal, &mut watch);
+    match journal.found() {
+        Some(request) => Ok(Some(request)),
+        // The question came to its end, or to a simulation that is not recorded.
+        None => match end {
+            Err(
+                error
+                @ (MishandleError::SimulationMismatch { .. } | MishandleError::ScreeningMismatch { .. }),
+            ) => Err(error),
+            _ => Ok(None),
+        },
+    }
+}

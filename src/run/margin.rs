@@ -1,0 +1,123 @@
+//! The smallest disturbance that violates the requirement of a plan.
+
+use mishandle_evaluation::Repeats;
+use mishandle_falsification::{
+    Margin, MarginSettings, Narrowed, Repeated, each_category, each_fault, margin, repeat, repeat_seeds,
+};
+use mishandle_random::Seed;
+use mishandle_results::Answer;
+use mishandle_rollout::{Request, Space};
+use mishandle_store::TrialStatus;
+
+use crate::error::MishandleError;
+use crate::resolve::{depends_on_seed, space_depends_on_seed};
+use crate::run::ask::{Found, Progress, Watch};
+use crate::run::journal::{Journal, JournalSystem, Numbering};
+use crate::run::result::margin_result;
+
+/// Trials of the searches, and of the repeats of the witness.
+const SEARCH: u32 = 1;
+const REPEATS: u32 = 2;
+
+/// The smallest disturbance, with the repeats of its witness.
+#[derive(Clone, Debug)]
+pub(super) struct MarginOutcome {
+    /// The search; with a search for each combination of categories, the one with the smallest
+    /// disturbance.
+    pub margin: Margin,
+    /// The searches for each combination of categories, if the plan asks for them. The categories
+    /// are the fixed values of the space.
+    pub each_category: Vec<(Space, Margin)>,
+    /// Number of simulations of all searches.
+    pub simulations: u64,
+    /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no
+    /// effect.
+    pub repeats: Option<Repeats>,
+    /// Whether search and repeats are finished.
+    pub is_complete: bool,
+}
+
+/// Searches for the smallest disturbance, and repeats it with other seeds.
+pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
+    let resolved = journal.resolved();
+    let numbered = |trial| journal.system(Some(Numbering { trial, last: 0 }));
+    let mut outcome = margins(journal, &mut numbered(SEARCH), &mut *watch)?;
+    let mut ended = Vec::new();
+    if outcome.is_complete {
+        let has_witness = outcome.margin.witness.is_some();
+        ended.push((SEARCH, if has_witness { TrialStatus::Falsified } else { TrialStatus::BudgetSpent }));
+    }
+    let max_simulations = outcome.simulations;
+    let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
+    let witness = outcome.margin.witness.as_ref().filter(|_| outcome.is_complete);
+    if let Some(Request { scenario, seed, .. }) = witness.map(|witness| &witness.episode.request)
+        && depends_on_seed(resolved, scenario)
+    {
+        let planned = Repeated::Counterexample.simulations();
+        let seeds = repeat_seeds(*seed, planned);
+        let done = outcome.simulations;
+        let repeats = repeat(&mut numbered(REPEATS), scenario, seeds, |_| watch(done));
+        let repeats = journal.result(repeats)?;
+        outcome.is_complete = repeats.simulations == planned;
+        outcome.repeats = Some(repeats);
+        if outcome.is_complete {
+            ended.push((REPEATS, TrialStatus::BudgetSpent));
+        }
+    }
+    let answer = Answer::Margin(Box::new(margin_result(resolved, &outcome, &journal.path())));
+    Ok(Found { answer, ended, is_checked: false })
+}
+
+/// Searches for the smallest disturbance, once for each kind of a fault, or for each combination of
+/// categories if the plan asks for that.
+fn margins(
+    journal: &Journal<'_>,
+    system: &mut JournalSystem<'_>,
+    watch: Watch<'_>,
+) -> Result<MarginOutcome, MishandleError> {
+    let resolved = journal.resolved();
+    let table = resolved.plan.margin.as_ref().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let settings = MarginSettings {
+        seed: Seed(resolved.plan.seed),
+        budget: table.budget,
+        is_random: space_depends_on_seed(resolved),
+    };
+    let spaces =
+        if table.each_category { each_category(&resolved.space)? } else { each_fault(&resolved.space)? };
+    let max_simulations = table.budget.saturating_mul(spaces.len() as u64);
+    let mut found = Vec::new();
+    let mut simulations = 0;
+    let mut is_complete = true;
+    for space in &spaces {
+        let mut part = Narrowed { system: &mut *system, space };
+        let result = margin(&mut part, settings, |done| {
+            watch(&Progress { simulations: simulations + done, max_simulations, ..Progress::default() })
+        });
+        let margin = journal.result(result)?;
+        simulations += margin.simulations;
+        is_complete = margin.is_complete;
+        found.push(margin);
+        if !is_complete {
+            break;
+        }
+    }
+    // Of equal amplitudes, the last one counts, as in a run file.
+    let order = |margin: &Margin| {
+        let witness = margin.witness.as_ref().map(|witness| witness.norms.amplitude);
+        let passed = margin.largest_without_violation().map_or(0.0, |level| level.amplitude);
+        (witness.unwrap_or(f64::INFINITY), passed)
+    };
+    let smallest = found.iter().rev().min_by(|a, b| {
+        let (a, a_passed) = order(a);
+        let (b, b_passed) = order(b);
+        a.total_cmp(&b).then(a_passed.total_cmp(&b_passed))
+    });
+    let smallest = smallest.cloned().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
+    let margin = Margin { is_complete, ..smallest };
+    let each_category = if table.each_category || spaces.len() > 1 {
+        spaces.into_iter().zip(found).collect()
+    } else {
+        Vec::new()
+    };
+    Ok(MarginOutcome { margin, each_category, simulations, repeats: None, is_complete })
+}
