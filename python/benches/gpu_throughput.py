@@ -29,10 +29,12 @@ import time
 import numpy as np
 import warp as wp
 
-from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts, load_controller
+from mishandle import _native, load_controller
+import mishandle.gpu.batches as gpu
+from mishandle.gpu import audit, networks, verdicts
 
-TASKS = [task for task in gpu_audit.TASKS if task != "cloth-placing"]
-EPISODE_STEPS = gpu_audit.EPISODE_STEPS
+TASKS = [task for task in audit.TASKS if task != "cloth-placing"]
+EPISODE_STEPS = audit.EPISODE_STEPS
 CORES = len(os.sched_getaffinity(0))
 INPUTS = ("targets", "active", "mocap")
 
@@ -177,8 +179,8 @@ def profile(whole: gpu.WarpBatch) -> dict[str, float]:
 
 def policy_times(task: str, rows: int) -> tuple[float, float]:
     """Returns how long the policy takes for the actions of ``rows`` rows on all cores, and on the GPU, ms."""
-    sizes = json.loads(gpu_verdicts.command("controller", f"{task}/ppo", "--json"))["sizes"]
-    network = gpu_networks.WarpNetwork(sizes, "elu", rows)
+    sizes = json.loads(verdicts.command("controller", f"{task}/ppo", "--json"))["sizes"]
+    network = networks.WarpNetwork(sizes, "elu", rows)
     controller = load_controller(f"{task}/ppo")
     share = np.zeros((-(-rows // CORES), sizes[0]), dtype=np.float32)
     calls = 100

@@ -19,8 +19,8 @@ os.environ.setdefault("RAY_AUTH_MODE", "disabled")
 import mishandle
 import ray
 from mishandle import Axis, _native
-from mishandle.ray import RayExecutor
-from mishandle.ray.plans import PlanFactory
+from mishandle.cluster import RayExecutor
+from mishandle.cluster.plans import PlanFactory
 
 PLAN = """
 target = "ball-balancing"

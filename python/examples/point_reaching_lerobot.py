@@ -37,7 +37,7 @@ def check_rows(env, space, target):
     rows = gymnasium.vector.SyncVectorEnv([make, make])
     start, points = "always[20:60](distance <= 0.12)", [[0.1, 0.5, 0.5], [0.9, 0.5, 0.5]]
     alone, together = (
-        mishandle.Objective(each, start, space, steps=60, control_dt=env.dt, **target)(points) for each in (env, rows)
+        mishandle.ask.Objective(each, start, space, steps=60, control_dt=env.dt, **target)(points) for each in (env, rows)
     )
     print("alone and together:", alone, together)
     assert abs(alone[0] - alone[1]) > 0.01 and np.allclose(alone, together, atol=1e-4)

@@ -15,7 +15,7 @@ from recording import BUILD, facts_of, fresh, record
 
 import mishandle
 from mishandle import Axis
-from mishandle.policies import policy_hash
+from mishandle.policies.kinds import policy_hash
 
 EPISODES, STEPS, LENGTH, SEED = 10, 300, 60, 1000
 FOLDER = BUILD / "pusht"

@@ -28,3 +28,8 @@ class PolicyServerError(MishandleError, RuntimeError):
 
 class InvalidScenario(MishandleError):
     """Raise it in a system or its reset if it cannot start from the scenario."""
+
+
+class TimeLimitExceeded(BaseException):
+    """The simulation took longer than its time limit. It is no ``Exception``, so that ``except Exception`` in a system does
+    not swallow it."""

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.axes import Axis
+from mishandle.ask.falsification import Evaluation, evaluate
+from mishandle.base.files import PathLike
 from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackageError
-from mishandle.falsification import Evaluation, evaluate
-from mishandle.files import PathLike
-from mishandle.requests import Request
-from mishandle.systems import Outcome, System
-from mishandle.targets import Formulas
+from mishandle.runs.targets import Formulas
+from mishandle.scenarios.axes import Axis
+from mishandle.scenarios.requests import Request
+from mishandle.systems.interface import Outcome, System
 
 _KNOWN = ("pixels", "agent_pos", "environment_state", "robot_state", "policy", "camera_obs")
 """Names in the observations of LeRobot's environments, which its own code renames."""

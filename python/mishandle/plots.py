@@ -9,27 +9,20 @@ import bisect
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, Union
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle import _native
+import mishandle._native as _native
+from mishandle.base.traces import columns_of
 from mishandle.errors import InvalidValueError, MissingPackageError
-from mishandle.explanations import Comparison
-from mishandle.formulas import Formula
-from mishandle.runs import Run, RunAxis, open_run
-from mishandle.systems import columns_of
+from mishandle.logs.formulas import Formula
+from mishandle.runs.explanations import Comparison
+from mishandle.runs.run_files import HasPath, Run, RunAxis, open_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-class HasPath(Protocol):
-    """A result with a run file, such as :class:`mishandle.Falsification`."""
-
-    @property
-    def path(self) -> os.PathLike[str]: ...
 
 
 AnyRun = Union[Run, HasPath, str, "os.PathLike[str]"]

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
+from mishandle.ask.requirement_tests import ATTRIBUTE, Limits, Outcome, Requirement, Test
 from mishandle.errors import InvalidTypeError, MishandleError
-from mishandle.requirement_tests import ATTRIBUTE, Limits, Outcome, Requirement, Test
 
 FOLDER = ".mishandle"
 

@@ -40,7 +40,7 @@ def main():
         os.chdir(folder)
         result = mishandle.falsify("ball-balancing", policy="ppo", space="delay", trials=1, budget=50, out="run.sqlite")
         assert result.counterexamples
-        path = mishandle.to_rerun(result, pathlib.Path(folder) / "run.rrd")
+        path = mishandle.runs.to_rerun(result, pathlib.Path(folder) / "run.rrd")
         scene = _native.recorded_states("run.sqlite", trial=None, number=None, controller=None, target=None, nominal=True)
         found = columns(path)
         model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])

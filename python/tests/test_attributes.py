@@ -13,7 +13,7 @@ import mishandle
 import mujoco
 import numpy as np
 from mishandle import Attribute, Axis
-from mishandle.attributes import Attributes
+from mishandle.scenarios.attributes import Attributes
 
 
 class Slider(gymnasium.Env):

@@ -69,7 +69,7 @@ class Bisections(unittest.TestCase):
         again = command(*found.command.split()[1:], "--json")
         self.assertEqual(again.returncode, 0, again.stderr)
         document = {**json.loads(again.stdout), "shown": str(found)}
-        self.assertEqual(results.build(mishandle.Bisection, document), found)
+        self.assertEqual(results.build(mishandle.ask.Bisection, document), found)
 
         # The runs are files as any other, and the page compares those of the neighbors.
         good, bad = (tested.run for tested in found.tested if tested.name in (found.last_good, found.first_bad))

@@ -81,7 +81,7 @@ class VerdictTest(unittest.TestCase):
 class AdaptiveTest(unittest.TestCase):
     """Only ``a`` has an effect, and the failures are one half-space."""
 
-    def run_of(self, folder: str, search: str) -> mishandle.Run:
+    def run_of(self, folder: str, search: str) -> mishandle.runs.Run:
         out = f"{folder}/{search}.sqlite"
         axes = [Axis(name, 0, 1) for name in "abcdefghij"]
         mishandle.falsify(
@@ -125,7 +125,7 @@ class AdaptiveTest(unittest.TestCase):
     def test_a_failure_only_on_a_bound_is_marked_and_an_open_bound_excludes_it(self) -> None:
         axes = [Axis("a", 0, 1, nominal=0), Axis("b", 0, 1, nominal=0)]
 
-        def falsified(fails: Callable[[float], bool], **options: Any) -> mishandle.Falsification:
+        def falsified(fails: Callable[[float], bool], **options: Any) -> mishandle.ask.Falsification:
             def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
                 return {"y": [-1.0 if fails(scenario["a"]) else 1.0] * 2}
 

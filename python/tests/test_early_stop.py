@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from mishandle import Axis
-from mishandle.requests import EarlyStop, Request
+from mishandle.scenarios.requests import EarlyStop, Request
 
 STEPS = 60
 SPACE = [Axis("start", -1, 1, apply=mishandle.ResetOption("start")), Axis("push", -0.05, 0.05, apply=mishandle.ResetOption("push"))]
@@ -88,7 +88,7 @@ class Searches(unittest.TestCase):
 
     def test_an_objective_has_the_exact_robustness_in_fewer_steps(self):
         # The position after 20 steps decides; the policy moves it by 0.001 a step.
-        objective = mishandle.Objective(
+        objective = mishandle.ask.Objective(
             Drift(), "always[20:20](x <= 1)", SPACE, policy=policy, signals={"x": "obs[0]"}, steps=STEPS, control_dt=0.1
         )
         points = [[0.75, 0.5], [0.75, 0.8]]

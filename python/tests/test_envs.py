@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from mishandle import MishandleError, TaskEnv, TaskVectorEnv, _native
-from mishandle.task_environments import TASKS
+from mishandle.systems.task_environments import TASKS
 
 
 def actions(step, rows, size):

@@ -28,7 +28,7 @@ class Explanations(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
-    def falsify(self) -> mishandle.Falsification:
+    def falsify(self) -> mishandle.ask.Falsification:
         return mishandle.falsify(
             oscillator, FORMULA, SPACE, control_dt=0.1, trials=4, budget=60, seed=1, out=self.folder / "run.sqlite"
         )
@@ -48,7 +48,7 @@ class Explanations(unittest.TestCase):
         self.assertEqual(found.window.violated, int(np.sum(trace["x"] < -0.8)))
         self.assertEqual({part.formula: part.robustness for part in found.conjuncts}["energy <= 9"], 9 - max(trace["energy"]))
         self.assertIn("x >= -0.8", str(found))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "trial 9"):
             result.explain(9)
 
     def test_an_axis_back_at_nominal_removes_the_failure_or_not(self) -> None:
@@ -66,7 +66,7 @@ class Explanations(unittest.TestCase):
         removing = [each.axis for each in at_nominal.axes if each.axis == "a"]
         self.assertEqual("Axes that remove the failure alone, back at nominal: a." in str(found), removing == ["a"])
         self.assertIsNone(result.explain(axes=0).axes_at_nominal)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "axes is -1"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "axes is -1"):
             result.explain(axes=-1)
 
     def test_the_region_of_a_mode_has_the_names_of_categories(self) -> None:
@@ -152,9 +152,9 @@ class Explanations(unittest.TestCase):
             [(one.first_robustness, one.second_robustness) for one in found.compared if one.first_succeeds > one.second_succeeds],
             [(one.first_robustness, one.second_robustness) for one in found.new_failures],
         )
-        difference = mishandle.diff(*paths)
+        difference = mishandle.runs.diff(*paths)
         self.assertEqual(difference.simulations.changed, len(found.new_failures) + len(found.fixed_failures))
-        self.assertTrue(mishandle.diff(paths[0], paths[0]).same_records)
+        self.assertTrue(mishandle.runs.diff(paths[0], paths[0]).same_records)
         found.report(self.folder / "compare.html")
         page = (self.folder / "compare.html").read_text()
         self.assertIn(f"New failures: A succeeds, B fails ({len(found.new_failures)})", page)

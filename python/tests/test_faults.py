@@ -14,10 +14,10 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import mishandle
 from mishandle import Axis
-from mishandle.fault_lines import FaultLine
-from mishandle.flat_values import idle_action, numbers_of, parts_of, with_changes
-from mishandle.requests import Request
-from mishandle.vector_environments import environment_system
+from mishandle.scenarios.lines import FaultLine
+from mishandle.scenarios.values import idle_action, numbers_of, parts_of, with_changes
+from mishandle.scenarios.requests import Request
+from mishandle.systems.vector_environments import environment_system
 
 mishandle.register()
 
@@ -208,11 +208,11 @@ class ContractTest(unittest.TestCase):
 
     def test_a_function_without_control_steps_is_refused(self):
         space = mishandle.faults(Recorder(), steps=STEPS)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "a function has no control steps"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "a function has no control steps"):
             simulate(lambda scenario: {"y": [0.0, 1.0]}, "always(y >= 0)", space)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "function has no control steps"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "function has no control steps"):
             mishandle.faults(lambda scenario: {"y": [0.0, 1.0]})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "nothing applies it"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "nothing applies it"):
             simulate(
                 Recorder(), "always(count >= 0)", [Axis("broken", 0, 1, kind="fault")], policy=Seen(), steps=STEPS,
                 signals={"count": "obs[0]"},
@@ -220,16 +220,16 @@ class ContractTest(unittest.TestCase):
 
     def test_another_control_period_than_that_of_the_faults_is_refused(self):
         space = mishandle.faults(Recorder(), steps=STEPS)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "made for a control period of 0.1 s"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "made for a control period of 0.1 s"):
             simulate(
                 Recorder(), "always(count >= 0)", space, policy=Seen(), steps=STEPS, signals={"count": "obs[0]"}, control_dt=0.5
             )
 
     def test_another_number_of_control_steps_than_that_of_the_faults_is_refused(self):
         space = mishandle.faults(Recorder(), steps=STEPS)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "made for episodes of 40 control steps, but those of the system have 300"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "made for episodes of 40 control steps, but those of the system have 300"):
             simulate(Recorder(), "always(count >= 0)", space, policy=Seen(), steps=300, signals={"count": "obs[0]"})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "episodes of 60 control steps"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "episodes of 60 control steps"):
             space = mishandle.faults("point-reaching", steps=60)
             mishandle.simulate("point-reaching", None, space, policy=lambda observation: np.zeros(9, np.float32))
 
@@ -253,7 +253,7 @@ class ContractTest(unittest.TestCase):
         ]:
             other = Recorder()
             other.observation_space = space
-            with self.assertRaisesRegex(mishandle.InvalidValueError, problem):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, problem):
                 simulate(
                     Recorder(), "always(count >= 0)", mishandle.faults(other, steps=STEPS), policy=Seen(), steps=STEPS,
                     signals={"count": "obs[0]"},
@@ -314,7 +314,7 @@ class ConditionTest(unittest.TestCase):
         mishandle.evaluate(road, "always(y >= 0)", space, episodes=200)
         self.assertTrue(all(each["depth"] == 0.0 for each in seen if each["surface"] != "wet"))
         self.assertGreater(sum(each["depth"] > 0.0 for each in seen), 30)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "`damp` of the axis `surface`, which has no such value"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "`damp` of the axis `surface`, which has no such value"):
             mishandle.evaluate(road, "always(y >= 0)", [space[0], Axis("depth", 0, 1, when={"surface": ["damp"]})], episodes=3)
 
 
@@ -485,9 +485,9 @@ class RangeTest(unittest.TestCase):
     WIDE = {"action[1]": (-900.0, 900.0), "action[2]": (-900.0, 900.0)}
 
     def test_an_action_without_bounds_needs_stated_ranges(self):
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r'numbers \[1, 2\].*action_ranges={"action\[1\]": \(-1.0, 1.0\), "action'):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r'numbers \[1, 2\].*action_ranges={"action\[1\]": \(-1.0, 1.0\), "action'):
             torques({})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"numbers \[2\].* belong to no channel"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r"numbers \[2\].* belong to no channel"):
             mishandle.faults(Torques(), steps=STEPS, actions={"a": [0, 1]}, action_ranges={"a": (0, 1)})
         # Delays and faults of the observation need none.
         self.assertGreater(len(mishandle.faults(Torques(), steps=STEPS, actuation=False, delays=True)), 0)
@@ -553,14 +553,14 @@ class ArgumentTest(unittest.TestCase):
                 for dt in (-1, 0, np.nan, np.inf, "0.1", True)
             ),
         ]:
-            with self.subTest(options), self.assertRaisesRegex(mishandle.InvalidValueError, problem):
+            with self.subTest(options), self.assertRaisesRegex(mishandle.errors.InvalidValueError, problem):
                 mishandle.faults(Recorder(), **{"steps": STEPS, **options})
         for options, problem in [
             ({"channels": [0, 1]}, r"channels is \[0, 1\]; expected numbers by name"),
             ({"action_ranges": (0, 1)}, r"action_ranges is \(0, 1\); expected ranges of channels by name"),
             ({"actuation": False, "action_ranges": {"action[0]": (0, 1)}}, "`action_ranges` has no effect without faults of the action"),
         ]:
-            with self.subTest(options), self.assertRaisesRegex(mishandle.InvalidTypeError, problem):
+            with self.subTest(options), self.assertRaisesRegex(mishandle.errors.InvalidTypeError, problem):
                 mishandle.faults(Recorder(), steps=STEPS, **options)
 
     def test_numbers_of_numpy_are_numbers(self):
@@ -574,22 +574,22 @@ class ArgumentTest(unittest.TestCase):
     def test_names_of_a_space_that_a_channel_cannot_have_are_errors(self):
         env = Recorder()
         env.observation_space = Dict({"all": Box(-1.0, 1.0, (1,)), "wheel": Box(-1.0, 1.0, (1,))})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "`all` of a channel of the observation is reserved.*`channels`"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "`all` of a channel of the observation is reserved.*`channels`"):
             mishandle.faults(env, steps=STEPS)
         self.assertGreater(len(mishandle.faults(env, steps=STEPS, channels={"whole": 0, "wheel": 1})), 0)
 
     def test_the_duration_of_a_control_step_must_be_known(self):
         env = gymnasium.make("CartPole-v1")  # states render_fps, but no dt
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "CartPole-v1 does not state the duration .* pass it as control_dt"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "CartPole-v1 does not state the duration .* pass it as control_dt"):
             mishandle.faults(env)
         axes = {axis.name: axis for axis in mishandle.faults(env, control_dt=0.02)}
         self.assertAlmostEqual(axes["sensor_fault_onset"].high, 0.8 * 500 * 0.02)
 
     def test_several_names_of_a_category_are_refused_at_once(self):
         for setting in (["bias", "ramp"], ("bias", "ramp"), None, True, (0.0, "1"), (0.0, 1.0, 2.0), {"bias"}):
-            with self.subTest(setting), self.assertRaisesRegex(mishandle.InvalidTypeError, 'axes\\["sensor_fault"\\] is .*; expected a number'):
+            with self.subTest(setting), self.assertRaisesRegex(mishandle.errors.InvalidTypeError, 'axes\\["sensor_fault"\\] is .*; expected a number'):
                 run({}, axes={"sensor_fault": setting})
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "axes is 'sensor_fault'; expected a dictionary"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "axes is 'sensor_fault'; expected a dictionary"):
             run({}, axes="sensor_fault")
 
 
@@ -658,7 +658,7 @@ class TaskTest(unittest.TestCase):
                 np.testing.assert_array_equal(rust.trace[signal], python.trace[signal])
 
     def test_the_axes_of_an_environment_of_a_task_are_those_of_the_task(self):
-        for name, task in mishandle.task_environments.TASKS.items():
+        for name, task in mishandle.systems.task_environments.TASKS.items():
             made = {axis.name: axis for axis in mishandle.faults(gymnasium.make(name), delays=True)}
             target = mishandle._native.Target.of_task(task, "ppo", "paper", "all", {}, (False, 0.0, 0.0))
             own = {axis[1]: axis for axis in target.axes}

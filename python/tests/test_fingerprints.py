@@ -15,8 +15,8 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, MishandleError, _native
-from mishandle.fingerprints import MAX_DEPTH, Watch, walk
-from mishandle.policies import policy_hash
+from mishandle.base.fingerprints import MAX_DEPTH, Watch, walk
+from mishandle.policies.kinds import policy_hash
 from test_policies import Network
 
 SPACE = [Axis("a", 0, 1)]
@@ -171,7 +171,7 @@ by_attribute.gain = GAIN
 HASHES = """
 import json, sys
 import systems
-from mishandle.policies import policy_hash
+from mishandle.policies.kinds import policy_hash
 print(json.dumps({name: policy_hash(getattr(systems, name)) for name in dir(systems) if name.startswith("by_")}))
 """
 
@@ -369,9 +369,9 @@ class Resumed(Folder):
         run = self.path / "run.sqlite"
         system = slope(1.0)
         self.stopped(system)
-        real = mishandle.targets._versions
-        mishandle.targets._versions = lambda *arguments: [*real(*arguments), ("engine", "2.0")]
-        self.addCleanup(setattr, mishandle.targets, "_versions", real)
+        real = mishandle.runs.targets._versions
+        mishandle.runs.targets._versions = lambda *arguments: [*real(*arguments), ("engine", "2.0")]
+        self.addCleanup(setattr, mishandle.runs.targets, "_versions", real)
         with self.assertRaisesRegex(MishandleError, "another build made the run.*recorded engine unknown, now 2.0.*any_build=True"):
             self.falsify(system, resume=True)
         self.assertEqual(len(mishandle.open_run(run).builds), 1)
@@ -381,7 +381,7 @@ class Resumed(Folder):
         # It is recorded now.
         self.assertEqual(self.falsify(system, resume=True).simulations, 10)
         self.assertEqual(len(mishandle.open_run(run).builds), 2)
-        mishandle.targets._versions = real
+        mishandle.runs.targets._versions = real
         self.assertEqual(self.falsify(system, resume=True).simulations, 10, "nothing is added to a complete run")
         found = mishandle.replay(run, system, "always(y >= -9)", SPACE, name="slope")
         self.assertEqual(found.differences, ())

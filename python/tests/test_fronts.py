@@ -35,7 +35,7 @@ class Question:
     ask: Callable[[pathlib.Path], Any]
 
 
-def falsify(out: pathlib.Path, system: str, **options: Any) -> mishandle.Falsification:
+def falsify(out: pathlib.Path, system: str, **options: Any) -> mishandle.ask.Falsification:
     return mishandle.falsify(system, search="random", trials=2, budget=40, batch=64, seed=3, out=out, **options)
 
 
@@ -220,7 +220,7 @@ class Fronts(unittest.TestCase):
             question = QUESTIONS[name]
             with self.subTest(name):
                 folder = self.folder / f"{number}-ray"
-                command = [sys.executable, "-m", "mishandle.ray", self.plan(question), "--out", folder]
+                command = [sys.executable, "-m", "mishandle.cluster", self.plan(question), "--out", folder]
                 environment = {**os.environ, "RAY_AUTH_MODE": "disabled"}
                 done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=environment, check=False)
                 self.assertEqual(done.returncode, 0, done.stderr)

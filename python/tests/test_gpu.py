@@ -17,9 +17,10 @@ os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
     import mujoco_warp as mjw
-    from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts
+    from mishandle import _native
+    from mishandle.gpu import audit, batches, networks, verdicts
 except ImportError:
-    gpu = None
+    batches = None
 
 TWO_BOXES = """<mujoco><option integrator="implicitfast"/><worldbody>
 <body pos="0 0 0.1"><geom type="box" size="0.1 0.1 0.1"/></body>
@@ -120,38 +121,38 @@ def state_of(model, data):
     return state
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Physics(unittest.TestCase):
     def contacts(self, flag):
-        model = gpu.compile_model(TWO_BOXES, 0.002)
+        model = batches.compile_model(TWO_BOXES, 0.002)
         if not flag:
             model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         warp_model, data = mjw.put_model(model), mjw.put_data(model, mujoco.MjData(model))
-        gpu.step(warp_model, data, lambda: None)
+        batches.step(warp_model, data, lambda: None)
         return int(data.nacon.numpy()[0])
 
     def test_other_versions_of_the_packages_are_refused(self):
-        for package, module in (("mujoco", gpu.mujoco), ("mujoco-warp", gpu.mjw)):
+        for package, module in (("mujoco", batches.mujoco), ("mujoco-warp", batches.mjw)):
             with unittest.mock.patch.object(module, "__version__", "3.16.1"):
                 with self.assertRaisesRegex(RuntimeError, f"package {package} 3.17.0, found 3.16.1"):
-                    gpu.compile_model(TWO_BOXES, 0.002)
+                    batches.compile_model(TWO_BOXES, 0.002)
 
     def test_all_episodes_have_the_length_of_the_audit(self):
-        for task in gpu_audit.TASKS:
+        for task in audit.TASKS:
             simulator = _native.Simulator(task, 1, preset="paper", reward="shaped", threads=1)
-            self.assertEqual(simulator.episode_steps, gpu_audit.EPISODE_STEPS, task)
+            self.assertEqual(simulator.episode_steps, audit.EPISODE_STEPS, task)
 
     def test_two_boxes_have_as_many_contacts_as_in_mujoco_c(self):
         plain = mujoco.MjModel.from_xml_string(TWO_BOXES)
         data = mujoco.MjData(plain)
         mujoco.mj_forward(plain, data)
-        with gpu.wp.ScopedDevice("cpu"):
+        with batches.wp.ScopedDevice("cpu"):
             without, corrected = self.contacts(False), self.contacts(True)
         # The overlap of the two faces is an octagon.
         self.assertEqual((data.ncon, without, corrected), (8, 4, 8))
 
     def test_a_weld_uses_the_velocities_of_the_present_state(self):
-        model = gpu.compile_model(WELDED, 1 / 240)
+        model = batches.compile_model(WELDED, 1 / 240)
         slow, fast, rotated = mujoco.MjData(model), mujoco.MjData(model), 5.0
         for data, speed in ((slow, 0.0), (fast, rotated)):
             data.qvel[0] = speed
@@ -161,8 +162,8 @@ class Physics(unittest.TestCase):
         mujoco.mj_setState(model, expected, state_of(model, fast), mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_step(model, expected)
         found = {}
-        with gpu.wp.ScopedDevice("cpu"):
-            for name, step in (("corrected", lambda m, d: gpu.step(m, d, lambda: None)), ("plain", mjw.step)):
+        with batches.wp.ScopedDevice("cpu"):
+            for name, step in (("corrected", lambda m, d: batches.step(m, d, lambda: None)), ("plain", mjw.step)):
                 # The data hold the velocities of another state, as after a reset of the row.
                 warp_model, data = mjw.put_model(model), mjw.put_data(model, slow)
                 step(warp_model, data)
@@ -175,10 +176,10 @@ class Physics(unittest.TestCase):
 
     def test_servos_brake_as_in_mujoco_c(self):
         """Random states of the arm near its velocity limits: the kernel and a second implementation give the same controls."""
-        model = gpu.compile_model(ARM, 1 / 480)
+        model = batches.compile_model(ARM, 1 / 480)
         servos = [[i, i, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
         random, rows = np.random.default_rng(0), 64
-        batch = gpu.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
+        batch = batches.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
         data, states, targets = mujoco.MjData(model), [], []
         limits = np.array(servos)[:, 2]
         for _ in range(rows):
@@ -195,7 +196,7 @@ class Physics(unittest.TestCase):
         for row in range(rows):
             mujoco.mj_setState(model, data, states[row], mujoco.mjtState.mjSTATE_INTEGRATION)
             mujoco.mj_step1(model, data)
-            expected = gpu.servo_rule.find_controls(np.array(servos), targets[row], model, data)
+            expected = batches.servo_rule.find_controls(np.array(servos), targets[row], model, data)
             q = data.qpos[:7].copy()
             braking += np.abs(expected - q - np.clip(targets[row] - q, -limits / 5, limits / 5)).max() > 1e-6
             self.assertLess(np.abs(found[row] - expected).max(), 2e-4)
@@ -207,7 +208,7 @@ class Physics(unittest.TestCase):
 
     def test_an_overflow_is_the_status_of_its_row_and_lasts_one_control_step(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu", constraint_rows=8)
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu", constraint_rows=8)
         data = mujoco.MjData(model)
         touching = state_of(model, data)
         data.qpos[2] = 2.0
@@ -221,7 +222,7 @@ class Physics(unittest.TestCase):
 
     def test_a_divergence_is_the_status_of_its_row(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         data = mujoco.MjData(model)
         data.qpos[2] = 2.0
         flying = state_of(model, data)
@@ -232,10 +233,10 @@ class Physics(unittest.TestCase):
 
     def test_an_unknown_device_is_an_error_that_names_the_known_ones(self):
         with self.assertRaisesRegex(RuntimeError, "no device 'tpu' of MISHANDLE_GPU_DEVICE; expected one of cpu"):
-            gpu.find_device("tpu")
+            batches.find_device("tpu")
 
     def test_a_device_that_does_not_finish_a_step_is_an_error(self):
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         batch.step()
         batch._control_step = lambda: None
         with self.assertRaisesRegex(RuntimeError, "did not finish"):
@@ -247,7 +248,7 @@ class Physics(unittest.TestCase):
         Everything moves, touches something or is welded.
         """
         rows, pushed = len(models), [models[0].body("held").id]
-        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 50, 1e9]], pushed, fields, device="cpu")
+        batch = batches.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 50, 1e9]], pushed, fields, device="cpu")
         data = mujoco.MjData(models[0])
         data.qpos[0], data.qvel[0] = 0.1, 0.5
         for body in ("box", "ball"):
@@ -255,7 +256,7 @@ class Physics(unittest.TestCase):
         states = np.tile(state_of(models[0], data), (rows, 1))
         batch.write_states(np.arange(rows, dtype=np.int32), states)
         # The first row keeps the constants of the document.
-        values = [np.concatenate([gpu.attribute(model, name).ravel() for name in fields]) for model in models[1:]]
+        values = [np.concatenate([batches.attribute(model, name).ravel() for name in fields]) for model in models[1:]]
         batch.write_fields(np.arange(1, rows, dtype=np.int32), np.array(values))
         buffers = batch.arrays()
         buffers["inputs"][:], buffers["active"][:], buffers["forces"][:] = 0.12, 1, force
@@ -273,7 +274,7 @@ class Physics(unittest.TestCase):
 
     def test_one_step_of_changed_worlds_agrees_with_changed_models_of_mujoco_c(self):
         for change, fields in CHANGES:
-            models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(3)]
+            models = [batches.compile_model(CHANGEABLE, 1 / 240) for _ in range(3)]
             for model in models[1:]:
                 change(model)
             change(models[2])
@@ -289,7 +290,7 @@ class Physics(unittest.TestCase):
                     self.assertGreater(np.abs(expected[row] - expected[row - 1]).max(), 1e-3)
 
     def test_a_push_accelerates_a_body_as_in_mujoco_c(self):
-        models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(2)]
+        models = [batches.compile_model(CHANGEABLE, 1 / 240) for _ in range(2)]
         found, expected = self.one_step(models, ["eq_data"], [1.0, -2.0, 0.5])
         _, without = self.one_step(models, ["eq_data"], [0.0, 0.0, 0.0])
         self.assertLess(np.abs(found - expected).max(), 1e-5)
@@ -297,22 +298,22 @@ class Physics(unittest.TestCase):
 
     def test_fields_that_worlds_share_are_an_error(self):
         with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*use MuJoCo C"):
-            gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], ["geom_type"], device="cpu")
+            batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], ["geom_type"], device="cpu")
 
 
 AUDIT = """
 import json, sys
-from mishandle import gpu, gpu_audit
+from mishandle.gpu import audit, batches
 # Kernels without optimization compile in about half of the time.
-gpu.wp.config.optimization_level = 0
+batches.wp.config.optimization_level = 0
 states, episodes = int(sys.argv[1]), int(sys.argv[2])
 space, formula = sys.argv[3:5]
-found = {task: gpu_audit.audit(task, states=states, episodes=episodes, space=space, formula=formula) for task in sys.argv[5:]}
+found = {task: audit.audit(task, states=states, episodes=episodes, space=space, formula=formula) for task in sys.argv[5:]}
 print(json.dumps({task: [result.states, result.overflows, result.differences] for task, result in found.items()}))
 """
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class OneStep(unittest.TestCase):
     """One physics step of MuJoCo Warp against one of MuJoCo C, from states of episodes."""
 
@@ -367,7 +368,7 @@ class OneStep(unittest.TestCase):
 
     def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
         found = self.found(self.processes)
-        self.assertEqual(set(found), set(gpu_audit.TASKS))
+        self.assertEqual(set(found), set(audit.TASKS))
         for task, (states, _, _) in found.items():
             self.assertEqual(states, 20 if task == "cloth-placing" else 200, task)
         self.check(found)
@@ -398,7 +399,7 @@ class OneStep(unittest.TestCase):
                         self.assertLess(max(differences[name]), largest)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Networks(unittest.TestCase):
     ACTIVATIONS = {
         "elu": (lambda x: np.where(x > 0, x, np.expm1(x)), lambda y: np.where(y > 0, 1, y + 1)),
@@ -409,7 +410,7 @@ class Networks(unittest.TestCase):
 
     def check(self, sizes, activation, rows):
         """Compares both passes with the same ones of NumPy in 64 bits."""
-        network = gpu_networks.WarpNetwork(sizes, activation, rows)
+        network = networks.WarpNetwork(sizes, activation, rows)
         floats = ctypes.POINTER(ctypes.c_float)
         buffers = {
             name: np.ctypeslib.as_array(ctypes.cast(address, floats), (length,))
@@ -450,7 +451,7 @@ class Networks(unittest.TestCase):
                 self.check(sizes, activation, rows)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Training(unittest.TestCase):
     SETTINGS = """
         rollout_steps = 8
@@ -466,7 +467,7 @@ class Training(unittest.TestCase):
             file.write(settings.format(steps=steps))
         outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
         command = ["train", task, "--settings", path, *outputs, *options]
-        result = subprocess.run([sys.executable, "-c", gpu_verdicts.COMMAND, *command], capture_output=True, text=True)
+        result = subprocess.run([sys.executable, "-c", verdicts.COMMAND, *command], capture_output=True, text=True)
         self.assertEqual(result.returncode, 0, result.stderr)
         with open(f"{folder}/{name}.csv") as file:
             return json.loads(result.stdout), list(csv.DictReader(file))
@@ -496,17 +497,17 @@ class Training(unittest.TestCase):
         np.testing.assert_allclose(costs[1], costs[0], rtol=0.15)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Commands(unittest.TestCase):
     def run_command(self, *arguments):
         subject = ["point-reaching", "--controller", "ppo", "--action-noise", "1", "--json"]
         if arguments[0] == "simulate":
-            return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
+            return json.loads(verdicts.command(arguments[0], *subject, *arguments[1:]))
         with tempfile.TemporaryDirectory() as folder:
             out = ["--out", f"{folder}/run.sqlite"]
-            found = json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:], *out))
+            found = json.loads(verdicts.command(arguments[0], *subject, *arguments[1:], *out))
             if arguments[0] == "falsify":
-                replayed = gpu_verdicts.command("replay", f"{folder}/run.sqlite", "--json")
+                replayed = verdicts.command("replay", f"{folder}/run.sqlite", "--json")
                 self.assertEqual(json.loads(replayed)["differences"], [])
             return found
 
@@ -573,7 +574,7 @@ move = { kind = "event", jump = "goal", time = [0, 1], x = [-0.5, 0.5] }
 """
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class RobotsInFiles(unittest.TestCase):
     def risk(self, integrator):
         with tempfile.TemporaryDirectory() as folder:
@@ -582,7 +583,7 @@ class RobotsInFiles(unittest.TestCase):
             path.write_text(CART_POLE_FILE)
             question = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --json"
             screening = f"--screening gpu --rows 40 --confirm 1 --out {folder}/run.sqlite"
-            return json.loads(gpu_verdicts.command("risk", path, *question.split(), *screening.split()))
+            return json.loads(verdicts.command("risk", path, *question.split(), *screening.split()))
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):
         found = self.risk("implicitfast")["screening"]
@@ -600,7 +601,7 @@ class RobotsInFiles(unittest.TestCase):
 
 class WithoutTheExtra(unittest.TestCase):
     def test_the_error_says_what_to_install(self):
-        code = "import sys; sys.modules['warp'] = None; import mishandle.gpu"
+        code = "import sys; sys.modules['warp'] = None; import mishandle.gpu.batches"
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertIn("pip install 'mishandle[gpu]'", result.stderr)
 

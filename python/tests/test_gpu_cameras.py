@@ -11,7 +11,7 @@ import numpy as np
 os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
-    from mishandle.gpu_cameras import Cameras, wp
+    from mishandle.gpu.cameras import Cameras, wp
 except ImportError:
     mujoco = None
 

@@ -9,7 +9,8 @@ import gymnasium
 import numpy as np
 
 import mishandle
-from mishandle import Axis, Guard, Guarded
+from mishandle import Axis, Guard
+from mishandle.policies import Guarded
 
 FORMULA = "abs(tray_from_ball_1) <= 0.06 and abs(tray_from_ball_2) <= 0.06"
 

@@ -57,7 +57,7 @@ class Hardenings(unittest.TestCase):
         self.addCleanup(temporary.cleanup)
         self.folder = pathlib.Path(temporary.name)
 
-    def harden(self, name: str, **arguments: Any) -> mishandle.Hardening:
+    def harden(self, name: str, **arguments: Any) -> mishandle.ask.Hardening:
         given = {**ARGUMENTS, "settings": settings(self.folder), **arguments}
         return mishandle.harden("point-reaching", out=self.folder / name, **given)
 
@@ -120,9 +120,9 @@ class Hardenings(unittest.TestCase):
             return {"gap": [1.0, scenario["x"]]}
 
         out = self.folder / "out.safetensors"
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "function is not the name of a task.*mishandle.ScenarioEnv"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "function is not the name of a task.*mishandle.ScenarioEnv"):
             mishandle.harden(system, policy="ppo", out=out)  # type: ignore[arg-type]
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "not a function; write a network"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "not a function; write a network"):
             mishandle.harden("point-reaching", policy=system, out=out)
         for message, arguments in [
             ("trains one of our controllers, by name or path, not a NoneType", {"policy": None}),
@@ -141,7 +141,7 @@ class Hardenings(unittest.TestCase):
         ]:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 self.harden("out.safetensors", **arguments)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "toy/sphere-2d"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "toy/sphere-2d"):
             mishandle.harden("toy/sphere-2d", policy="ppo", out=out)
         with self.assertRaisesRegex(mishandle.MishandleError, "ends in .safetensors"):
             self.harden("out.onnx")
@@ -170,7 +170,7 @@ class Hardenings(unittest.TestCase):
         self.assertTrue(digest.startswith(found.rounds[0].file_hash or "none"), found.rounds)
         with self.assertRaisesRegex(mishandle.MishandleError, "harden.settings is .*trainer"):
             self.harden("second.safetensors", trainer=trainer)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "trainer is a list; expected a command"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "trainer is a list; expected a command"):
             self.harden("second.safetensors", settings=None, trainer=[trainer])
 
     def test_the_plan_of_a_run_says_whether_it_is_a_hardening(self) -> None:

@@ -112,7 +112,7 @@ class Evaluations(unittest.TestCase):
 
 class Policies(unittest.TestCase):
     def test_a_policy_without_lerobot_says_what_to_install(self):
-        with self.assertRaisesRegex(mishandle.MissingPackageError, r"pip install 'mishandle\[lerobot\]'"):
+        with self.assertRaisesRegex(mishandle.errors.MissingPackageError, r"pip install 'mishandle\[lerobot\]'"):
             mishandle.lerobot.policy("checkpoints/last/pretrained_model")
 
 

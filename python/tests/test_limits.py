@@ -12,8 +12,10 @@ import unittest
 import gymnasium
 import mishandle
 import numpy as np
-from mishandle import Axis, InvalidStateError, MishandleError
-from mishandle.limits import TimeLimitExceeded, limited
+from mishandle import Axis, MishandleError
+from mishandle.errors import InvalidStateError
+from mishandle.errors import TimeLimitExceeded
+from mishandle.base.limits import limited
 
 SPACE = [Axis("delay", 0.0, 1.0, "s", nominal=0.0)]
 
@@ -163,10 +165,10 @@ class Timers(unittest.TestCase):
 class Exceptions(unittest.TestCase):
     def test_all_have_one_base_and_the_usual_one(self):
         for kind, usual in [
-            (mishandle.InvalidValueError, ValueError),
-            (mishandle.InvalidTypeError, TypeError),
-            (mishandle.InvalidStateError, RuntimeError),
-            (mishandle.MissingPackageError, ImportError),
+            (mishandle.errors.InvalidValueError, ValueError),
+            (mishandle.errors.InvalidTypeError, TypeError),
+            (mishandle.errors.InvalidStateError, RuntimeError),
+            (mishandle.errors.MissingPackageError, ImportError),
             (mishandle.InvalidScenario, Exception),
         ]:
             self.assertTrue(issubclass(kind, MishandleError) and issubclass(kind, usual), kind)
@@ -176,7 +178,7 @@ class Exceptions(unittest.TestCase):
             lambda: mishandle.Formula("always(x <"),
             lambda: mishandle.TaskEnv("point-reachin"),
             lambda: mishandle.load_controller("ball-catching/none"),
-            lambda: mishandle.Search("randon", [(0, 1)]),
+            lambda: mishandle.ask.Search("randon", [(0, 1)]),
             lambda: mishandle.robustness("x <= 1", {"x": [1.0]}, period=-1.0),
         ]:
             with self.assertRaises(MishandleError) as raised:

@@ -29,7 +29,7 @@ def command(*words):
     )
     if done.returncode not in (0, 1):
         raise AssertionError(done.stderr)
-    return results.build(mishandle.Monitoring, json.loads(done.stdout))
+    return results.build(mishandle.logs.Monitoring, json.loads(done.stdout))
 
 
 def without_names(found):
@@ -166,14 +166,14 @@ class Choices(Files):
         ]
         for log, reading, message in cases:
             for ask in (mishandle.monitor, mishandle.robustness):
-                with self.assertRaisesRegex(mishandle.InvalidValueError, message) as raised:
+                with self.assertRaisesRegex(mishandle.errors.InvalidValueError, message) as raised:
                     ask("always(x <= 2)", log, **reading)
                 self.assertNotIn("--", str(raised.exception))
         with self.assertRaisesRegex(TypeError, "there is no argument `resampled`; did you mean `resample`?"):
             mishandle.monitor("always(x <= 2)", {"x": [1.0]}, resampled="hold")
         with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
             mishandle.robustness("always[0:2s](x <= 2)", {"x": [1.0]})
-        read = mishandle.Log("read", {"": mishandle.Topic("", None, {"x": np.zeros(2)})})
+        read = mishandle.logs.Log("read", {"": mishandle.logs.Topic("", None, {"x": np.zeros(2)})})
         for log, name in [({"x": [1.0]}, "format"), (read, "time"), ({"a": {"x": [1.0]}}, "delimiter")]:
             with self.assertRaisesRegex(TypeError, f"the argument `{name}` has no effect on"):
                 mishandle.monitor("always(x <= 2)", log, **{name: "csv"})
@@ -293,7 +293,7 @@ class SeveralLogs(Files):
         }
         pyarrow.parquet.write_table(pyarrow.table(columns), self.folder / "data" / "chunk-000" / "file-000.parquet")
         formula = "always[0:0.2s](action <= 1.5)"
-        for log in (self.folder, mishandle.read_logs(self.folder)):
+        for log in (self.folder, mishandle.logs.read_logs(self.folder)):
             found = mishandle.monitor(formula, log)
             rows = [(each.log, each.robustness, each.samples) for each in found.verdicts]
             names = [f"{self.folder} episode {number}" for number in range(3)]

@@ -228,7 +228,7 @@ class DamagedMcap(Files):
             path.write_bytes(changed)
             try:
                 found = mishandle.read_log(path).topics
-            except mishandle.InvalidValueError:
+            except mishandle.errors.InvalidValueError:
                 refused += 1
                 continue
             if "/wrench" in found:
@@ -331,7 +331,7 @@ class Bags(Files):
         data = file.read_bytes()
         for damaged in (b"", data[: len(data) // 2], b"SQLite format 3\0" + bytes(4096)):
             file.write_bytes(damaged)
-            with self.assertRaises(mishandle.InvalidValueError):
+            with self.assertRaises(mishandle.errors.InvalidValueError):
                 mishandle.read_log(path)
         (self.folder / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
         with self.assertRaisesRegex(ValueError, "no bag"):
@@ -373,7 +373,7 @@ class DataSets(Files):
         found = []
         for version in ("v2.1", "v3.0"):
             path = self.data_set(version)
-            logs = mishandle.read_logs(path)
+            logs = mishandle.logs.read_logs(path)
             self.assertEqual([len(log.topics[""].times) for log in logs], [40, 25])
             self.assertEqual(logs[1].topics[""].columns["observation.state[1]"][:3].tolist(), [1, 3, 5])
             self.assertEqual(logs[1].topics[""].columns["action"][0], 1.0)
@@ -404,10 +404,10 @@ class DataSets(Files):
         [file] = (path / "data" / "chunk-000").iterdir()
         file.write_bytes(file.read_bytes()[:-100])
         with self.assertRaisesRegex(ValueError, "damaged or no Parquet file"):
-            mishandle.read_logs(path)
+            mishandle.logs.read_logs(path)
         (path / "meta" / "info.json").write_text('{"codebase_version": "v1.6", "fps": 30}')
         with self.assertRaisesRegex(ValueError, "v2 and v3"):
-            mishandle.read_logs(path)
+            mishandle.logs.read_logs(path)
 
 
 if __name__ == "__main__":

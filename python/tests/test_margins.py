@@ -70,7 +70,7 @@ class Margins(unittest.TestCase):
             self.assertEqual(again.recorded_robustness, found.witness.robustness)
             test = mishandle.regress(folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half")
             self.assertEqual((test.passes, test.fails), (1, 0))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "leave out `trial`"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "leave out `trial`"):
                 mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
             with self.assertRaisesRegex(mishandle.MishandleError, "must end with .json"):
                 found.export(os.path.join(folder, "witness.txt"))
@@ -159,10 +159,10 @@ class Margins(unittest.TestCase):
             (INPUTS, {"budget": 2_000_000}, "the budget is 2000000"),
             (INPUTS, {"seed": -1}, "seed is -1"),
         ]:
-            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
+            with self.subTest(text), self.assertRaisesRegex(mishandle.errors.InvalidValueError, text):
                 mishandle.margin(system, "always(y >= 0)", space, **options)  # type: ignore[arg-type]
         self.assertEqual(calls, [])
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "no argument `budgets`"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "no argument `budgets`"):
             mishandle.margin(system, "always(y >= 0)", INPUTS, budgets=3)  # type: ignore[call-arg]
 
     def test_a_system_without_a_verdict_was_not_tested(self) -> None:
@@ -178,7 +178,7 @@ class Margins(unittest.TestCase):
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(half_space, "always(y >= 0)", INPUTS, progress=progress)
-        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        result: mishandle.ask.Margin = raised.exception.result  # type: ignore[attr-defined]
         self.assertTrue(100 < result.simulations < 100 + 2 * 64 and not result.is_complete)
 
     def test_ctrl_c_ends_the_search_after_the_batch_and_keeps_the_witness_so_far(self) -> None:
@@ -197,7 +197,7 @@ class Margins(unittest.TestCase):
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(system, "always(y >= 0)", INPUTS)
-        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        result: mishandle.ask.Margin = raised.exception.result  # type: ignore[attr-defined]
         self.assertTrue(500 < result.simulations <= calls < 1500 + 64, (result.simulations, calls))
         self.assertFalse(result.is_complete)
         assert result.witness is not None

@@ -138,15 +138,15 @@ class WithoutTask(unittest.TestCase):
         linear(self.path, numbers(4, 1))
         policy = mishandle.load_controller(self.path)
         for wrong in (np.zeros(3), np.zeros((2, 5))):
-            with self.assertRaisesRegex(mishandle.InvalidValueError, r"an observation has [35] numbers; the controller takes 4"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r"an observation has [35] numbers; the controller takes 4"):
                 policy(wrong)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the shape \(1, 1, 4\); expected one observation of 4 numbers"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r"the shape \(1, 1, 4\); expected one observation of 4 numbers"):
             policy(np.zeros((1, 1, 4)))
 
     def test_a_model_without_a_fixed_size_is_an_error(self):
         made = model([helper.make_node("Tanh", ["observation"], ["action"])], {}, [("observation", ["N", "M"])], [("action", ["N", "M"])])
         onnx.save(made, self.path)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the observation `observation` .* has the shape \[N, N\]; expected"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r"the observation `observation` .* has the shape \[N, N\]; expected"):
             mishandle.load_controller(self.path)
 
     def test_a_function_acts_with_the_model_and_its_hash_is_a_part_of_the_identity(self):
@@ -372,7 +372,7 @@ class Import(unittest.TestCase):
                 expected, hidden, cell = theirs.run(["action", "h_out", "c_out"], {"observation": observations, **states})
                 states = {"h_in": hidden, "c_in": cell}
                 np.testing.assert_allclose(ours.act(observations), expected, atol=TOLERANCE)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"):
             ours(batches[0, 0])
         ours.reset()
         self.assertEqual(ours(batches[0, 0]).shape, (9,))

@@ -12,8 +12,8 @@ import onnx
 import onnxruntime
 from gymnasium import spaces
 from mishandle import Axis
-from mishandle.onnx_policies import OnnxPolicy
-from mishandle.policies import policy_hash
+from mishandle.policies.onnx_policies import OnnxPolicy
+from mishandle.policies.kinds import policy_hash
 from onnx import TensorProto, helper, numpy_helper
 
 node = helper.make_node

@@ -16,7 +16,7 @@ import mishandle
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from mishandle import Axis
-from mishandle.pictures import HEIGHT, WIDTH, picture
+from mishandle.base.pictures import HEIGHT, WIDTH, picture
 
 SPACE = [Axis("speed", 0.0, 1.0, nominal=0.0)]
 FORMULA = "always(place <= 8)"
@@ -72,7 +72,7 @@ class Pictures(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
-    def page(self, system: Any, **options: Any) -> tuple[str, mishandle.Falsification]:
+    def page(self, system: Any, **options: Any) -> tuple[str, mishandle.ask.Falsification]:
         found = mishandle.falsify(
             system, FORMULA, SPACE, search="random", trials=1, budget=40, out=self.folder / "run.sqlite", name="moving", **options
         )
@@ -80,7 +80,7 @@ class Pictures(unittest.TestCase):
         found.report(self.folder / "page.html", probes=4)
         return (self.folder / "page.html").read_text(), found
 
-    def check(self, page: str, found: mishandle.Falsification) -> None:
+    def check(self, page: str, found: mishandle.ask.Falsification) -> None:
         """Checks that each picture shows the place at its time."""
         speed = found.counterexamples[0].scenario["speed"]
         frames = re.findall(r'<figure class="frame[^>]*><img src="data:image/png;base64,([^"]*)".*?<figcaption>([0-9.]+) s', page)
@@ -122,10 +122,10 @@ class Pictures(unittest.TestCase):
             (lambda samples: [good / 255 for _ in samples], "the type float64; expected .* uint8"),
             (lambda samples: [None for _ in samples], "there is no frame"),
         ]:
-            with self.assertRaisesRegex(mishandle.InvalidValueError, message):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, message):
                 self.page(run, frame=lambda scenario, trace, samples: returned(samples))
             (self.folder / "run.sqlite").unlink()
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a function frame"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "expected a function frame"):
             self.page(run, frame=3)
 
     def test_pictures_of_another_trace_are_not_shown(self) -> None:

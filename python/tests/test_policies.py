@@ -7,7 +7,7 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, ResetOption
-from mishandle.policies import as_policy, policy_hash
+from mishandle.policies.kinds import as_policy, policy_hash
 
 
 class Tensor:

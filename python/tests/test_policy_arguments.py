@@ -121,12 +121,12 @@ class Arguments(unittest.TestCase):
 
     def test_mistakes_are_errors(self) -> None:
         call = lambda policy, space: mishandle.simulate(Line(), NEAR, space, policy=policy, **OPTIONS)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "no keyword argument `bias`, which the axis `estimate_bias` sets; .*: observation"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "no keyword argument `bias`, which the axis `estimate_bias` sets; .*: observation"):
             call(lambda observation: observation, [BIAS])
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "a Model takes observations only; wrap it in a function"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "a Model takes observations only; wrap it in a function"):
             call(type("Model", (), {"predict": lambda self, observation: observation})(), [BIAS])
         other = Axis("bias_too", -1, 1, apply=PolicyArgument("bias"))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "`estimate_bias` and `bias_too` both set the policy argument 'bias'"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "`estimate_bias` and `bias_too` both set the policy argument 'bias'"):
             call(estimated, [BIAS, other])
 
     def test_an_environment_to_train_in_leaves_the_value_to_the_policy(self) -> None:

@@ -37,7 +37,7 @@ class Client(unittest.TestCase):
         self.addCleanup(allowed.stop)
 
     def file(self, url: str, *arguments: str, state: str = "") -> pathlib.Path:
-        words = [sys.executable, "-m", "mishandle.policy_client", url, *arguments]
+        words = [sys.executable, "-m", "mishandle.policies.client", url, *arguments]
         policy = f"policy = {{ process = {json.dumps(words)}, action = \"action\"{state} }}"
         lines = [policy if line.startswith("policy =") else line for line in FILE.splitlines()]
         path = self.folder / "cartpole.toml"
@@ -69,7 +69,7 @@ class Client(unittest.TestCase):
     def test_an_answer_follows_from_its_question_alone(self) -> None:
         with openpi_server(lambda request: {"actions": np.outer([1.0, 2.0, 3.0], request["observation/state"])}) as server:
             program = subprocess.Popen(
-                [sys.executable, "-m", "mishandle.policy_client", server.url, "--execute", "3"],
+                [sys.executable, "-m", "mishandle.policies.client", server.url, "--execute", "3"],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             )
             assert program.stdin is not None and program.stdout is not None

@@ -21,7 +21,8 @@ from typing import Any
 import mishandle
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
-from mishandle import Axis, PolicyServer, PolicyServerError
+from mishandle import Axis, PolicyServer
+from mishandle.errors import PolicyServerError
 from openpi_client import msgpack_numpy
 from servers import Line, openpi_server, proportional
 
@@ -69,7 +70,7 @@ class Failures(unittest.TestCase):
             port = closed.getsockname()[1]
         with self.assertRaisesRegex(PolicyServerError, f"ws://127.0.0.1:{port} cannot be reached: .*refused.*'openpi' running there"):
             simulate(f"ws://127.0.0.1:{port}", 0.5)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "is not the address of a policy server"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "is not the address of a policy server"):
             simulate("ws://", 0.5)
 
     def test_a_server_of_something_else_is_an_error_before_the_first_simulation(self) -> None:
@@ -136,7 +137,7 @@ class Failures(unittest.TestCase):
 
     def test_a_chunk_that_is_too_short_is_an_error(self) -> None:
         with openpi_server(failing(lambda request: {"actions": np.zeros((3, 1))})) as server:
-            with self.assertRaisesRegex(mishandle.InvalidStateError, r"shape \(1, 1\).* and 4 actions are executed"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidStateError, r"shape \(1, 1\).* and 4 actions are executed"):
                 simulate(PolicyServer(server.url, execute=4), 1.5)
 
     def test_nan_is_an_invalid_action(self) -> None:
@@ -160,7 +161,7 @@ class Failures(unittest.TestCase):
             policy = PolicyServer(
                 f"ws://127.0.0.1:{port}", observation={"large": lambda observation: np.zeros(2_000_000)}, time_limit=1.0
             )
-            with self.assertRaisesRegex(mishandle.InvalidStateError, "did not answer within 1 s"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "did not answer within 1 s"):
                 simulate(policy, 0.5)
 
     def test_a_killed_server_ends_one_simulation_and_serves_the_next_after_its_restart(self) -> None:

@@ -13,9 +13,11 @@ import gymnasium
 import mishandle
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
-from mishandle import Axis, PolicyArgument, PolicyServer, PolicyServerError, Resized
-from mishandle.array_messages import MSGPACK_NUMPY, TEXT_KEYS
-from mishandle.server_requests import resize_with_pad
+from mishandle import Axis, PolicyArgument, PolicyServer
+from mishandle.errors import PolicyServerError
+from mishandle.policies import Resized
+from mishandle.policies.messages import MSGPACK_NUMPY, TEXT_KEYS
+from mishandle.policies.observations import resize_with_pad
 from openpi_client import image_tools, msgpack_numpy
 from openpi_client.websocket_client_policy import WebsocketClientPolicy
 from servers import Line, openpi_server, proportional, seeing
@@ -219,7 +221,7 @@ class Kinds(unittest.TestCase):
         self.assertEqual(found.end, "completed")
         self.assertLess(abs(found.trace["place"][-1]), 0.51)
         with openpi_server(lambda request: {"actions": np.array([[0.5]])}) as server:
-            with self.assertRaisesRegex(mishandle.InvalidStateError, "expected whole numbers of the space Discrete"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "expected whole numbers of the space Discrete"):
                 simulate(server.url, Discrete())
 
     def test_a_real_environment_and_policy(self) -> None:
@@ -245,7 +247,7 @@ class Kinds(unittest.TestCase):
             [served] = mishandle.simulate("point-reaching", policy=server.url, rows=2, version="1")
             [local] = mishandle.simulate("point-reaching", policy=lambda observation: np.zeros(9), rows=2)
             self.assertEqual(served.robustness, local.robustness)
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "the system draws none"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "the system draws none"):
                 mishandle.simulate("point-reaching", policy=PolicyServer(server.url, observation={"image": "render"}))
 
 
@@ -300,7 +302,7 @@ class Identity(unittest.TestCase):
         self.assertFalse(self.is_deterministic(found.path))
 
     def test_a_run_contains_no_header_and_no_password(self) -> None:
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "must not contain a password"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "must not contain a password"):
             PolicyServer("ws://user:secret@host:1")
         policy = PolicyServer("ws://host:1", headers={"Authorization": "Api-Key secret"})
         self.assertNotIn("secret", repr(policy))

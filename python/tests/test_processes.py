@@ -8,7 +8,8 @@ import unittest
 import warnings
 
 import mishandle
-from mishandle import Axis, InvalidTypeError, InvalidValueError, MishandleError, Process
+from mishandle import Axis, MishandleError, Process
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 CHILD = """
 import json, os, sys, time

@@ -17,9 +17,9 @@ import gymnasium
 import mishandle
 import ray
 from mishandle import Attribute, Axis
-from mishandle.ray import RayExecutor, _SystemFactory
-from mishandle.ray.plans import HardeningFactory
-from mishandle.systems import TaskSystem
+from mishandle.cluster.executors import RayExecutor, _SystemFactory
+from mishandle.cluster.plans import HardeningFactory
+from mishandle.systems.tasks import TaskSystem
 from ray.cluster_utils import Cluster
 from test_fronts import COMMAND, tables
 
@@ -220,11 +220,11 @@ class RayTest(unittest.TestCase):
                 return {"gap": [1.0, 1.0]}
 
         expected = r"`.*locked` or what it refers to cannot be sent to the workers: cannot pickle '_thread.lock' object; make files"
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, expected):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, expected):
             mishandle.falsify(locked, FORMULA, SPACE, search="random", budget=5, executor="ray")
 
     def campaign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address, *arguments]
+        command = [sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address, *arguments]
         return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=1800)
 
     def test_a_campaign_has_the_rows_of_the_command_line(self) -> None:
@@ -248,7 +248,7 @@ class RayTest(unittest.TestCase):
                 batch = 16
             """)
         )
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address]
+        command = [sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address]
         first = subprocess.Popen(
             [*command, "campaign.toml", "--out", "runs"], cwd=self.folder, stderr=subprocess.PIPE, text=True
         )
@@ -281,7 +281,7 @@ class RayTest(unittest.TestCase):
         text = HARDENINGS.replace("SETTINGS", str(self.folder / "settings.toml"))
         (self.folder / "settings.toml").write_text(SETTINGS)
         (self.folder / "campaign.toml").write_text(text)
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address]
+        command = [sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address]
         first = subprocess.Popen([*command, "campaign.toml", "--out", "ray"], cwd=self.folder, stderr=subprocess.PIPE, text=True)
         started = self.folder / "ray" / "5.harden" / "round-1" / "settings.toml"
         other = self.folder / "ray" / "6.harden" / "round-1" / "settings.toml"
@@ -311,7 +311,7 @@ class RayTest(unittest.TestCase):
     def test_a_worker_without_the_folder_of_a_hardening_is_an_error(self) -> None:
         executor = RayExecutor()
         factory = HardeningFactory(str(self.folder / "missing"), durable=False, any_build=False)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "a file system that all nodes share"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "a file system that all nodes share"):
             executor.run(executor.share(factory), ["6"])
 
     def test_mistakes_on_the_command_line_are_errors_in_one_line(self) -> None:

@@ -10,7 +10,8 @@ import mishandle
 import mujoco
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
-from mishandle import Axis, Reduced
+from mishandle import Axis
+from mishandle.systems import Reduced
 
 # A ball falls 5 cm onto the ground.
 MODEL = """<mujoco>
@@ -131,18 +132,18 @@ class Reductions(unittest.TestCase):
             environment.close()
 
     def test_mistakes_are_errors(self) -> None:
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "over is 'median'; it must be one of max, min, mean, sum"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "over is 'median'; it must be one of max, min, mean, sum"):
             Reduced("median", contact)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "does not have several values"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "does not have several values"):
             Reduced("max", "reward")
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "called neither mujoco.mj_step nor mujoco.mj_step2"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "called neither mujoco.mj_step nor mujoco.mj_step2"):
             traces(StepsItself(), {"peak": Reduced("max", contact)})
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "expected a list of the values in the control step"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "expected a list of the values in the control step"):
             traces(Ball(), {"peak": Reduced("max", "obs[0]")})
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "it has no observation there"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "it has no observation there"):
             traces(Ball(), {"peak": Reduced("max", lambda env, observation: 0.0)})
         vector = AsyncVectorEnv([Ball])
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "the source of the signal `peak` is a function"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "the source of the signal `peak` is a function"):
             traces(vector, {"peak": Reduced("max", contact)})
         vector.close()
 

@@ -33,7 +33,7 @@ class MetamorphicTests(unittest.TestCase):
     def setUp(self) -> None:
         self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
-    def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.Metamorphic:
+    def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.ask.Metamorphic:
         out = self.folder / f"{len(list(self.folder.iterdir()))}.sqlite"
         return mishandle.metamorphic(system, "always(gap >= 2)", space, out=out, **asked)
 

@@ -40,7 +40,7 @@ class CheckTests(unittest.TestCase):
         self.file = self.folder / "requirements.toml"
         self.file.write_text(FILE)
 
-    def check(self, system: Any, out: str = "checked", **asked: Any) -> mishandle.Check:
+    def check(self, system: Any, out: str = "checked", **asked: Any) -> mishandle.ask.Check:
         return mishandle.check(system, self.file, SPACE, out=self.folder / out, episodes=60, budget=30, **asked)
 
     def test_verdicts_are_those_of_a_hand_calculation(self) -> None:

@@ -30,14 +30,14 @@ class TestFormula(unittest.TestCase):
         self.assertEqual([trap.name for trap in mishandle.formula("always[0:9s](x_deg <= y_mm)", episode=5).traps][0], "horizon-beyond-episode")
         names = {trap.name for trap in mishandle.formula("always(x_deg <= y_mm)").traps}
         self.assertEqual(names, {"unit-mismatch"})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "column"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "column"):
             mishandle.formula("always(x <= )")
 
     def test_patterns(self):
-        text = mishandle.pattern("hold-for", p="closed >= 1", q="force < 20", duration="2s")
+        text = mishandle.logs.pattern("hold-for", p="closed >= 1", q="force < 20", duration="2s")
         self.assertEqual(text, "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))")
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "needs the parameter `q`"):
-            mishandle.pattern("hold-for", p="closed >= 1")
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "needs the parameter `q`"):
+            mishandle.logs.pattern("hold-for", p="closed >= 1")
 
 
 class TestMine(unittest.TestCase):
@@ -59,9 +59,9 @@ class TestMine(unittest.TestCase):
 
     def test_mistakes(self):
         for parameters, part in [({"force": (0, 1)}, "reads no signal"), ({"c": (1, 0)}, "lower one first")]:
-            with self.assertRaisesRegex(mishandle.InvalidValueError, part):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, part):
                 mishandle.mine("always(force <= c)" if "c" in parameters else "always(force <= 1)", parameters, LOGS)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "there is no log"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "there is no log"):
             mishandle.mine("always(force <= c)", {"c": (0, 1)}, [])
 
 

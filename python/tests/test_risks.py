@@ -81,7 +81,7 @@ class Risks(unittest.TestCase):
             file = found.export(os.path.join(folder, "failure.json"))
             again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
             self.assertEqual((again.differences, again.repetition.scenario), ((), found.failures[0].scenario))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "failure is 9"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "failure is 9"):
                 found.export(file, failure=9)
             copied = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "copied.json"))
             self.assertEqual(copied.read_bytes(), file.read_bytes())
@@ -110,9 +110,9 @@ class Risks(unittest.TestCase):
             ({"method": "exact"}, "no method `exact`"),
             ({"batch": 100_000}, "the batch size is 100000"),
         ]:
-            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
+            with self.subTest(text), self.assertRaisesRegex(mishandle.errors.InvalidValueError, text):
                 mishandle.risk(system, "always(gap >= 0)", SPEED, **options)  # type: ignore[arg-type]
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a dictionary"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "expected a dictionary"):
             mishandle.risk(system, "always(gap >= 0)", SPEED, distribution="normal:5:1")  # type: ignore[arg-type]
         self.assertEqual(calls, [])
 
@@ -141,7 +141,7 @@ class Risks(unittest.TestCase):
             with self.assertRaises(KeyboardInterrupt) as raised:
                 formula = None if isinstance(system, str) else "always(gap >= 2)"
                 mishandle.risk(system, formula, simulations=10**9, progress=progress, **options)  # type: ignore[arg-type]
-            result: mishandle.Risk = raised.exception.result  # type: ignore[attr-defined]
+            result: mishandle.ask.Risk = raised.exception.result  # type: ignore[attr-defined]
             self.assertEqual((result.is_complete, result.simulations), (False, 64))
             self.assertEqual(result.monte_carlo.simulations, 64)
 

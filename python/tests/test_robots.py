@@ -63,9 +63,9 @@ class TestRobots(unittest.TestCase):
 
     def test_mistakes_name_the_line(self) -> None:
         self.file.write_text(FILE.replace("qpos('hinge')\", unit", "qpos('hing')\", unit"))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "line 9: no joint `hing`; did you mean `hinge`"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "line 9: no joint `hing`; did you mean `hinge`"):
             mishandle.evaluate(self.file, episodes=2)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "by name"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "by name"):
             mishandle.evaluate(self.file, space=[mishandle.Axis("tilt", 0, 1)], episodes=2)
 
     def test_a_policy_in_python_acts_as_the_same_expression_of_the_file_in_every_space(self) -> None:
@@ -98,7 +98,7 @@ class TestRobots(unittest.TestCase):
             for tilt in (0.2, 0.28, -0.28, -0.2):
                 [found] = mishandle.simulate(self.file, at={"tilt": tilt}, policy=served, version="1")
                 ends[tilt] = (found.end, found.robustness is None, "".join(found.exceptions))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "the system draws none"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "the system draws none"):
                 mishandle.simulate(self.file, policy=mishandle.PolicyServer(server.url, observation={"picture": "render"}))
         for tilt in (0.2, -0.2):
             self.assertEqual(ends[tilt], ("completed", False, ""))
@@ -156,9 +156,9 @@ class TestRobots(unittest.TestCase):
         for tilt, end in zip(ends["tilt"], ends["end"]):
             self.assertEqual(end, "crashed" if abs(tilt) > 0.25 else "completed")
         self.assertIn("too far", found.exceptions[0])
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"):
             mishandle.evaluate(self.file, policy=lambda state: [0.0, 0.0], episodes=2)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "`steps` has no effect on a robot in a file"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "`steps` has no effect on a robot in a file"):
             mishandle.evaluate(self.file, policy=balance, steps=3, episodes=2)
 
         def interrupted(state: Any) -> Any:

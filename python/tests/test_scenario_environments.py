@@ -202,7 +202,7 @@ class Draws(unittest.TestCase):
         env = ScenarioEnv(Still(), [SPEED], nominal=0.0, seed=4)
         copy = pickle.loads(pickle.dumps(env))
         self.assertEqual(*[[info["scenario"] for info in draws(each, 5)] for each in (env, copy)])
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "before its first reset or after `close`"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "before its first reset or after `close`"):
             pickle.dumps(env)
         env.close()
         pickle.dumps(env)
@@ -317,7 +317,7 @@ class Archive(unittest.TestCase):
         heavy = Axis("mass", 0.0, 1.0, kind="model", nominal=0.25, apply=lambda env, mass: None)
         env = ScenarioEnv(Still(), [SPEED, heavy], run.path, archive_share=1.0, nominal=0.0, corners=0.0)
         self.assertEqual({info["scenario"]["mass"] for info in draws(env, 20)}, {0.25})
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "archive is 3"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "archive is 3"):
             ScenarioEnv(Still(), [SPEED], 3)
 
 
@@ -367,7 +367,7 @@ class Mistakes(unittest.TestCase):
         length = cart_pole_space(cart_pole())[:1]
         make = lambda: gymnasium.wrappers.TimeLimit(ScenarioEnv(cart_pole(), length), STEPS)
         for system in (make(), SyncVectorEnv([make] * 2)):
-            with self.assertRaisesRegex(mishandle.InvalidTypeError, "pass the environment without this wrapper"):
+            with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "pass the environment without this wrapper"):
                 mishandle.evaluate(system, "always(abs(angle) <= 1)", length, **options)
 
     def test_an_unknown_attribute_is_an_error_at_the_first_reset(self):
@@ -382,7 +382,7 @@ class Mistakes(unittest.TestCase):
         env = Moving()
         env = ScenarioEnv(env, mishandle.faults(env, steps=STEPS), nominal=0.0, steps=STEPS)
         env.reset(seed=0, options={"at": {"actuator_fault": "authority-loss", "actuator_fault_duration": 1.0}})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "number 0 of the action is NaN"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, "number 0 of the action is NaN"):
             env.step(np.array([np.nan]))
 
 

@@ -35,7 +35,7 @@ class At(unittest.TestCase):
             (["a", 0.0], "the scenario's `x` is 'a'; expected a number"),
             ({"z": None}, "the scenario's `z` is None; expected a number"),
         ]:
-            with self.subTest(at=at), self.assertRaises(mishandle.InvalidTypeError) as caught:
+            with self.subTest(at=at), self.assertRaises(mishandle.errors.InvalidTypeError) as caught:
                 simulate(at)
             self.assertIn(text, str(caught.exception))
         for at, text in [
@@ -43,7 +43,7 @@ class At(unittest.TestCase):
             ([float("nan"), 0.0], "the scenario's `x` is NaN"),
             ({1: 2.0}, "the space has no axis 1; its axes: x, z"),
         ]:
-            with self.subTest(at=at), self.assertRaises(mishandle.InvalidValueError) as caught:
+            with self.subTest(at=at), self.assertRaises(mishandle.errors.InvalidValueError) as caught:
                 simulate(at)
             self.assertIn(text, str(caught.exception))
 

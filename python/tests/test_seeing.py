@@ -164,7 +164,7 @@ class Seeing(unittest.TestCase):
             shutil.rmtree(self.path.parent / "recorded")
         # A chunk is a memory: the rows of an episode stay the same until a reset.
         self.assertTrue(controller.is_recurrent)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "2 rows .* 1 were given: call `reset"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidStateError, "2 rows .* 1 were given: call `reset"):
             controller(states[0], [images[0]])
         controller.reset()
         self.assertEqual(executed(controller(states[0], [images[0]])), actions[0].tobytes())
@@ -217,7 +217,7 @@ class Seeing(unittest.TestCase):
         self.assertTrue(np.isfinite(controller(state, images)).all())
         state[0] = np.nan
         self.assertTrue(np.isnan(controller(state, images)).any())
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"needs cameras=\['over', 'wrist'\], image_size=\(64, 64\)"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidValueError, r"needs cameras=\['over', 'wrist'\], image_size=\(64, 64\)"):
             mishandle.simulate("point-reaching", policy=controller, cameras=["over"])
         # A model that names cameras which its task lacks.
         seeing(self.path, camera="ovre")

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict
 from gymnasium.vector import SyncVectorEnv
 
 import mishandle
-from mishandle.fault_lines import FaultLine
+from mishandle.scenarios.lines import FaultLine
 
 STEPS = 20
 FORMULA = "always(step >= 0)"

@@ -108,11 +108,11 @@ class Starts(unittest.TestCase):
 
     def test_mistakes_are_errors(self) -> None:
         for settle in (0, -1, 1.5, True, (1, np.zeros(1), 2)):
-            with self.assertRaises((mishandle.InvalidValueError, mishandle.InvalidTypeError)):
+            with self.assertRaises((mishandle.errors.InvalidValueError, mishandle.errors.InvalidTypeError)):
                 self.trace(Falling(), 2.0, settle=settle)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a function of observation and info"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "expected a function of observation and info"):
             self.trace(Falling(), 2.0, invalid=True)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "`settle` has no effect on a function"):
+        with self.assertRaisesRegex(mishandle.errors.InvalidTypeError, "`settle` has no effect on a function"):
             mishandle.simulate(lambda scenario: {"x": [0, 0]}, "always(x <= 1)", SPACE, settle=2)
 
 

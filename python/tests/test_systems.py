@@ -508,29 +508,29 @@ class Tools(unittest.TestCase):
         self.assertIsNone(mishandle.Formula("always[0:9](x <= 4)").robustness(trace, decided_only=True))
 
     def test_searches_minimize_and_agree_with_the_function(self):
-        for name in mishandle.search_names():
-            found = mishandle.find_minimum(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
+        for name in mishandle.ask.search_names():
+            found = mishandle.ask.find_minimum(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
             self.assertEqual(found.fun, float((found.x**2).sum()), name)
             self.assertLess(found.fun, 0.1, name)
-        search = mishandle.Search("random", [(0, 1)])
+        search = mishandle.ask.Search("random", [(0, 1)])
         first, second = search.ask(2)
         with self.assertRaisesRegex(ValueError, "order of the points"):
             search.tell(second, 1.0)
 
     def test_whole_numbers_of_a_search_are_whole_and_within_their_bounds(self):
-        for name in mishandle.search_names():
-            search = mishandle.Search(name, [(-1, 2), (0.0, 1.0)], seed=3, integrality=[True, False])
+        for name in mishandle.ask.search_names():
+            search = mishandle.ask.Search(name, [(-1, 2), (0.0, 1.0)], seed=3, integrality=[True, False])
             for _ in range(40):
                 for point in search.ask(1):
                     self.assertIn(point[0], (-1.0, 0.0, 1.0, 2.0), name)
                     search.tell(point, float(point.sum()))
         with self.assertRaisesRegex(ValueError, "one for each of the 1 coordinates"):
-            mishandle.Search("random", [(0, 1)], integrality=[True, False])
+            mishandle.ask.Search("random", [(0, 1)], integrality=[True, False])
         with self.assertRaisesRegex(ValueError, "must be whole numbers"):
-            mishandle.Search("random", [(0, 1.5)], integrality=[True])
+            mishandle.ask.Search("random", [(0, 1.5)], integrality=[True])
 
     def test_a_search_that_knows_whole_numbers_rarely_repeats_a_point(self):
-        search = mishandle.Search("portfolio", [(0, 3), (0, 3)], integrality=[True, True])
+        search = mishandle.ask.Search("portfolio", [(0, 3), (0, 3)], integrality=[True, True])
         found = set()
         for _ in range(16):
             [point] = search.ask(1)
@@ -539,7 +539,7 @@ class Tools(unittest.TestCase):
         self.assertGreater(len(found), 12)
 
     def test_an_objective_is_the_robustness_of_a_simulation(self):
-        objective = mishandle.Objective(distance, "always(distance >= 0.1)", SQUARE)
+        objective = mishandle.ask.Objective(distance, "always(distance >= 0.1)", SQUARE)
         points = np.random.default_rng(1).random((4, 2))
         expected = [np.hypot(2 * u - 1.3, 2 * v - 0.6) - 0.1 for u, v in points]
         np.testing.assert_allclose(objective(points), expected, atol=1e-12)
@@ -552,14 +552,14 @@ class Tools(unittest.TestCase):
 
     def test_an_objective_of_a_task_has_levels_and_bounds_above_a_threshold(self):
         # The gap of the last cars grows above 40 m at full throttle, and stays at 10 m at rest.
-        cars = mishandle.Objective("arch/cc1")
+        cars = mishandle.ask.Objective("arch/cc1")
         found = cars([[1.0] * 20 + [0.0] * 20, [0.0] * 40])
         self.assertLess(found[0], 0)
         self.assertEqual(found[1], 30.0)
-        delay = mishandle.Objective("point-reaching", "success", "delay", policy="ppo")
+        delay = mishandle.ask.Objective("point-reaching", "success", "delay", policy="ppo")
         self.assertEqual([axis.name for axis in delay.space], ["action_delay", "observation_delay"])
         self.assertEqual(delay.levels, [axis.high - axis.low + 1 for axis in delay.space])
-        objective = mishandle.Objective("door-opening", "success", "starts", policy="ppo", seed=4)
+        objective = mishandle.ask.Objective("door-opening", "success", "starts", policy="ppo", seed=4)
         points = np.random.default_rng(0).random((3, len(objective.space)))
         exact = objective(points)
         [found] = mishandle.simulate(

@@ -12,7 +12,8 @@ import unittest
 import core
 import mishandle
 import numpy as np
-from mishandle import MishandleError, TrainingEpisodes
+from mishandle import MishandleError
+from mishandle.systems import TrainingEpisodes
 
 
 def actions(step, environments, size):
@@ -257,7 +258,7 @@ class Fork(unittest.TestCase):
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = "import os, mishandle\n" \
             "if os.fork() == 0:\n" \
-            "    env = mishandle.TrainingEpisodes('point-reaching', 2)\n" \
+            "    env = mishandle.systems.TrainingEpisodes('point-reaching', 2)\n" \
             "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
             "assert os.wait()[1] == 0"
         subprocess.run([sys.executable, "-c", program], check=True, timeout=600)

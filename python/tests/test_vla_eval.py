@@ -100,7 +100,7 @@ class VlaEval(unittest.TestCase):
 
     def test_a_server_of_the_other_protocol_is_an_error_before_the_first_simulation(self) -> None:
         with served(Chunked()) as url:
-            with self.assertRaisesRegex(mishandle.PolicyServerError, "did not answer within 0.5 s; is a server of the protocol 'openpi'"):
+            with self.assertRaisesRegex(mishandle.errors.PolicyServerError, "did not answer within 0.5 s; is a server of the protocol 'openpi'"):
                 mishandle.simulate(Line(), "always(abs(place) <= 3)", [START], policy=PolicyServer(url, time_limit=0.5), **OPTIONS)
 
 

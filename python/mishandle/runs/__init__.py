@@ -1,0 +1,12 @@
+"""Targets, run files, and what is read from them."""
+
+from mishandle.runs.evidence_folders import evidence, verify_evidence
+from mishandle.runs.explanations import Comparison, Explanation, compare, diff
+from mishandle.runs.rerun_files import to_rerun
+from mishandle.runs.run_files import Run, open_run
+from mishandle.runs.targets import Simulation
+
+__all__ = [
+    "Comparison", "Explanation", "Run", "Simulation", "compare", "diff", "evidence", "open_run",
+    "to_rerun", "verify_evidence",
+]
