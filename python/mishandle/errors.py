@@ -2,8 +2,8 @@
 
 
 class MishandleError(Exception):
-    """Base class of the package's exceptions. It is raised itself where no subclass fits, for instance for a run file of
-    another system."""
+    """Base class of the package's exceptions. It is raised itself where no subclass fits, for
+    instance for a run file of another system."""
 
 
 class InvalidValueError(MishandleError, ValueError):
@@ -31,5 +31,5 @@ class InvalidScenario(MishandleError):
 
 
 class TimeLimitExceeded(BaseException):
-    """The simulation took longer than its time limit. It is no ``Exception``, so that ``except Exception`` in a system does
-    not swallow it."""
+    """The simulation took longer than its time limit. It is no ``Exception``, so that ``except
+    Exception`` in a system does not swallow it."""

@@ -19,7 +19,8 @@ MIDDLE, WIDTH = 16, 33
 
 
 class Line(gymnasium.Env[Any, Any]):
-    """A point whose velocity is the action, 0.1 s per control step. A picture shows it as a white column, 0.1 m per pixel."""
+    """A point whose velocity is the action, 0.1 s per control step. A picture shows it as a white
+    column, 0.1 m per pixel."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float64)
     action_space = gymnasium.spaces.Box(-10, 10, (1,), np.float64)
@@ -57,7 +58,8 @@ class Recorded:
         return f"ws://127.0.0.1:{self.port}"
 
     def handle(self, websocket: Any) -> None:
-        """Speaks the protocol of openpi, as its `WebsocketPolicyServer` does. A policy can return a frame instead of an answer."""
+        """Speaks the protocol of openpi, as its `WebsocketPolicyServer` does. A policy can return a
+        frame instead of an answer."""
         self.connections += 1
         websocket.send(msgpack_numpy.packb(self.metadata))
         with contextlib.suppress(ConnectionClosed):
@@ -66,16 +68,22 @@ class Recorded:
                 self.requests.append(msgpack_numpy.unpackb(self.raw[-1]))
                 try:
                     answer = self.policy(self.requests[-1])
-                    websocket.send(answer if isinstance(answer, (bytes, str)) else msgpack_numpy.packb(answer))
+                    websocket.send(
+                        answer if isinstance(answer, (bytes, str)) else msgpack_numpy.packb(answer)
+                    )
                 except ConnectionClosed:
                     raise
                 except Exception:
                     websocket.send(traceback.format_exc())
-                    websocket.close(1011, "Internal server error. Traceback included in previous frame.")
+                    websocket.close(
+                        1011, "Internal server error. Traceback included in previous frame."
+                    )
 
 
 @contextlib.contextmanager
-def openpi_server(policy: Callable[[Any], Any], metadata: dict[str, Any] | None = None) -> Iterator[Recorded]:
+def openpi_server(
+    policy: Callable[[Any], Any], metadata: dict[str, Any] | None = None
+) -> Iterator[Recorded]:
     """Runs a server in a thread."""
     found = Recorded(policy, metadata)
     server = serve(found.handle, "127.0.0.1", 0, compression=None, max_size=None)

@@ -31,17 +31,19 @@ class Bisections(unittest.TestCase):
         self.folder = pathlib.Path(temporary.name)
 
     def checkpoints(self) -> pathlib.Path:
-        """Returns a folder of four controllers: two that are shipped, then two that hardly trained."""
+        """Returns a folder of four controllers: two that are shipped, then two that hardly
+        trained."""
         steps = self.folder / "steps"
         steps.mkdir()
         settings = self.folder / "small.toml"
         settings.write_text(
-            "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n"
-            "run.validation_interval = 4\nrun.validation_episodes = 4\n"
+            "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\n"
+            "run.total_steps = 2048\nrun.validation_interval = 4\nrun.validation_episodes = 4\n"
         )
         bad = self.folder / "bad.safetensors"
         trained = command(
-            "train", "point-reaching", "--algorithm", "ppo", "--settings", str(settings), "--out", str(bad)
+            "train", "point-reaching", "--algorithm", "ppo", "--settings", str(settings), "--out",
+            str(bad)
         )
         self.assertEqual(trained.returncode, 0, trained.stderr)
         good = ROOT / "controllers" / "point-reaching" / "ppo.safetensors"
@@ -59,7 +61,9 @@ class Bisections(unittest.TestCase):
 
         out = self.folder / "out"
         found = mishandle.bisect(steps, **RATE, out=out, progress=note)
-        self.assertEqual((found.last_good, found.first_bad), ("step-2.safetensors", "step-3.safetensors"))
+        self.assertEqual(
+            (found.last_good, found.first_bad), ("step-2.safetensors", "step-3.safetensors")
+        )
         self.assertEqual(len(found.candidates), 4)
         self.assertEqual(seen, {tested.name for tested in found.tested})
         self.assertIn("step-3.safetensors is the first that fails", str(found))
@@ -72,7 +76,10 @@ class Bisections(unittest.TestCase):
         self.assertEqual(results.build(mishandle.ask.Bisection, document), found)
 
         # The runs are files as any other, and the page compares those of the neighbors.
-        good, bad = (tested.run for tested in found.tested if tested.name in (found.last_good, found.first_bad))
+        good, bad = (
+            tested.run for tested in found.tested
+            if tested.name in (found.last_good, found.first_bad)
+        )
         assert good is not None and bad is not None
         self.assertGreater(mishandle.compare(good, bad).success.first_only, 0)
         found.report(self.folder / "page.html", simulate=False)

@@ -71,7 +71,9 @@ class Bits(unittest.TestCase):
                 found = env.step(given[row])
                 np.testing.assert_array_equal(found[0], observations[row])
                 self.assertEqual((found[1], found[2]), (rewards[row], terminated[row]))
-                self.assertEqual(found[4]["signals"]["ball_speed"], info["signals"]["ball_speed"][row])
+                self.assertEqual(
+                    found[4]["signals"]["ball_speed"], info["signals"]["ball_speed"][row]
+                )
 
 
 class Environments(unittest.TestCase):
@@ -80,7 +82,10 @@ class Environments(unittest.TestCase):
             env = gymnasium.make(name)
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                check_env(env.unwrapped, skip_render_check=name != "mishandle/PointReaching-v0" or not draws())
+                check_env(
+                    env.unwrapped,
+                    skip_render_check=name != "mishandle/PointReaching-v0" or not draws()
+                )
             texts = [str(warning.message) for warning in caught]
             # Observations have no bounds.
             self.assertTrue(all("infinity" in text for text in texts), (name, texts))
@@ -88,7 +93,9 @@ class Environments(unittest.TestCase):
 
     def test_a_scenario_sets_the_initial_state(self):
         env = TaskEnv("point-reaching")
-        first = env.reset(seed=1, options={"scenario": {"target_x": 0.5, "target_y": 0.1, "target_z": 0.4}})
+        first = env.reset(
+            seed=1, options={"scenario": {"target_x": 0.5, "target_y": 0.1, "target_z": 0.4}}
+        )
         second = env.reset(seed=2, options={"scenario": [0.5, 0.1, 0.4]})
         np.testing.assert_array_equal(first[0], second[0])
         self.assertFalse(np.array_equal(env.reset(seed=3)[0], first[0]))
@@ -139,7 +146,9 @@ class Pictures(unittest.TestCase):
         )
         env.reset(seed=[4, 5])
         pictures = env.render()
-        self.assertEqual((type(pictures), len(pictures), pictures[0].shape), (tuple, 2, (120, 160, 3)))
+        self.assertEqual(
+            (type(pictures), len(pictures), pictures[0].shape), (tuple, 2, (120, 160, 3))
+        )
         single = TaskEnv("ball-balancing", render_mode="rgb_array", width=160, height=120)
         single.reset(seed=5)
         np.testing.assert_array_equal(single.render(), pictures[1])
@@ -152,9 +161,13 @@ class Pictures(unittest.TestCase):
     def test_mistakes_are_explained(self):
         with self.assertRaisesRegex(RuntimeError, "make it with render_mode='rgb_array'"):
             TaskEnv("point-reaching").render()
-        with self.assertRaisesRegex(ValueError, "'human' is not supported; it must be 'rgb_array' or None"):
+        with self.assertRaisesRegex(
+            ValueError, "'human' is not supported; it must be 'rgb_array' or None"
+        ):
             TaskEnv("point-reaching", render_mode="human")
-        with self.assertRaisesRegex(ValueError, "161 x 120 pixels; width and height must be even and from 16 to 4096"):
+        with self.assertRaisesRegex(
+            ValueError, "161 x 120 pixels; width and height must be even and from 16 to 4096"
+        ):
             TaskEnv("point-reaching", render_mode="rgb_array", width=161, height=120).render()
 
     def test_without_egl_the_package_works_and_a_picture_is_an_error(self):
@@ -174,7 +187,8 @@ class Pictures(unittest.TestCase):
                 (pathlib.Path(folder) / name).touch()
             variables = {**os.environ, "LD_LIBRARY_PATH": folder}
             found = subprocess.run(
-                [sys.executable, "-c", program], env=variables, check=True, capture_output=True, text=True, timeout=600
+                [sys.executable, "-c", program], env=variables, check=True, capture_output=True,
+                text=True, timeout=600
             )
         self.assertRegex(found.stdout, "cannot render .*apt install libegl1 libgl1-mesa-dri")
 
@@ -199,7 +213,9 @@ class VectorEnvironments(unittest.TestCase):
 
     def test_same_step_mode_returns_the_final_observation(self):
         next_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2)
-        same_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2, autoreset_mode="SameStep")
+        same_step = TaskVectorEnv(
+            "point-reaching", 2, max_episode_steps=2, autoreset_mode="SameStep"
+        )
         for env in [next_step, same_step]:
             env.reset(seed=3)
         push = np.ones((2, 9), np.float32)
@@ -215,7 +231,10 @@ class VectorEnvironments(unittest.TestCase):
     def test_without_copies_the_same_arrays_are_returned_with_the_same_numbers(self):
         for mode in ["NextStep", "SameStep"]:
             fresh, reused = [
-                TaskVectorEnv("ball-balancing", 3, max_episode_steps=40, autoreset_mode=mode, copy=copy) for copy in [True, False]
+                TaskVectorEnv(
+                    "ball-balancing", 3, max_episode_steps=40, autoreset_mode=mode, copy=copy
+                )
+                for copy in [True, False]
             ]
             kept = [fresh.reset(seed=4)[0]]
             first, _ = reused.reset(seed=4)
@@ -231,11 +250,18 @@ class VectorEnvironments(unittest.TestCase):
                 if "final_obs" in results[4]:
                     ended = results[4]["_final_obs"]
                     np.testing.assert_array_equal(ended, results[2] | results[3])
-                    np.testing.assert_array_equal(np.stack(results[4]["final_obs"][ended]), np.stack(same[4]["final_obs"][ended]))
+                    np.testing.assert_array_equal(
+                        np.stack(results[4]["final_obs"][ended]),
+                        np.stack(same[4]["final_obs"][ended])
+                    )
                     for name, values in results[4]["final_info"]["signals"].items():
-                        np.testing.assert_array_equal(values, same[4]["final_info"]["signals"][name], name)
+                        np.testing.assert_array_equal(
+                            values, same[4]["final_info"]["signals"][name], name
+                        )
                 self.assertIs(same[0], first)
-                self.assertTrue(np.shares_memory(same[4]["signals"]["ball_speed"], reused._samples[2]))
+                self.assertTrue(
+                    np.shares_memory(same[4]["signals"]["ball_speed"], reused._samples[2])
+                )
                 kept.append(results[0])
                 copies.append(same[0].copy())
                 if step == 50:
@@ -279,7 +305,12 @@ class VectorEnvironments(unittest.TestCase):
         for wrong, message in [
             (np.zeros((3, arrays[0].shape[1]), np.float32), "`out` must have the shape"),
             (np.zeros(arrays[0].shape[::-1], np.float32).T, "contiguous"),
-            (np.zeros(arrays[0].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(arrays[0].shape), "not aligned"),
+            (
+                np.zeros(arrays[0].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(
+                    arrays[0].shape
+                ),
+                "not aligned"
+            ),
         ]:
             with self.assertRaisesRegex(Exception, message):
                 native.step(still, (wrong, *arrays[1:]))
@@ -333,8 +364,13 @@ class Errors(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: TaskEnv("point-reachin"))
-        self.check("no task preset `x`; choose from: paper, code", lambda: TaskEnv("point-reaching", preset="x"))
-        self.check("no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x"))
+        self.check(
+            "no task preset `x`; choose from: paper, code",
+            lambda: TaskEnv("point-reaching", preset="x")
+        )
+        self.check(
+            "no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x")
+        )
         self.check("from 1 to 1000000, found 0", lambda: TaskVectorEnv("point-reaching", 0))
         for threads in [0, 1025, 2**40]:
             message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
@@ -363,7 +399,9 @@ class Errors(unittest.TestCase):
         self.check("not aligned in memory", lambda: step(odd))
         wide = np.zeros((4, 27), np.float32)
         wide[::2, ::3] = good
-        for strided in [wide[::2, ::3], np.asfortranarray(good), good.astype(">f4"), good.astype(np.float64)]:
+        for strided in [
+            wide[::2, ::3], np.asfortranarray(good), good.astype(">f4"), good.astype(np.float64)
+        ]:
             np.testing.assert_array_equal(step(strided), expected)
 
 

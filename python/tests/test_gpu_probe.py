@@ -16,29 +16,35 @@ FINGERS, ARM, OBJECT, GROUND, FIXTURE = range(5)
 FIXTURE_FORCE, GROUND_FORCE, SELF_FORCE, OBJECT_FORCE, ARM_OBJECT_FORCE = range(5)
 
 # A floor, a post, the stand of an arm of two links whose last one is a finger, and an object.
-SCENE = """<mujoco><compiler angle="radian"/><option integrator="implicitfast" cone="{cone}"/><worldbody>
+SCENE = """<mujoco><compiler angle="radian"/>
+<option integrator="implicitfast" cone="{cone}"/><worldbody>
 <geom type="plane" size="2 2 0.1"/>
 <geom type="box" pos="0.75 0 0.1" size="0.05 0.05 0.1"/>
 <geom type="box" pos="0.25 0 0.1" size="0.05 0.05 0.1"/>
 <body name="arm" pos="0 0 0.35"><joint name="first" axis="0 1 0" range="-3 1.5"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03" mass="1"/>
 <body name="hand" pos="0.4 0 0"><joint name="second" axis="0 1 0" range="-3 2.5"/>
-<geom type="capsule" fromto="0.1 0 0 0.3 0 0" size="0.02" mass="0.3"/><site name="tool" pos="0.3 0 0.01"/></body></body>
-<body name="object" pos="0.5 0 0.05"><freejoint/><geom type="box" size="0.05 0.05 0.05" mass="0.5"/></body>
-</worldbody><equality><weld body1="hand" body2="object" relpose="0.372 0 0 1 0 0 0" active="false"/></equality>
-<actuator><position joint="first" kp="200" kv="10" forcerange="-40 40"/><position joint="second" kp="100" kv="5"/></actuator></mujoco>"""
+<geom type="capsule" fromto="0.1 0 0 0.3 0 0" size="0.02" mass="0.3"/>
+<site name="tool" pos="0.3 0 0.01"/></body></body>
+<body name="object" pos="0.5 0 0.05"><freejoint/>
+<geom type="box" size="0.05 0.05 0.05" mass="0.5"/></body></worldbody>
+<equality><weld body1="hand" body2="object" relpose="0.372 0 0 1 0 0 0" active="false"/></equality>
+<actuator><position joint="first" kp="200" kv="10" forcerange="-40 40"/>
+<position joint="second" kp="100" kv="5"/></actuator></mujoco>"""
 
 # A ball of 2 kg that rests on the arm, a plate that is fixed.
 WEIGHT = """<mujoco><option integrator="implicitfast" cone="{cone}"/><worldbody>
 <body name="arm"><geom type="box" size="0.2 0.2 0.05"/><site name="tool"/></body>
-<body name="object" pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.05" mass="2" condim="{condim}"/></body>
+<body name="object" pos="0 0 0.1"><freejoint/>
+<geom type="sphere" size="0.05" mass="2" condim="{condim}"/></body>
 </worldbody></mujoco>"""
 
 CONES = ("pyramidal", "elliptic")
 
 
 def pairs():
-    """Returns the forces of each pair of parts as bits, written by hand: robot and fixture, and so on."""
+    """Returns the forces of each pair of parts as bits, written by hand: robot and fixture, and so
+    on."""
     robot, held = (FINGERS, ARM), []
     for holds in (False, True):
         bits = np.zeros((5, 5), dtype=int)
@@ -93,7 +99,10 @@ class Readings(unittest.TestCase):
                     expected = np.zeros(10)
                     expected[[OBJECT_FORCE, ARM_OBJECT_FORCE]] = 2 * 9.81
                     expected[5:] = 5 * expected[:5]
-                    np.testing.assert_allclose(readings[:, :10], np.tile(expected, (3, 1)), rtol=1e-4, err_msg=f"{cone} {condim}")
+                    np.testing.assert_allclose(
+                        readings[:, :10], np.tile(expected, (3, 1)), rtol=1e-4,
+                        err_msg=f"{cone} {condim}"
+                    )
 
     def states(self, model, rows):
         """Returns random states of the arm in which it may touch anything."""
@@ -109,7 +118,9 @@ class Readings(unittest.TestCase):
             if len(states) % 2 == 0:
                 # The hand holds the object.
                 hand = data.body("hand")
-                data.qpos[2:5], data.qpos[5:] = hand.xpos + 0.372 * hand.xmat.reshape(3, 3)[:, 0], hand.xquat
+                data.qpos[2:5], data.qpos[5:] = (
+                    hand.xpos + 0.372 * hand.xmat.reshape(3, 3)[:, 0], hand.xquat
+                )
             else:
                 data.qpos[2:5] = random.uniform([0.3, -0.02, 0.048], [0.8, 0.02, 0.5])
                 data.qvel[2:5] = random.normal(size=3) * 0.2
@@ -122,7 +133,8 @@ class Readings(unittest.TestCase):
         return np.array(states)
 
     def readings(self, cone, substeps, rows):
-        """Returns the readings of a control step from random states of MuJoCo Warp and of MuJoCo C."""
+        """Returns the readings of a control step from random states of MuJoCo Warp and of MuJoCo
+        C."""
         document = SCENE.format(cone=cone)
         model = batches.compile_model(document, 1 / 480)
         geoms = [GROUND, FIXTURE, ARM, ARM, FINGERS, OBJECT]
@@ -132,7 +144,9 @@ class Readings(unittest.TestCase):
         arguments = {"xml": document, "timestep": 1 / 480, "servos": servos, "probe": probe}
         batch = batches.WarpBatch(**arguments, rows=rows, substeps=substeps, device="cpu")
         states, inputs = self.states(model, rows), batch.arrays()
-        inputs["inputs"][:] = states[:, 1:3] + np.random.default_rng(4).uniform(-0.5, 0.5, (rows, 2))
+        inputs["inputs"][:] = states[:, 1:3] + np.random.default_rng(4).uniform(
+            -0.5, 0.5, (rows, 2)
+        )
         inputs["active"][::2] = 1
         batch.write_states(np.arange(rows, dtype=np.int32), states)
         batch.step()
@@ -168,7 +182,9 @@ class Readings(unittest.TestCase):
             batch.step()
             outputs.append(batch.arrays()["outputs"])
         without, measured = outputs
-        np.testing.assert_array_equal(np.delete(measured, np.s_[-probes.READINGS - 1 : -1], axis=1), without)
+        np.testing.assert_array_equal(
+            np.delete(measured, np.s_[-probes.READINGS - 1 : -1], axis=1), without
+        )
 
 
 if __name__ == "__main__":

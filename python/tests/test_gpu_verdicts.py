@@ -14,8 +14,12 @@ class Verdicts(unittest.TestCase):
 
     def test_the_simulations_are_those_of_the_command_risk(self):
         options = "--formula success --method monte-carlo --simulations 100 --seed 7 --json"
-        expected = json.loads(verdicts.command("risk", *verdicts.subject(self.CASE), *options.split()))
-        axes = _native.Target.of_task("point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)).axes
+        expected = json.loads(
+            verdicts.command("risk", *verdicts.subject(self.CASE), *options.split())
+        )
+        axes = _native.Target.of_task(
+            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
+        ).axes
         drawn = verdicts.draws(axes, self.SAMPLE)
         [row] = verdicts.in_c(self.CASE, self.SAMPLE)
         self.assertEqual(row.violated, expected["monte_carlo"]["failures"])
@@ -26,7 +30,9 @@ class Verdicts(unittest.TestCase):
             self.assertIn((scenario, int(failure["seed"])), drawn)
 
     def test_moved_scenarios_stay_in_their_ranges(self):
-        axes = _native.Target.of_task("point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)).axes
+        axes = _native.Target.of_task(
+            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
+        ).axes
         for values in ([axis[3] for axis in axes], [axis[4] for axis in axes]):
             for axis, value, found in zip(axes, values, verdicts.moved(values, axes)):
                 self.assertAlmostEqual(abs(found - value), 1e-7, places=12)

@@ -34,7 +34,8 @@ class Plots(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         cls.path = pathlib.Path(folder.name) / "run.sqlite"
         cls.found = mishandle.falsify(
-            system, "always(d >= -0.8)", SPACE, search="random", trials=3, budget=15, seed=1, out=cls.path
+            system, "always(d >= -0.8)", SPACE, search="random", trials=3, budget=15, seed=1,
+            out=cls.path
         )
         cls.columns = mishandle.open_run(cls.path).columns()
 
@@ -42,7 +43,9 @@ class Plots(unittest.TestCase):
         plt.close("all")
 
     def points(self, ax):
-        return {collection.get_label(): collection.get_offsets().data for collection in ax.collections}
+        return {
+            collection.get_label(): collection.get_offsets().data for collection in ax.collections
+        }
 
     def test_a_map_shows_each_simulation_once(self):
         ax = mishandle.plots.plot_robustness_map(self.found)
@@ -55,12 +58,16 @@ class Plots(unittest.TestCase):
         for label, rows in [("violation", violated), ("no verdict", unknown)]:
             expected = [[self.columns["x"][row], self.columns["mass"][row]] for row in rows]
             np.testing.assert_array_equal(points[label], expected)
-        self.assertEqual((ax.get_xlabel(), ax.get_ylabel(), ax.get_yscale()), ("x [m]", "mass [kg]", "log"))
+        self.assertEqual(
+            (ax.get_xlabel(), ax.get_ylabel(), ax.get_yscale()), ("x [m]", "mass [kg]", "log")
+        )
         self.assertEqual(len(ax.figure.axes), 2, "a bar explains the colors")
 
     def test_a_map_of_chosen_axes_in_given_axes(self):
         _, given = plt.subplots()
-        ax = mishandle.plots.plot_robustness_map(mishandle.open_run(self.path), x="surface", y="robustness", ax=given)
+        ax = mishandle.plots.plot_robustness_map(
+            mishandle.open_run(self.path), x="surface", y="robustness", ax=given
+        )
         self.assertIs(ax, given)
         self.assertEqual([label.get_text() for label in ax.get_xticklabels()], ["dry", "wet"])
         self.assertEqual(ax.get_ylabel(), "robustness")
@@ -69,7 +76,9 @@ class Plots(unittest.TestCase):
 
     def test_the_progress_of_each_trial_ends_at_its_minimum(self):
         ax = mishandle.plots.plot_search_progress(self.path)
-        lines = [line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 0][:3]
+        lines = [
+            line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 0
+        ][:3]
         by_trial = {trial.trial: trial for trial in self.found.trials}
         found = [line.get_ydata()[-1] for line in ax.lines if line.get_drawstyle() == "steps-post"]
         self.assertEqual(found, [by_trial[trial].minimum_robustness for trial in (1, 2, 3)])
@@ -78,7 +87,9 @@ class Plots(unittest.TestCase):
 
     def test_a_trace_has_its_thresholds_and_the_interval_of_violation(self):
         trace = {"x": np.array([0.0, 2.0, 3.0, 0.5, 0.0]), "y": np.zeros(5)}
-        axes = mishandle.plots.plot_trace(trace, "always[2:4](x <= 1)", units={"x": "m"}, period=0.5)
+        axes = mishandle.plots.plot_trace(
+            trace, "always[2:4](x <= 1)", units={"x": "m"}, period=0.5
+        )
         self.assertEqual([ax.get_ylabel() for ax in axes], ["x [m]", "robustness"])
         self.assertEqual(axes[-1].get_xlabel(), "time [s]")
         self.assertEqual(axes[0].lines[1].get_ydata(), [1.0, 1.0])
@@ -105,7 +116,10 @@ class Plots(unittest.TestCase):
             self.assertEqual(len(axes[0].patches), shades, formula)
         # `always[0:2]` is decided at sample 0 only; the line of the cut windows starts there.
         solid, dotted = axes[1].lines[:2]
-        self.assertEqual((len(solid.get_xdata()), dotted.get_linestyle(), list(dotted.get_xdata())), (1, ":", [0, 1, 2]))
+        self.assertEqual(
+            (len(solid.get_xdata()), dotted.get_linestyle(), list(dotted.get_xdata())),
+            (1, ":", [0, 1, 2])
+        )
 
     def test_colors_near_zero_differ_from_the_background(self):
         from mishandle.plots import _colors
@@ -128,7 +142,9 @@ class Plots(unittest.TestCase):
             "except ImportError as error:\n"
             "    print(error)\n"
         )
-        found = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+        found = subprocess.run(
+            [sys.executable, "-c", program], check=True, capture_output=True, text=True
+        )
         self.assertEqual(found.stdout, "plots need matplotlib: pip install 'mishandle[plots]'\n")
 
 

@@ -17,7 +17,8 @@ for line in sys.stdin:
     question = json.loads(line)
     answer = {"id": question["id"]}
     if question["type"] == "hello":
-        answer |= {"protocol": 1, "name": "child", "control_dt": 1.0, "steps": 1, "seeded": True, "time_limit": 1}
+        answer |= {"protocol": 1, "name": "child", "control_dt": 1.0, "steps": 1}
+        answer |= {"seeded": True, "time_limit": 1}
         answer["axes"] = [{"name": "a", "unit": "", "low": 0, "high": 1, "nominal": 0.5}]
         answer["signals"] = [{"name": name, "unit": ""} for name in ("y", "process", "seed")]
         answer["formulas"] = [{"name": "small", "text": "always(y <= 2)"}]
@@ -27,7 +28,8 @@ for line in sys.stdin:
             time.sleep(3)
         if a < 0.1:
             sys.exit("out of range")
-        answer["trace"] = {"y": [a] * 2, "process": [os.getpid()] * 2, "seed": [int(question["seed"]) % 1000] * 2}
+        seed = int(question["seed"]) % 1000
+        answer["trace"] = {"y": [a] * 2, "process": [os.getpid()] * 2, "seed": [seed] * 2}
     print(json.dumps(answer), flush=True)
 """
 
@@ -46,7 +48,10 @@ class Processes(unittest.TestCase):
     def test_the_program_states_its_axes_and_its_formula(self):
         found = self.simulate(0.5)
         self.assertEqual(found.robustness, 1.5)
-        result = mishandle.falsify(self.child, "always(y <= 0.6)", trials=1, budget=60, search="random", out=self.folder / "run.sqlite")
+        result = mishandle.falsify(
+            self.child, "always(y <= 0.6)", trials=1, budget=60, search="random",
+            out=self.folder / "run.sqlite"
+        )
         self.assertEqual(result.falsified_trials, 1)
 
     def test_failures_are_typed_ends_without_verdict_and_keep_their_reason(self):
@@ -77,8 +82,15 @@ class Processes(unittest.TestCase):
             mishandle.simulate(Process("no-such-program"), at={"a": 0.5})
 
     def test_a_process_that_outlives_a_time_limit_of_a_function_is_reported(self):
-        program = "import sys, time\nfor line in sys.stdin: time.sleep(3 * (float(line) > 0.8)); print(float(line), flush=True)"
-        child = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        program = (
+            "import sys, time\n"
+            "for line in sys.stdin:\n"
+            "    time.sleep(3 * (float(line) > 0.8)); print(float(line), flush=True)"
+        )
+        child = subprocess.Popen(
+            [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            text=True
+        )
 
         def ask(scenario):
             child.stdin.write(f"{scenario['a']}\n")
@@ -88,8 +100,14 @@ class Processes(unittest.TestCase):
         with child:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                mishandle.simulate(ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5, version="1")
-            self.assertIn(f"the process {child.pid} that the function talks to still runs", str(caught[0].message))
+                mishandle.simulate(
+                    ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5,
+                    version="1"
+                )
+            self.assertIn(
+                f"the process {child.pid} that the function talks to still runs",
+                str(caught[0].message)
+            )
             child.kill()
 
 

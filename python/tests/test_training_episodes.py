@@ -26,7 +26,9 @@ def walk(env, steps):
     """Return the results of `steps` control steps as bytes, in the order of trainer_rows.rs."""
     results = [env.reset()]
     for step in range(steps):
-        observations, rewards, terminated, truncated, info = env.step(actions(step, env.environments, env.action_size))
+        observations, rewards, terminated, truncated, info = env.step(
+            actions(step, env.environments, env.action_size)
+        )
         results += [rewards, terminated, truncated, info["final_observation"], observations]
     return b"".join(array.tobytes() for array in results)
 
@@ -36,11 +38,15 @@ class Bits(unittest.TestCase):
         for task in ["point-reaching", "ball-balancing"]:
             numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
             trainer = core.example("trainer_rows", task, *numbers.values())
-            env = TrainingEpisodes(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
+            env = TrainingEpisodes(
+                task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True
+            )
             self.assertEqual(walk(env, 70), trainer, task)
 
     def test_results_depend_on_the_seed_and_not_on_the_threads(self):
-        make = lambda seed, threads: TrainingEpisodes("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
+        make = lambda seed, threads: TrainingEpisodes(
+            "ball-balancing", 9, seed=seed, threads=threads, time_limit=20
+        )
         first = walk(make(1, 1), 45)
         self.assertEqual(first, walk(make(1, 3), 45))
         self.assertNotEqual(first, walk(make(2, 1), 45))
@@ -53,7 +59,10 @@ class Bits(unittest.TestCase):
 class Episodes(unittest.TestCase):
     def test_shapes_types_and_names(self):
         env = TrainingEpisodes("ball-balancing", 4)
-        self.assertEqual((env.task, env.environments, env.action_size, env.episode_steps), ("ball-balancing", 4, 9, 300))
+        self.assertEqual(
+            (env.task, env.environments, env.action_size, env.episode_steps),
+            ("ball-balancing", 4, 9, 300)
+        )
         self.assertEqual(env.control_dt, 1 / 60)
         self.assertEqual(len(env.observation_names), env.observation_size)
         self.assertEqual(env.observation_names[8], "joint_positions[8]")
@@ -82,8 +91,12 @@ class Episodes(unittest.TestCase):
             self.assertFalse(np.array_equal(final, before))
             self.assertEqual(np.array_equal(final, observations), step % 3 != 0)
             if step == 3:
-                self.assertTrue(np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again")
-                self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
+                self.assertTrue(
+                    np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again"
+                )
+                self.assertFalse(
+                    np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target"
+                )
 
     def test_a_lost_ball_terminates_the_episode(self):
         env = TrainingEpisodes("ball-balancing", 2)
@@ -124,11 +137,26 @@ class Errors(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: TrainingEpisodes("point-reachin", 1))
-        self.check("no task preset `x`; choose from: paper, code", lambda: TrainingEpisodes("point-reaching", 1, preset="x"))
-        self.check("no reward `x`; choose from: shaped", lambda: TrainingEpisodes("point-reaching", 1, reward="x"))
-        self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: TrainingEpisodes("point-reaching", 0))
-        self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: TrainingEpisodes("point-reaching", 1, time_limit=0))
-        self.check("`action_noise` must be", lambda: TrainingEpisodes("point-reaching", 1, action_noise=float("nan")))
+        self.check(
+            "no task preset `x`; choose from: paper, code",
+            lambda: TrainingEpisodes("point-reaching", 1, preset="x")
+        )
+        self.check(
+            "no reward `x`; choose from: shaped",
+            lambda: TrainingEpisodes("point-reaching", 1, reward="x")
+        )
+        self.check(
+            "`environments` must be a whole number from 1 to 10^6, found 0",
+            lambda: TrainingEpisodes("point-reaching", 0)
+        )
+        self.check(
+            "`time_limit` must be a whole number from 1 to 10^12",
+            lambda: TrainingEpisodes("point-reaching", 1, time_limit=0)
+        )
+        self.check(
+            "`action_noise` must be",
+            lambda: TrainingEpisodes("point-reaching", 1, action_noise=float("nan"))
+        )
         for threads in [0, 1025, 2**40]:
             message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
             self.check(message, lambda: TrainingEpisodes("point-reaching", 1, threads=threads))
@@ -145,11 +173,17 @@ class Errors(unittest.TestCase):
         self.check("must be finite, found NaN at [1, 4]", lambda: env.step(bad))
         self.check("found [2, 8]", lambda: env.step(good[:, :8]))
         self.check("found [3, 9]", lambda: env.step(np.zeros((3, 9), np.float32)))
-        self.check("float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9))))
-        self.check("found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32)))
+        self.check(
+            "float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9)))
+        )
+        self.check(
+            "found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32))
+        )
         self.check("found list", lambda: env.step([[0.0] * 9] * 2))
         # The invalid calls did not step the environments, and an array in column order is accepted.
-        self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
+        self.assertTrue(
+            np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first))
+        )
 
     def test_actions_anywhere_in_memory(self):
         env = TrainingEpisodes("point-reaching", 2)
@@ -174,7 +208,9 @@ class Errors(unittest.TestCase):
         for strided in [wide[::2, ::3], np.asfortranarray(good), backward[::-1, ::-1]]:
             self.assertTrue(np.array_equal(step(strided), expected))
         one = np.ones(1, np.float32)
-        self.assertTrue(np.array_equal(step(np.broadcast_to(one, (2, 9))), step(np.ones((2, 9), np.float32))))
+        self.assertTrue(
+            np.array_equal(step(np.broadcast_to(one, (2, 9))), step(np.ones((2, 9), np.float32)))
+        )
         self.check("float32", lambda: step(good.astype(">f4")))
 
     @staticmethod
@@ -250,7 +286,9 @@ class Fork(unittest.TestCase):
         stepping.start()
         try:
             for _ in range(5):
-                self.in_child(lambda: walk(TrainingEpisodes("point-reaching", 2, threads=1), 2) != b"")
+                self.in_child(
+                    lambda: walk(TrainingEpisodes("point-reaching", 2, threads=1), 2) != b""
+                )
         finally:
             running.set()
             stepping.join()

@@ -26,8 +26,11 @@ class Bisection(results.Bisection):
     def __str__(self) -> str:
         return self.shown
 
-    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0) -> None:
-        """Writes a page about the bisection: one HTML file that loads nothing, for a browser or to send.
+    def report(
+        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
+    ) -> None:
+        """Writes a page about the bisection: one HTML file that loads nothing, for a browser or to
+        send.
 
         Parameters
         ----------
@@ -37,7 +40,9 @@ class Bisection(results.Bisection):
             As for the report of a run.
         """
         document = json.dumps(dataclasses.asdict(self))
-        write_text(path, _native.bisection_report(document, probes if simulate else None, sensitivity))
+        write_text(
+            path, _native.bisection_report(document, probes if simulate else None, sensitivity)
+        )
 
 
 def bisect(
@@ -55,14 +60,17 @@ def bisect(
     out: PathLike = "runs/bisect",
     progress: BisectProgress | None = None,
 ) -> Bisection:
-    """Finds the first controller that fails a counterexample or falls below a success rate, as the command ``mishandle bisect`` does.
+    """Finds the first controller that fails a counterexample or falls below a success rate, as the
+    command ``mishandle bisect`` does.
 
-    ``docs/guide/compare.md`` explains the tests. The candidates are files of controllers, so the target is a task or a target file.
+    ``docs/guide/compare.md`` explains the tests. The candidates are files of controllers, so the
+    target is a task or a target file.
 
     Parameters
     ----------
     folder : path
-        Folder of controllers (``*.safetensors``, ``*.onnx``), ordered by name, with numbers by value.
+        Folder of controllers (``*.safetensors``, ``*.onnx``), ordered by name, with numbers by
+        value.
     counterexamples : path, optional
         Counterexample or folder of them: a candidate fails if it violates one.
     rate : float, optional
@@ -70,15 +78,17 @@ def bisect(
     target : str or path, optional
         With ``rate``: a task, or the path of a target file (``.toml``).
     space, action_noise, episodes, plan, seed
-        With ``rate``: scenario space, noise on the actions, largest number of simulations of a candidate (1000), file of a plan, and
-        random seed.
+        With ``rate``: scenario space, noise on the actions, largest number of simulations of a
+        candidate (1000), file of a plan, and random seed.
     all : bool
-        Whether every candidate is tested, so that the result says whether one passes after one that fails.
+        Whether every candidate is tested, so that the result says whether one passes after one that
+        fails.
     out : path
-        Folder of the result and of all simulations. The same call continues an interrupted bisection.
+        Folder of the result and of all simulations. The same call continues an interrupted
+        bisection.
     progress : callable, optional
-        Gets the name of the candidate, the number of its simulations and the largest number, now and then. Its exceptions, and Ctrl-C,
-        end the bisection.
+        Gets the name of the candidate, the number of its simulations and the largest number, now
+        and then. Its exceptions, and Ctrl-C, end the bisection.
 
     Raises
     ------
@@ -87,8 +97,8 @@ def bisect(
     """
     if target is not None and not isinstance(target, (str, os.PathLike)):
         raise InvalidTypeError(
-            f"the candidates of a bisection are files, and a {type(target).__name__} is neither the name of a task nor the path of a "
-            "target file"
+            f"the candidates of a bisection are files, and a {type(target).__name__} is neither "
+            "the name of a task nor the path of a target file"
         )
     given = {
         "counterexamples": counterexamples,

@@ -19,12 +19,14 @@ from mishandle.scenarios.arguments import check_number
 
 @dataclass(frozen=True, kw_only=True)
 class Check(results.Check):
-    """A traceability matrix: verdict and evidence of each requirement. ``str`` gives the text of the command."""
+    """A traceability matrix: verdict and evidence of each requirement. ``str`` gives the text of
+    the command."""
 
     shown: str
     """The text of the command."""
     exit_code: int
-    """0: nothing that counts is violated; 1: something is; 2: a requirement could not be checked."""
+    """0: nothing that counts is violated; 1: something is; 2: a requirement could not be
+    checked."""
 
     def __str__(self) -> str:
         return self.shown
@@ -56,10 +58,11 @@ def check(
     file : path
         TOML file; ``docs/guide/check.md`` describes it.
     out : path
-        Folder of the runs, the counterexamples and the reports. A second call continues an interrupted check.
+        Folder of the runs, the counterexamples and the reports. A second call continues an
+        interrupted check.
     episodes, trials, budget : int, optional
-        Number of random scenarios, number of searches for each requirement, and largest number of simulations of a search; by
-        default those of the file, or 100, 1 and 300.
+        Number of random scenarios, number of searches for each requirement, and largest number of
+        simulations of a search; by default those of the file, or 100, 1 and 300.
     search : str
         Name of the search.
     batch : int
@@ -78,14 +81,21 @@ def check(
     >>> import pathlib, tempfile
     >>> from mishandle import Axis
     >>> folder = pathlib.Path(tempfile.mkdtemp())
-    >>> _ = (folder / "requirements.toml").write_text('[[requirement]]\\nname = "R-1"\\nformula = "always(gap >= 2)"')
+    >>> _ = (folder / "requirements.toml").write_text(
+    ...     '[[requirement]]\\nname = "R-1"\\nformula = "always(gap >= 2)"'
+    ... )
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
-    >>> found = check(system, folder / "requirements.toml", [Axis("speed", 0, 10, "m/s")], out=folder / "checked", episodes=20)
+    >>> found = check(
+    ...     system, folder / "requirements.toml", [Axis("speed", 0, 10, "m/s")],
+    ...     out=folder / "checked", episodes=20
+    ... )
     >>> (found.cells[0].verdict, found.exit_code)
     ('violated', 1)
     """
     check_number("seed", seed, 0)
-    for name, value in [("episodes", episodes), ("trials", trials), ("budget", budget), ("batch", batch)]:
+    for name, value in [
+        ("episodes", episodes), ("trials", trials), ("budget", budget), ("batch", batch)
+    ]:
         if value is not None:
             check_number(name, value, 1)
     path = os.fspath(file)

@@ -58,20 +58,28 @@ class Falsification(RunResult, results.Falsification):
         return sorted(found, key=lambda trial: (trial.minimum_robustness or 0.0, trial.trial))
 
     def explain(self, trial: int | None = None, *, axes: int = 30) -> Explanation:
-        """Explains the counterexample of a trial; by default, the first one, as ``mishandle explain`` does.
+        """Explains the counterexample of a trial; by default, the first one, as ``mishandle
+        explain`` does.
 
         It is simulated again with each axis alone at its nominal value, for at most ``axes`` axes.
         """
         first = sorted(self.counterexamples, key=lambda each: each.trial)
         found = first if trial is None else [each for each in self.trials if each.trial == trial]
         if not found or found[0].simulation is None:
-            raise InvalidValueError("no trial found a counterexample" if trial is None else f"trial {trial} has no simulation")
+            raise InvalidValueError(
+                "no trial found a counterexample" if trial is None
+                else f"trial {trial} has no simulation"
+            )
         return open_run(self.path).explain(found[0].trial, found[0].simulation, axes=axes)
 
-    def export(self, folder: PathLike, *, minimize: bool = False, budget: int | None = None) -> Exports:
-        """Writes the failure of each failure mode that is closest to the nominal scenario as a counterexample file.
+    def export(
+        self, folder: PathLike, *, minimize: bool = False, budget: int | None = None
+    ) -> Exports:
+        """Writes the failure of each failure mode that is closest to the nominal scenario as a
+        counterexample file.
 
-        :func:`mishandle.regress` simulates the files of a folder again. Existing files are replaced.
+        :func:`mishandle.regress` simulates the files of a folder again. Existing files are
+        replaced.
 
         Parameters
         ----------
@@ -84,8 +92,12 @@ class Falsification(RunResult, results.Falsification):
         """
         target = self.remembered if minimize else None
         if minimize and target is None:
-            raise MishandleError("a copy of a result does not know its system; minimize with the result itself")
-        text, files = _native.export(os.fspath(self.path), os.fspath(folder), target=target, budget=budget)
+            raise MishandleError(
+                "a copy of a result does not know its system; minimize with the result itself"
+            )
+        text, files = _native.export(
+            os.fspath(self.path), os.fspath(folder), target=target, budget=budget
+        )
         for file, content in files:
             write_text(file, content)
         return read(Exports, text)
@@ -132,12 +144,15 @@ def falsify(
     Parameters
     ----------
     system : function, gymnasium.Env, gymnasium.vector.VectorEnv or str
-        A function from a scenario (a dictionary: value by axis name) to a trace (a dictionary of arrays or a data frame), with
-        the keyword argument ``seed`` if it takes one; an environment; or the name of a task.
+        A function from a scenario (a dictionary: value by axis name) to a trace (a dictionary of
+        arrays or a data frame), with the keyword argument ``seed`` if it takes one; an environment;
+        or the name of a task.
     formula : str or dict of str
-        The requirement; or formulas by name, the requirement first; or the name of a formula of a task, such as ``"strict"``.
+        The requirement; or formulas by name, the requirement first; or the name of a formula of a
+        task, such as ``"strict"``.
     space : sequence of Axis or str
-        Axes of the scenarios; or the name of a space of a task, such as ``"starts+sensing"``, for one of our controllers.
+        Axes of the scenarios; or the name of a space of a task, such as ``"starts+sensing"``, for
+        one of our controllers.
     search : str
         One of :func:`mishandle.ask.search_names`.
     options : dict, optional
@@ -145,42 +160,48 @@ def falsify(
     trials, budget : int
         Number of trials, and largest number of simulations of each.
     batch : int
-        Number of simulations that a search proposes at once. It receives the values in the order of its points.
+        Number of simulations that a search proposes at once. It receives the values in the order of
+        its points.
     fixed_seed : int, optional
-        Random seed of every simulation, so that robustness has no noise; by default each simulation has a seed of its own.
+        Random seed of every simulation, so that robustness has no noise; by default each simulation
+        has a seed of its own.
     early_stopping : bool
-        Whether simulations end as soon as the search does not need the rest: the samples determine the robustness, or show that it is
-        above what the search asks for. Environments are checked after every ten control steps; a function returns whole traces.
+        Whether simulations end as soon as the search does not need the rest: the samples determine
+        the robustness, or show that it is above what the search asks for. Environments are checked
+        after every ten control steps; a function returns whole traces.
     keep_going : bool
         Whether a trial continues after its first counterexample, to find other failure modes.
     new_mode_rate : float
-        With ``keep_going``, a trial ends when less than this fraction of its simulations finds a new failure mode; 0 spends the
-        budget.
+        With ``keep_going``, a trial ends when less than this fraction of its simulations finds a
+        new failure mode; 0 spends the budget.
     isolate : bool, optional
-        Whether to move the counterexample of each trial toward nominal, to find the axes that cause it (``Trial.cause``): at most 30
-        simulations, or a tenth of a larger budget. By default only without ``keep_going``, where it is the first of each trial.
+        Whether to move the counterexample of each trial toward nominal, to find the axes that cause
+        it (``Trial.cause``): at most 30 simulations, or a tenth of a larger budget. By default only
+        without ``keep_going``, where it is the first of each trial.
     repeats : int, optional
-        Number of simulations of each counterexample with other seeds, if the system depends on its seed; by default 100. In total,
-        they are at most as many as the run has. 0 skips them.
+        Number of simulations of each counterexample with other seeds, if the system depends on its
+        seed; by default 100. In total, they are at most as many as the run has. 0 skips them.
     seed : int
         Random seed of the falsification.
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
-        deterministic: if it differs, the system is not that of the run.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
+        for the first one of a system that is deterministic: if it differs, the system is not that
+        of the run.
     any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
-        started. Both are then in the run file (:attr:`Run.builds`).
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
+        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
         Gets the numbers of finished and of all simulations after each batch.
     **target
-        Arguments that describe the system, the same for all functions: ``policy``, ``batched_policy``, ``signals``, ``units``
-        (of the signals of a function), ``steps`` (control steps of an episode), ``control_dt`` (seconds), ``termination``,
-        ``time_limit`` (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise``, ``guard`` and ``rows`` (of a task),
-        ``name``, ``version``, ``files`` and ``executor``. See
+        Arguments that describe the system, the same for all functions: ``policy``,
+        ``batched_policy``, ``signals``, ``units`` (of the signals of a function), ``steps``
+        (control steps of an episode), ``control_dt`` (seconds), ``termination``, ``time_limit``
+        (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise``,
+        ``guard`` and ``rows`` (of a task), ``name``, ``version``, ``files`` and ``executor``. See
         :class:`mishandle.runs.targets.TargetOptions`.
 
     Returns
@@ -200,7 +221,9 @@ def falsify(
     >>> def system(scenario):
     ...     return {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> run = tempfile.mkdtemp() + "/run.sqlite"
-    >>> found = falsify(system, "always(gap >= 2)", [Axis("speed", 0, 10, "m/s")], trials=3, budget=50, out=run)
+    >>> found = falsify(
+    ...     system, "always(gap >= 2)", [Axis("speed", 0, 10, "m/s")], trials=3, budget=50, out=run
+    ... )
     >>> found.falsified_trials
     3
     >>> found.counterexamples[0].scenario["speed"] > 8
@@ -219,7 +242,9 @@ def falsify(
     def check(space: Sequence[Axis]) -> None:
         axes = [axis.to_native() for axis in space]
         numbers = {"trials": trials, "budget": budget, "batch": batch}
-        _native.check_falsify(axes, search=search, options=search_options, new_mode_rate=new_mode_rate, **numbers)
+        _native.check_falsify(
+            axes, search=search, options=search_options, new_mode_rate=new_mode_rate, **numbers
+        )
 
     found = make_target(system, formula, space, target, check)
     text, interruption, notes = _native.falsify(
@@ -246,15 +271,17 @@ def falsify(
     undecided = sum(trial.undecided for trial in result.trials)
     if undecided > 0:
         warnings.warn(
-            f"{undecided} of {result.simulations} simulations are undecided; if the system ended them early, "
+            f"{undecided} of {result.simulations} simulations are undecided; if the system ended "
+            "them early, "
             'termination="hold" or "evaluate" decides them',
-            stacklevel=2,
+            stacklevel=2
         )
     untested = sum(trial.diverged + trial.invalid + trial.failed for trial in result.trials)
     if untested > result.simulations / 2:
         warnings.warn(
-            f"{untested} of {result.simulations} simulations crashed, diverged or have invalid signals: they have no verdict, so they "
-            "are neither counterexamples nor evidence of safety",
+            f"{untested} of {result.simulations} simulations crashed, diverged or have invalid "
+            "signals: they have no verdict, so they are neither counterexamples nor evidence of "
+            "safety",
             stacklevel=2,
         )
     return result
@@ -278,7 +305,8 @@ def evaluate(
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
 ) -> Evaluation:
-    """Measures how often a system satisfies its formulas in random scenarios and at the corners of the space.
+    """Measures how often a system satisfies its formulas in random scenarios and at the corners of
+    the space.
 
     The other arguments are those of :func:`falsify`.
 
@@ -287,19 +315,23 @@ def evaluate(
     episodes : int
         Number of random scenarios; with ``until``, the largest number.
     until : str, optional
-        When the evaluation stops by itself, looking after each batch: ``"decided"`` (the interval of the success rate lies on one side
-        of ``rate``) or a width such as ``"width=0.04"``. ``sequential`` of the result says what it found; intervals hold at any time.
+        When the evaluation stops by itself, looking after each batch: ``"decided"`` (the interval
+        of the success rate lies on one side of ``rate``) or a width such as ``"width=0.04"``.
+        ``sequential`` of the result says what it found; intervals hold at any time.
     rate : float, optional
         The success rate that ``"decided"`` decides about.
     control : bool
-        Whether the same starts and seeds are simulated with every other axis at nominal, too: ``control`` of the result.
+        Whether the same starts and seeds are simulated with every other axis at nominal, too:
+        ``control`` of the result.
 
     Examples
     --------
     >>> import tempfile
     >>> run = tempfile.mkdtemp() + "/run.sqlite"
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
-    >>> found = evaluate(system, "always(gap >= 2)", [Axis("speed", 0, 7, "m/s")], episodes=50, out=run)
+    >>> found = evaluate(
+    ...     system, "always(gap >= 2)", [Axis("speed", 0, 7, "m/s")], episodes=50, out=run
+    ... )
     >>> (found.success_rate.value, [point.successes for point in found.corners.points])
     (1.0, [1, 1, 1])
     """
@@ -313,7 +345,10 @@ def evaluate(
         _native.check_evaluate(axes, episodes=episodes, batch=batch, until=until, rate=rate)
 
     if isinstance(space, str) and formula is not None:
-        raise InvalidTypeError(f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave out `formula`")
+        raise InvalidTypeError(
+            f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave "
+            "out `formula`"
+        )
     found = make_target(system, formula, space, target, check, has_metrics=True)
     text, interruption, notes = _native.evaluate(
         found.native,

@@ -30,8 +30,11 @@ class Hardening(results.Hardening):
         """The folder of all runs."""
         return pathlib.Path(self.folder)
 
-    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0) -> None:
-        """Writes a page about the hardening: one HTML file that loads nothing, for a browser or to send.
+    def report(
+        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
+    ) -> None:
+        """Writes a page about the hardening: one HTML file that loads nothing, for a browser or to
+        send.
 
         Parameters
         ----------
@@ -40,7 +43,9 @@ class Hardening(results.Hardening):
         simulate, probes, sensitivity
             As for the report of a run.
         """
-        write_text(path, _native.hardening_report(self.folder, probes if simulate else None, sensitivity))
+        write_text(
+            path, _native.hardening_report(self.folder, probes if simulate else None, sensitivity)
+        )
 
 
 def harden(
@@ -75,24 +80,29 @@ def harden(
     resume: bool = False,
     progress: HardenProgress | None = None,
 ) -> Hardening:
-    """Trains a controller of a task on its failures until it fails less often, and measures the difference.
+    """Trains a controller of a task on its failures until it fails less often, and measures the
+    difference.
 
-    The same as ``mishandle harden``. ``docs/guide/harden.md`` explains rounds, decisions and the final comparison. Training needs a
-    reward and a network of this program, so the system is a task and the policy one of our controllers, unless a ``trainer`` of yours
-    trains it. :class:`ScenarioEnv` retrains policies of other libraries.
+    The same as ``mishandle harden``. ``docs/guide/harden.md`` explains rounds, decisions and the
+    final comparison. Training needs a reward and a network of this program, so the system is a task
+    and the policy one of our controllers, unless a ``trainer`` of yours trains it.
+    :class:`ScenarioEnv` retrains policies of other libraries.
 
     Parameters
     ----------
     system : str
         Name of a task.
     policy : str or path
-        Name of a shipped controller, such as ``"ppo"``, or a file (``.safetensors``; with a trainer also ``.onnx``).
+        Name of a shipped controller, such as ``"ppo"``, or a file (``.safetensors``; with a trainer
+        also ``.onnx``).
     space : str
-        Name of a space of the task in which the controller shall fail less often, such as ``"starts+delay"``.
+        Name of a space of the task in which the controller shall fail less often, such as
+        ``"starts+delay"``.
     axes, preset, requirements, stochastic, action_noise, observation_noise, guard
         As for a task in :func:`falsify`.
     out : path
-        File of the accepted controller, with the extension of the one before (``.safetensors``, ``.onnx``). The runs are in the folder beside it: ``better.harden`` for
+        File of the accepted controller, with the extension of the one before (``.safetensors``,
+        ``.onnx``). The runs are in the folder beside it: ``better.harden`` for
         ``better.safetensors``.
     rounds : int
         Largest number of rounds.
@@ -101,29 +111,34 @@ def harden(
     budget : int
         Number of simulations of each search, in a round and in the final comparison.
     episodes, validation : int
-        Number of simulations of each measure in the final comparison and in a validation, by default half as many.
+        Number of simulations of each measure in the final comparison and in a validation, by
+        default half as many.
     risk, margin : int
-        Numbers of simulations in the final comparison: of the failure probability, and of the search for the smallest disturbance.
+        Numbers of simulations in the final comparison: of the failure probability, and of the
+        search for the smallest disturbance.
     searches : sequence of str
         Searches that look for failures.
     nominal, corners, archive : float
-        Shares of the training episodes: without disturbances, at corners of the space, and with archived failures.
+        Shares of the training episodes: without disturbances, at corners of the space, and with
+        archived failures.
     allow : sequence of str
-        Measures that may get worse: ``"success"``, ``"strict"``, ``"careful"``, ``"noise"`` and ``"corners"``.
+        Measures that may get worse: ``"success"``, ``"strict"``, ``"careful"``, ``"noise"`` and
+        ``"corners"``.
     settings : path, optional
         Training settings (TOML); by default those by which the controller was trained.
     device : str
         Device of the training's physics: ``"cpu"`` or ``"gpu"``.
     trainer : str, optional
-        Command that trains the controller of a round, such as ``"python train.py"``, with the arguments of ``docs/guide/harden.md``. It
-        replaces ``settings``, ``device`` and the shares.
+        Command that trains the controller of a round, such as ``"python train.py"``, with the
+        arguments of ``docs/guide/harden.md``. It replaces ``settings``, ``device`` and the shares.
     seed : int
         Random seed.
     resume : bool
-        Whether to continue the hardening of ``out``, with the arguments of its start. A finished one is read again.
+        Whether to continue the hardening of ``out``, with the arguments of its start. A finished
+        one is read again.
     progress : callable, optional
-        Gets the phase, the finished part of it and the whole, now and then. Its exceptions, and Ctrl-C, end the hardening;
-        ``resume=True`` continues it.
+        Gets the phase, the finished part of it and the whole, now and then. Its exceptions, and
+        Ctrl-C, end the hardening; ``resume=True`` continues it.
 
     Returns
     -------
@@ -137,21 +152,33 @@ def harden(
     """
     if not isinstance(system, str):
         raise InvalidTypeError(
-            f"a hardening trains a controller in a task, and a {type(system).__name__} is not the name of a task; retrain a policy of "
-            "your own environment with mishandle.ScenarioEnv"
+            f"a hardening trains a controller in a task, and a {type(system).__name__} is not the "
+            "name of a task; retrain a policy of your own environment with mishandle.ScenarioEnv"
         )
     if not isinstance(space, str):
-        raise InvalidTypeError("the space of a hardening is one of the task, by name, such as 'starts+delay'; `axes` narrows or adds axes")
-    options: TargetOptions = {"axes": {} if axes is None else axes, "requirements": {} if requirements is None else requirements}
+        raise InvalidTypeError(
+            "the space of a hardening is one of the task, by name, such as 'starts+delay'; `axes` "
+            "narrows or adds axes"
+        )
+    options: TargetOptions = {
+        "axes": {} if axes is None else axes,
+        "requirements": {} if requirements is None else requirements
+    }
     check_settings(options["axes"])
     if trainer is not None and not isinstance(trainer, str):
-        raise InvalidTypeError(f"trainer is a {type(trainer).__name__}; expected a command, such as 'python train.py'")
+        raise InvalidTypeError(
+            f"trainer is a {type(trainer).__name__}; expected a command, such as 'python train.py'"
+        )
     if not isinstance(given := as_server(policy), (str, os.PathLike)):
         raise InvalidTypeError(
-            f"a hardening trains one of our controllers, by name or path, not a {type(given).__name__}; write a network of skrl or "
-            "Stable-Baselines3 as a controller with `mishandle import`, or retrain it with mishandle.ScenarioEnv"
+            "a hardening trains one of our controllers, by name or path, not a "
+            f"{type(given).__name__}; write a network of skrl or Stable-Baselines3 as a controller "
+            "with `mishandle import`, or retrain it with mishandle.ScenarioEnv"
         )
-    counts = {"rounds": rounds, "steps": steps, "budget": budget, "episodes": episodes, "risk": risk, "margin": margin}
+    counts = {
+        "rounds": rounds, "steps": steps, "budget": budget, "episodes": episodes, "risk": risk,
+        "margin": margin
+    }
     for name, count in counts.items():
         check_number(name, count, 1)
     if validation is not None:
@@ -197,7 +224,12 @@ def _check_out(out: pathlib.Path, resume: bool) -> None:
     """Checks that a new hardening has no files and that one to continue has its folder."""
     folder = out.with_suffix(".harden")
     if resume and not folder.exists():
-        raise MishandleError(f"there is no hardening in {folder} to continue; start it with resume=False")
+        raise MishandleError(
+            f"there is no hardening in {folder} to continue; start it with resume=False"
+        )
     for path in () if resume else (out, folder):
         if path.exists():
-            raise MishandleError(f"{path} exists already; choose another `out`, or continue the hardening with resume=True")
+            raise MishandleError(
+                f"{path} exists already; choose another `out`, or continue the hardening with "
+                "resume=True"
+            )

@@ -34,12 +34,15 @@ class Margin(RunResult, results.Margin):
     """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike) -> pathlib.Path:
-        """Writes the witness as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
+        """Writes the witness as a counterexample file (``.json``), for :func:`replay` and
+        :func:`regress`.
 
         An existing file is replaced. Returns the path.
         """
         if self.witness is None:
-            raise MishandleError("there is no witness to export: no simulation violates the formula")
+            raise MishandleError(
+                "there is no witness to export: no simulation violates the formula"
+            )
         return write_counterexample(self.path, 1, self.witness.simulation, path)
 
 
@@ -60,35 +63,41 @@ def margin(
 ) -> Margin:
     """Searches for the smallest disturbance with which a system violates a formula.
 
-    The disturbed axes are those of the space with a nominal value, except for initial states (``kind="start"``) and categories.
-    Initial states vary in their whole range. The result is an upper bound with a witness: a smaller disturbance that violates the
-    formula may exist. ``docs/guide/margin.md`` explains the search.
+    The disturbed axes are those of the space with a nominal value, except for initial states
+    (``kind="start"``) and categories. Initial states vary in their whole range. The result is an
+    upper bound with a witness: a smaller disturbance that violates the formula may exist.
+    ``docs/guide/margin.md`` explains the search.
 
     Parameters
     ----------
     system, formula, space, **target
-        See :func:`falsify`. The default space of a task with one of our controllers is ``"disturbance"``.
+        See :func:`falsify`. The default space of a task with one of our controllers is
+        ``"disturbance"``.
     budget : int
-        Largest number of simulations. A system that depends on its seed is simulated up to 100 times more: the witness with other
-        seeds.
+        Largest number of simulations. A system that depends on its seed is simulated up to 100
+        times more: the witness with other seeds.
     each_category : bool
-        Whether to search once for each combination of categories, each time with the whole budget. Otherwise categorical axes stay at
-        their nominal categories, which ``categories`` of the result names.
+        Whether to search once for each combination of categories, each time with the whole budget.
+        Otherwise categorical axes stay at their nominal categories, which ``categories`` of the
+        result names.
     seed : int
-        Seed of the search. A deterministic system is simulated with it, one that depends on its seed with many derived seeds.
+        Seed of the search. A deterministic system is simulated with it, one that depends on its
+        seed with many derived seeds.
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
-        deterministic: if it differs, the system is not that of the run.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
+        for the first one of a system that is deterministic: if it differs, the system is not that
+        of the run.
     any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
-        started. Both are then in the run file (:attr:`Run.builds`).
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
+        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the search after the
-        running batch. The exception has the result so far as its attribute ``result``.
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
+        Ctrl-C, end the search after the running batch. The exception has the result so far as its
+        attribute ``result``.
 
     Returns
     -------
@@ -97,7 +106,8 @@ def margin(
     Raises
     ------
     MishandleError
-        If a name, a number or a formula is invalid, the space has no disturbed axis, or no simulation has a verdict.
+        If a name, a number or a formula is invalid, the space has no disturbed axis, or no
+        simulation has a verdict.
     ValueError, TypeError
         If the system, its trace or its signals do not have the stated form.
 
@@ -108,14 +118,19 @@ def margin(
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
     >>> import tempfile
-    >>> found = margin(system, "always(gap >= 2)", space, budget=300, out=tempfile.mkdtemp() + "/run.sqlite")
+    >>> found = margin(
+    ...     system, "always(gap >= 2)", space, budget=300, out=tempfile.mkdtemp() + "/run.sqlite"
+    ... )
     >>> 0.8 < found.witness.amplitude < 0.82
     True
     """
     check_out(out, resume, any_build)
     check_number("seed", seed, 0)
     check_number("budget", budget, 1)
-    if isinstance(system, str) and space is None and isinstance(target.get("policy", ""), (str, os.PathLike)):
+    if (
+        isinstance(system, str) and space is None
+        and isinstance(target.get("policy", ""), (str, os.PathLike))
+    ):
         space = "disturbance"
 
     def check(space: Sequence[Axis]) -> None:
@@ -125,14 +140,19 @@ def margin(
     run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
         text, interruption, notes = _native.margin(
-            made.native, formula=made.formula, budget=budget, each_category=each_category, seed=seed, out=run, progress=report
+            made.native, formula=made.formula, budget=budget, each_category=each_category,
+            seed=seed, out=run, progress=report
         )
     warn_all(notes)
     result = read(Margin, text, **made.facts)
     result.remember(made.native)
     if result.categories and not result.each_category:
         fixed = ", ".join(f"{name} = {category}" for name, category in result.categories.items())
-        warnings.warn(f"a margin varies numeric axes only, so {fixed} stayed; each_category=True searches each category", stacklevel=2)
+        warnings.warn(
+            f"a margin varies numeric axes only, so {fixed} stayed; each_category=True searches "
+            "each category",
+            stacklevel=2
+        )
     if interruption is None and all(level.minimum_robustness is None for level in result.levels):
         raise untested(made.system.exceptions)
     return deliver(result, interruption)
@@ -140,5 +160,8 @@ def margin(
 
 def untested(exceptions: list[str]) -> MishandleError:
     """Returns the error for simulations that all have no verdict."""
-    cause = f"; the first exception:\n{exceptions[0]}" if exceptions else "; `simulate` shows the end of one of them"
+    cause = (
+        f"; the first exception:\n{exceptions[0]}" if exceptions
+        else "; `simulate` shows the end of one of them"
+    )
     return MishandleError(f"no simulation has a verdict, so the system was not tested{cause}")

@@ -23,13 +23,15 @@ from mishandle.scenarios.axes import Axis
 
 
 class Relation(TypedDict):
-    """A metamorphic relation: how the follow-up case differs from the source case, and what must hold between their results."""
+    """A metamorphic relation: how the follow-up case differs from the source case, and what must
+    hold between their results."""
 
     change: Mapping[str, str | float]
-    """The change of each axis: an offset ``"+0.02"``, a factor ``"*0.8"`` or ``"-20%"``, a value ``"=0.3"`` or ``0.3``, a category."""
+    """The change of each axis: an offset ``"+0.02"``, a factor ``"*0.8"`` or ``"-20%"``, a value
+    ``"=0.3"`` or ``0.3``, a category."""
     holds: NotRequired[str]
-    """``"same-verdict"`` (default), ``"not-better"``, ``"not-worse"``, the last two also with a tolerance of the robustness as in
-    ``"not-worse:0.05"``, or ``"robustness-within:0.05"``."""
+    """``"same-verdict"`` (default), ``"not-better"``, ``"not-worse"``, the last two also with a
+    tolerance of the robustness as in ``"not-worse:0.05"``, or ``"robustness-within:0.05"``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +51,11 @@ class Metamorphic(RunResult, results.Metamorphic):
         return any(relation.broken > 0 for relation in self.relations)
 
     def export(self, path: PathLike, case: results.PairCase) -> pathlib.Path:
-        """Writes a case that violates the formula as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
+        """Writes a case that violates the formula as a counterexample file (``.json``), for
+        :func:`replay` and :func:`regress`.
 
-        ``case`` is that of a broken pair, such as ``found.relations[0].worst[0].follow_up``. An existing file is replaced.
+        ``case`` is that of a broken pair, such as ``found.relations[0].worst[0].follow_up``. An
+        existing file is replaced.
         """
         return write_counterexample(self.path, case.trial, case.simulation, path)
 
@@ -76,9 +80,9 @@ def metamorphic(
 ) -> Metamorphic:
     """Compares pairs of scenarios: what must hold if a scenario is changed.
 
-    Source cases are random scenarios. The change gives the follow-up case, with the same seed. A follow-up case outside of the bounds
-    of an axis is counted and not simulated. A pair without two verdicts is no evidence. ``docs/guide/metamorphic.md`` explains the
-    relations.
+    Source cases are random scenarios. The change gives the follow-up case, with the same seed. A
+    follow-up case outside of the bounds of an axis is counted and not simulated. A pair without two
+    verdicts is no evidence. ``docs/guide/metamorphic.md`` explains the relations.
 
     Parameters
     ----------
@@ -99,16 +103,18 @@ def metamorphic(
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
-        deterministic: if it differs, the system is not that of the run.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
+        for the first one of a system that is deterministic: if it differs, the system is not that
+        of the run.
     any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
-        started. Both are then in the run file (:attr:`Run.builds`).
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
+        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the test after the running
-        batch. The exception has the result so far as its attribute ``result``.
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
+        Ctrl-C, end the test after the running batch. The exception has the result so far as its
+        attribute ``result``.
 
     Returns
     -------
@@ -117,7 +123,8 @@ def metamorphic(
     Raises
     ------
     MishandleError
-        If a name, a number or a formula is invalid, all follow-up cases are out of bounds, or no pair has two verdicts.
+        If a name, a number or a formula is invalid, all follow-up cases are out of bounds, or no
+        pair has two verdicts.
     ValueError, TypeError
         If the system, its trace or its signals do not have the stated form.
 
@@ -130,7 +137,10 @@ def metamorphic(
     >>> import tempfile
     >>> out = tempfile.mkdtemp() + "/run.sqlite"
     >>> faster = {"own": "+1", "front": "+1"}
-    >>> found = metamorphic(system, "always(gap >= 2)", space, change=faster, holds="robustness-within:1e-9", out=out)
+    >>> found = metamorphic(
+    ...     system, "always(gap >= 2)", space, change=faster, holds="robustness-within:1e-9",
+    ...     out=out
+    ... )
     >>> found.is_broken
     False
     """
@@ -141,13 +151,17 @@ def metamorphic(
     asked = native_relations(change, holds, relations)
 
     def check(space: Sequence[Axis]) -> None:
-        _native.check_metamorphic([axis.to_native() for axis in space], relations=asked, pairs=pairs, batch=batch, seed=seed)
+        _native.check_metamorphic(
+            [axis.to_native() for axis in space], relations=asked, pairs=pairs, batch=batch,
+            seed=seed
+        )
 
     made = make_target(system, formula, space, target, check)
     run = (None if out is None else os.fspath(out), resume, durable, any_build)
     with after_the_batch(progress) as report:
         text, interruption, notes = _native.metamorphic(
-            made.native, formula=made.formula, relations=asked, pairs=pairs, batch=batch, seed=seed, out=run, progress=report
+            made.native, formula=made.formula, relations=asked, pairs=pairs, batch=batch, seed=seed,
+            out=run, progress=report
         )
     warn_all(notes)
     result = read(Metamorphic, text, **made.facts)
@@ -162,14 +176,29 @@ def native_relations(
 ) -> list[tuple[str, dict[str, str], str]]:
     """Returns the relations as names and texts."""
     if (change is None) == (relations is None):
-        raise InvalidValueError('expected either change, such as {"x": "+0.02"}, or relations, such as {"shift": {"change": {"x": "+0.02"}}}')
-    given = {"relation": Relation(change=change, holds=holds)} if change is not None else dict(relations or {})
+        raise InvalidValueError(
+            'expected either change, such as {"x": "+0.02"}, or relations, such as {"shift": '
+            '{"change": {"x": "+0.02"}}}'
+        )
+    given = (
+        {"relation": Relation(change=change, holds=holds)} if change is not None
+        else dict(relations or {})
+    )
     found = []
     for name, relation in given.items():
-        if not isinstance(relation, Mapping) or "change" not in relation or set(relation) > {"change", "holds"}:
-            raise InvalidTypeError(f'the relation {name} is {relation!r}; it must be a dict with the key "change" and, optionally, "holds"')
+        if (
+            not isinstance(relation, Mapping) or "change" not in relation
+            or set(relation) > {"change", "holds"}
+        ):
+            raise InvalidTypeError(
+                f'the relation {name} is {relation!r}; it must be a dict with the key "change" '
+                'and, optionally, "holds"'
+            )
         if not isinstance(relation["change"], Mapping):
-            raise InvalidTypeError(f'the change of {name} is {relation["change"]!r}; it must be a dict, such as {{"x": "+0.02"}}')
+            raise InvalidTypeError(
+                f'the change of {name} is {relation["change"]!r}; it must be a dict, such as '
+                '{"x": "+0.02"}'
+            )
         texts = {axis: change_text(value) for axis, value in relation["change"].items()}
         found.append((name, texts, relation.get("holds", "same-verdict")))
     if not found:

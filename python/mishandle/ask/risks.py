@@ -24,7 +24,8 @@ from mishandle.scenarios.axes import Axis
 
 @dataclass(frozen=True, kw_only=True)
 class Risk(RunResult, results.Risk):
-    """The probability that a simulation violates the formula. A simulation is a scenario of the distribution and a random seed."""
+    """The probability that a simulation violates the formula. A simulation is a scenario of the
+    distribution and a random seed."""
 
     largest_difference: float = 0.0
     """Largest difference between two simulations of the nominal scenario with the same seed."""
@@ -34,7 +35,8 @@ class Risk(RunResult, results.Risk):
     """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike, failure: int = 0) -> pathlib.Path:
-        """Writes a failure as a counterexample file (``.json``), for :func:`replay` and :func:`regress`.
+        """Writes a failure as a counterexample file (``.json``), for :func:`replay` and
+        :func:`regress`.
 
         Parameters
         ----------
@@ -44,7 +46,9 @@ class Risk(RunResult, results.Risk):
             Index in ``failures``.
         """
         if not 0 <= failure < len(self.failures):
-            raise InvalidValueError(f"failure is {failure}; the result has {len(self.failures)} failures")
+            raise InvalidValueError(
+                f"failure is {failure}; the result has {len(self.failures)} failures"
+            )
         return write_counterexample(self.path, 1, self.failures[failure].simulation, path)
 
 
@@ -74,14 +78,15 @@ def risk(
     system, formula, space, **target
         See :func:`falsify`.
     distribution : dict of str, optional
-        Distributions by axis, in the unit of the axis and truncated to its bounds: ``"uniform"``, ``"log-uniform"``,
-        ``"normal:MEAN:STD"``, ``"triangular:MODE"``, and ``"weights:W0:W1:..."`` for whole numbers and categories. The other axes are
-        uniform, in the logarithm if they are logarithmic; noise draws of a task are standard normal.
+        Distributions by axis, in the unit of the axis and truncated to its bounds: ``"uniform"``,
+        ``"log-uniform"``, ``"normal:MEAN:STD"``, ``"triangular:MODE"``, and ``"weights:W0:W1:..."``
+        for whole numbers and categories. The other axes are uniform, in the logarithm if they are
+        logarithmic; noise draws of a task are standard normal.
     simulations : int
         Number of simulations, at least 100.
     method : str
-        Parts of the estimation besides Monte Carlo: ``"auto"`` (all), ``"monte-carlo"`` (none), ``"importance"`` or
-        ``"splitting"``.
+        Parts of the estimation besides Monte Carlo: ``"auto"`` (all), ``"monte-carlo"`` (none),
+        ``"importance"`` or ``"splitting"``.
     batch : int
         Number of simulations at once. The result does not depend on it.
     seed : int
@@ -89,16 +94,18 @@ def risk(
     out : path, optional
         Run file; by default the first free name in the folder ``runs``.
     resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for the first one of a system that is
-        deterministic: if it differs, the system is not that of the run.
+        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
+        for the first one of a system that is deterministic: if it differs, the system is not that
+        of the run.
     any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may continue a run that another one
-        started. Both are then in the run file (:attr:`Run.builds`).
+        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
+        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
     durable : bool
         Whether each batch is synced to the disk, so that a power failure loses none.
     progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and Ctrl-C, end the estimation after
-        the running batch. The exception has the result so far as its attribute ``result``.
+        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
+        Ctrl-C, end the estimation after the running batch. The exception has the result so far as
+        its attribute ``result``.
 
     Returns
     -------
@@ -107,19 +114,24 @@ def risk(
     Raises
     ------
     MishandleError
-        If a name, a number, a distribution or a formula is invalid, nothing is random, or no simulation has a verdict.
+        If a name, a number, a distribution or a formula is invalid, nothing is random, or no
+        simulation has a verdict.
     ValueError, TypeError
         If the system, its trace or its signals do not have the stated form.
 
     Examples
     --------
-    The gap is too small above 8 m/s, three standard deviations above the mean. That has the probability 0.00135:
+    The gap is too small above 8 m/s, three standard deviations above the mean. That has the
+    probability 0.00135:
 
     >>> import tempfile
     >>> run = tempfile.mkdtemp() + "/run.sqlite"
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> space = [Axis("speed", 0, 10, "m/s")]
-    >>> found = risk(system, "always(gap >= 2)", space, distribution={"speed": "normal:5:1"}, simulations=4000, out=run)
+    >>> found = risk(
+    ...     system, "always(gap >= 2)", space, distribution={"speed": "normal:5:1"},
+    ...     simulations=4000, out=run
+    ... )
     >>> found.probability.low < 0.00135 < found.probability.high
     True
     >>> found.failures[0].scenario["speed"] > 8
@@ -130,12 +142,17 @@ def risk(
     check_number("simulations", simulations, 1)
     check_number("batch", batch, 1)
     if isinstance(distribution, str) or not isinstance(distribution or {}, Mapping):
-        raise InvalidTypeError(f'`distribution` is {distribution!r}; expected a dictionary, such as {{"speed": "normal:5:1"}}')
+        raise InvalidTypeError(
+            f'`distribution` is {distribution!r}; expected a dictionary, such as {{"speed": '
+            '"normal:5:1"}'
+        )
     distributions = {str(axis): str(text) for axis, text in (distribution or {}).items()}
 
     def check(space: Sequence[Axis]) -> None:
         axes = [axis.to_native() for axis in space]
-        _native.check_risk(axes, simulations=simulations, method=method, batch=batch, distributions=distributions)
+        _native.check_risk(
+            axes, simulations=simulations, method=method, batch=batch, distributions=distributions
+        )
 
     made = make_target(system, formula, space, target, check)
     with after_the_batch(progress) as report:
@@ -153,6 +170,9 @@ def risk(
     warn_all(notes)
     result = read(Risk, text, **made.facts)
     result.remember(made.native)
-    if interruption is None and result.monte_carlo.without_verdict == result.monte_carlo.simulations:
+    if (
+        interruption is None
+        and result.monte_carlo.without_verdict == result.monte_carlo.simulations
+    ):
         raise untested(made.system.exceptions)
     return deliver(result, interruption)

@@ -1,4 +1,5 @@
-"""Searches with the ask-and-tell interface, and robustness as a function for optimizers of other libraries."""
+"""Searches with the ask-and-tell interface, and robustness as a function for optimizers of other
+libraries."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class Search:
     seed : int
         Random seed.
     integrality : sequence of bool, optional
-        Whether each coordinate is a whole number, bounds included, as in :func:`scipy.optimize.differential_evolution`.
+        Whether each coordinate is a whole number, bounds included, as in
+        :func:`scipy.optimize.differential_evolution`.
     **options
         Options of the search; ``mishandle searches NAME`` lists them.
 
@@ -56,14 +58,20 @@ class Search:
         **options: Any,
     ) -> None:
         self._low, self._high = np.asarray(bounds, dtype=np.float64).reshape(-1, 2).T
-        if not (np.isfinite(self._low).all() and np.isfinite(self._high).all() and (self._low < self._high).all()):
-            raise InvalidValueError(f"bounds must be finite pairs with the lower one first, got {list(bounds)}")
+        if not (
+            np.isfinite(self._low).all() and np.isfinite(self._high).all()
+            and (self._low < self._high).all()
+        ):
+            raise InvalidValueError(
+                f"bounds must be finite pairs with the lower one first, got {list(bounds)}"
+            )
         self._levels = _levels(bounds, integrality)
         self._native = _native.Search(name, self._levels, seed, list(options.items()))
         self._asked: list[tuple[Point, list[float]]] = []
 
     def ask(self, points: int = 1) -> list[Point]:
-        """Returns up to ``points`` points to evaluate. Fewer if the next ones depend on pending values."""
+        """Returns up to ``points`` points to evaluate. Fewer if the next ones depend on pending
+        values."""
         found = self._native.ask(points)
         scaled = [self._scaled(np.asarray(u)) for u in found]
         self._asked += list(zip(scaled, found))
@@ -75,7 +83,9 @@ class Search:
             raise InvalidValueError("no point is pending; call ask first")
         expected, unit = self._asked[0]
         if not np.array_equal(expected, np.asarray(point, dtype=np.float64)):
-            raise InvalidValueError(f"values must be in the order of the points; the next point is {expected.tolist()}")
+            raise InvalidValueError(
+                f"values must be in the order of the points; the next point is {expected.tolist()}"
+            )
         self._native.tell(unit, value)
         self._asked.pop(0)
 
@@ -100,15 +110,25 @@ class Search:
         return scaled
 
 
-def _levels(bounds: Sequence[tuple[float, float]], integrality: Sequence[bool] | None) -> list[int | None]:
-    """Returns the number of whole numbers between the bounds of each coordinate; ``None`` for a real number."""
+def _levels(
+    bounds: Sequence[tuple[float, float]], integrality: Sequence[bool] | None
+) -> list[int | None]:
+    """Returns the number of whole numbers between the bounds of each coordinate; ``None`` for a
+    real number."""
     whole = [False] * len(bounds) if integrality is None else list(integrality)
     if len(whole) != len(bounds):
-        raise InvalidValueError(f"integrality has {len(whole)} entries; expected one for each of the {len(bounds)} coordinates")
+        raise InvalidValueError(
+            f"integrality has {len(whole)} entries; expected one for each of the {len(bounds)} "
+            "coordinates"
+        )
     for (low, high), is_whole in zip(bounds, whole):
         if is_whole and not (float(low).is_integer() and float(high).is_integer()):
-            raise InvalidValueError(f"the bounds of a whole number must be whole numbers, got {(low, high)}")
-    return [int(high - low) + 1 if is_whole else None for (low, high), is_whole in zip(bounds, whole)]
+            raise InvalidValueError(
+                f"the bounds of a whole number must be whole numbers, got {(low, high)}"
+            )
+    return [
+        int(high - low) + 1 if is_whole else None for (low, high), is_whole in zip(bounds, whole)
+    ]
 
 
 @dataclass(frozen=True)
@@ -131,7 +151,9 @@ def find_minimum(
 ) -> Minimum:
     """Minimizes a function over a box.
 
-    >>> found = find_minimum(lambda x: float((x[0] - 1) ** 2), [(-3, 3)], search="nelder-mead", budget=200)
+    >>> found = find_minimum(
+    ...     lambda x: float((x[0] - 1) ** 2), [(-3, 3)], search="nelder-mead", budget=200
+    ... )
     >>> abs(float(found.x[0]) - 1) < 1e-3
     True
     """
@@ -146,7 +168,10 @@ def find_minimum(
         for point in points:
             value = float(function(point))
             if math.isnan(value):
-                raise InvalidValueError(f"the function is NaN at {point.tolist()}; return inf for a point without a value")
+                raise InvalidValueError(
+                    f"the function is NaN at {point.tolist()}; return inf for a point without a "
+                    "value"
+                )
             minimization.tell(point, value)
             evaluations += 1
     best = minimization.best
@@ -167,8 +192,8 @@ def search_names() -> list[str]:
 class Objective:
     """The robustness of a system at points of the unit cube, which another optimizer can minimize.
 
-    Coordinate ``i`` of a point is a number in [0, 1]: 0 is the lower bound of axis ``i`` and 1 the upper bound. An axis with ``n``
-    whole numbers or names has value number ``floor(n * u)``.
+    Coordinate ``i`` of a point is a number in [0, 1]: 0 is the lower bound of axis ``i`` and 1 the
+    upper bound. An axis with ``n`` whole numbers or names has value number ``floor(n * u)``.
 
     Parameters
     ----------
@@ -195,20 +220,26 @@ class Objective:
     """
 
     def __init__(
-        self, system: Any, formula: Formulas = None, space: Space = None, *, seed: int = 0, **target: Unpack[TargetOptions]
+        self, system: Any, formula: Formulas = None, space: Space = None, *, seed: int = 0,
+        **target: Unpack[TargetOptions]
     ) -> None:
         check_number("seed", seed, 0)
         made = make_target(system, formula, space, target, lambda space: None)
         self._native = _native.Objective(made.native, made.formula)
         self._seed = seed
         self.space: list[Axis] = list(made.space)
-        self.levels = [None if axis.values in ("continuous", "logarithmic") else int(axis.high - axis.low) + 1 for axis in self.space]
+        self.levels = [
+            None if axis.values in ("continuous", "logarithmic") else int(axis.high - axis.low) + 1
+            for axis in self.space
+        ]
 
     def __call__(self, points: ArrayLike, *, threshold: float = math.inf) -> NDArray[np.float64]:
-        """Returns the robustness at each row of ``points``; infinity if a simulation has no verdict.
+        """Returns the robustness at each row of ``points``; infinity if a simulation has no
+        verdict.
 
-        A simulation ends as soon as its robustness is certain, or certain to be above ``threshold``, which is at least 0. In the second
-        case its value is a lower bound that is above the threshold. A function returns whole traces.
+        A simulation ends as soon as its robustness is certain, or certain to be above
+        ``threshold``, which is at least 0. In the second case its value is a lower bound that is
+        above the threshold. A function returns whole traces.
         """
         if not threshold >= 0:
             raise InvalidValueError(f"the threshold is {threshold}; it must be at least 0")
@@ -223,7 +254,10 @@ class Objective:
     def _rows(self, points: ArrayLike) -> list[list[float]]:
         rows = np.asarray(points, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != len(self.space):
-            raise InvalidValueError(f"expected points with {len(self.space)} coordinates each, got an array of shape {rows.shape}")
+            raise InvalidValueError(
+                f"expected points with {len(self.space)} coordinates each, got an array of shape "
+                f"{rows.shape}"
+            )
         if not ((rows >= 0) & (rows <= 1)).all():
             raise InvalidValueError("coordinates must be from 0 to 1")
         found: list[list[float]] = rows.tolist()

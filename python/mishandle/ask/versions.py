@@ -37,20 +37,22 @@ def compare_versions(
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
 ) -> Comparison:
-    """Evaluates two versions on the same scenarios and seeds until a rule decides, and compares them.
+    """Evaluates two versions on the same scenarios and seeds until a rule decides, and compares
+    them.
 
-    A is the baseline, B the other. The interval and the p-value of the difference hold at any time; ``sequential`` of the result says
-    what the rule found.
+    A is the baseline, B the other. The interval and the p-value of the difference hold at any time;
+    ``sequential`` of the result says what the rule found.
 
     Parameters
     ----------
     system, formula, space, **target
         See :func:`falsify`.
     baseline
-        Version to compare with: another policy if there is a ``policy``, otherwise another function.
+        Version to compare with: another policy if there is a ``policy``, otherwise another
+        function.
     until : str
-        When it stops, looking after each batch: ``"decided"`` (the interval of the difference excludes 0, or lies within ``margin``) or
-        a width such as ``"width=0.04"``.
+        When it stops, looking after each batch: ``"decided"`` (the interval of the difference
+        excludes 0, or lies within ``margin``) or a width such as ``"width=0.04"``.
     margin : float, optional
         The largest difference that counts as none.
     measure : str
@@ -72,7 +74,10 @@ def compare_versions(
     >>> old = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> new = lambda scenario: {"gap": [10.0, 10.0 - 0.9 * scenario["speed"]]}
     >>> runs = (folder + "/old.sqlite", folder + "/new.sqlite")
-    >>> found = compare_versions(new, "always(gap >= 2)", [Axis("speed", 0, 10, "m/s")], baseline=old, name="car", out=runs)
+    >>> found = compare_versions(
+    ...     new, "always(gap >= 2)", [Axis("speed", 0, 10, "m/s")], baseline=old, name="car",
+    ...     out=runs
+    ... )
     >>> (found.sequential.decision, found.sequential.simulations < 1000)
     ('above', True)
     """
@@ -85,7 +90,10 @@ def compare_versions(
         check_out(path, resume, False)
     has_policy = target.get("policy") is not None
     options: TargetOptions = {**target, "policy": baseline} if has_policy else target
-    first = make_target(system if has_policy else baseline, formula, space, options, lambda space: None, has_metrics=True)
+    first = make_target(
+        system if has_policy else baseline, formula, space, options, lambda space: None,
+        has_metrics=True
+    )
     second = make_target(system, formula, space, target, lambda space: None, has_metrics=True)
     paths, is_complete = _native.evaluate_pairs(
         first.native,
@@ -103,7 +111,9 @@ def compare_versions(
         progress=progress,
     )
     if not is_complete:
-        raise InvalidValueError(f"the comparison was interrupted; continue it with resume=True and out={paths}")
+        raise InvalidValueError(
+            f"the comparison was interrupted; continue it with resume=True and out={paths}"
+        )
     return compare(*paths)
 
 
@@ -120,7 +130,8 @@ def sample_size(
     replications: int = 1000,
     seed: int = 0,
 ) -> SampleSize:
-    """Returns how many simulations or pairs a question takes, fixed beforehand and with a rule that stops by itself.
+    """Returns how many simulations or pairs a question takes, fixed beforehand and with a rule that
+    stops by itself.
 
     No system is simulated. ``docs/guide/compare.md`` explains the numbers.
 
@@ -131,7 +142,8 @@ def sample_size(
     against : float, optional
         Expected success rate of B: asks about pairs.
     both : float, optional
-        Expected share of pairs in which both succeed; by default the product of both rates, which takes the most pairs.
+        Expected share of pairs in which both succeed; by default the product of both rates, which
+        takes the most pairs.
     until, rate, margin
         The rule: see :func:`evaluate` and :func:`compare_versions`.
     episodes : int

@@ -61,7 +61,8 @@ def references(code: types.CodeType) -> References:
 
 
 def content(code: types.CodeType) -> bytes:
-    """Returns what a code object does: without names of files, line numbers and the order of sets."""
+    """Returns what a code object does: without names of files, line numbers and the order of
+    sets."""
     digest = hashlib.sha256(code.co_code)
     counts = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
     names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)

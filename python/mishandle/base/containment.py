@@ -1,4 +1,5 @@
-"""The process that tries models of others before this process compiles them: MuJoCo can end a process."""
+"""The process that tries models of others before this process compiles them: MuJoCo can end a
+process."""
 
 from __future__ import annotations
 
@@ -16,13 +17,15 @@ module = module_from_spec(spec_from_loader("mishandle._native", loader))
 loader.exec_module(module)
 sys.exit(module.run_child())
 """
-"""Loads the extension module alone: it starts in milliseconds, and no folder is searched for modules."""
+"""Loads the extension module alone: it starts in milliseconds, and no folder is searched for
+modules."""
 
 
 def register_child() -> None:
     """Registers this interpreter as the program that tries models.
 
-    An interpreter inside another program has no executable. Models are compiled in its process only.
+    An interpreter inside another program has no executable. Models are compiled in its process
+    only.
     """
     if sys.executable:
         # `-I` ignores the working directory and the environment, `-S` the installed packages.

@@ -11,10 +11,13 @@ PathLike = Union[str, "os.PathLike[str]"]
 
 
 def write_text(path: PathLike, text: str) -> pathlib.Path:
-    """Writes a file and makes its folder. An existing file is replaced, and never by a part of the text."""
+    """Writes a file and makes its folder. An existing file is replaced, and never by a part of the
+    text."""
     file = pathlib.Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, prefix=f".{file.name}-", delete=False) as part:
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", dir=file.parent, prefix=f".{file.name}-", delete=False
+    ) as part:
         part.write(text)
     try:
         # As a new file has it; that of a temporary file is private.

@@ -1,8 +1,9 @@
 """What decides how a system in Python behaves: its code, and the values that the code reaches.
 
-A walk starts at a function or an object and lists its leaves: bytecode, numbers, texts, arrays, weights, files. It follows closures,
-defaults, global variables, helper functions, attributes and classes. Code of libraries is named by the version of its package. The
-leaves of two processes are the same: they contain no addresses, no order of sets, and no paths of modules.
+A walk starts at a function or an object and lists its leaves: bytecode, numbers, texts, arrays,
+weights, files. It follows closures, defaults, global variables, helper functions, attributes and
+classes. Code of libraries is named by the version of its package. The leaves of two processes are
+the same: they contain no addresses, no order of sets, and no paths of modules.
 """
 
 from __future__ import annotations
@@ -41,33 +42,48 @@ MAX_GAPS = 20
 """Largest number of parts that are listed as not covered."""
 
 _PLAIN: tuple[type, ...] = (
-    *(bool, int, float, complex, str, bytes, bytearray, type(None), type(...), type(NotImplemented), range, slice),
-    *(datetime.date, datetime.datetime, datetime.time, datetime.timedelta, datetime.timezone, decimal.Decimal, fractions.Fraction),
+    *(
+        bool, int, float, complex, str, bytes, bytearray, type(None), type(...),
+        type(NotImplemented), range, slice
+    ),
+    *(
+        datetime.date, datetime.datetime, datetime.time, datetime.timedelta, datetime.timezone,
+        decimal.Decimal, fractions.Fraction
+    ),
 )
 
 _NAMED: tuple[type, ...] = (
-    *(types.BuiltinFunctionType, types.WrapperDescriptorType, types.MethodDescriptorType, types.ClassMethodDescriptorType),
+    *(
+        types.BuiltinFunctionType, types.WrapperDescriptorType, types.MethodDescriptorType,
+        types.ClassMethodDescriptorType
+    ),
     *(types.MethodWrapperType, types.GetSetDescriptorType, types.MemberDescriptorType, np.ufunc),
 )
 
 _CLOSED = set(
-    "subprocess socket _socket threading _thread io _io multiprocessing queue _queue asyncio _asyncio concurrent ctypes _ctypes "
-    "select ssl _ssl selectors weakref _weakref sqlite3 mmap unittest contextvars _contextvars".split()
+    "subprocess socket _socket threading _thread io _io multiprocessing queue _queue asyncio "
+    "_asyncio concurrent ctypes _ctypes select ssl _ssl selectors weakref _weakref sqlite3 mmap "
+    "unittest contextvars _contextvars".split()
 )
 """Modules whose objects are resources of the process or of the machine."""
 
-_RANDOM = {("random", "Random"), ("_random", "Random"), ("numpy.random._generator", "Generator"), ("numpy.random.mtrand", "RandomState")}
+_RANDOM = {
+    ("random", "Random"), ("_random", "Random"), ("numpy.random._generator", "Generator"),
+    ("numpy.random.mtrand", "RandomState")
+}
 
 _SKIPPED = set(
-    "__dict__ __weakref__ __doc__ __module__ __qualname__ __abstractmethods__ _abc_impl __annotations__ __annotate__ __annotate_func__ "
-    "__annotations_cache__ __firstlineno__ __static_attributes__ __orig_bases__ __parameters__ __type_params__ __classcell__".split()
+    "__dict__ __weakref__ __doc__ __module__ __qualname__ __abstractmethods__ _abc_impl "
+    "__annotations__ __annotate__ __annotate_func__ __annotations_cache__ __firstlineno__ "
+    "__static_attributes__ __orig_bases__ __parameters__ __type_params__ __classcell__".split()
 )
 """Attributes of a class that do not change what it does."""
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """A part of a walk: its hash, the reference in code through which it was reached, and for a file the time of its last change."""
+    """A part of a walk: its hash, the reference in code through which it was reached, and for a
+    file the time of its last change."""
 
     digest: str
     scope: str
@@ -91,7 +107,8 @@ class Walk:
 
 
 def walk(root: Any, *, values: bool = True) -> Walk:
-    """Lists what decides how a function or an object behaves. Without ``values``, lists functions and classes only.
+    """Lists what decides how a function or an object behaves. Without ``values``, lists functions
+    and classes only.
 
     >>> walk({"gain": [2.0]}).leaves == walk({"gain": [3.0]}).leaves
     False
@@ -134,14 +151,18 @@ class _Walker:
         path = f"{self._path}>{name}"
         self._pending.append((path, value, self._depth + 1, path))
 
-    def _leaf(self, *parts: str | bytes, step: str = "", changed: int | None = None, is_code: bool = False) -> None:
+    def _leaf(
+        self, *parts: str | bytes, step: str = "", changed: int | None = None, is_code: bool = False
+    ) -> None:
         if not (self._values or is_code):
             return
         digest = hashlib.sha256()
         for part in parts:
             data = part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part
             digest.update(len(data).to_bytes(8, "little") + data)
-        self.found.leaves[self._path + step] = Leaf(digest.hexdigest(), self._scope, changed, is_code)
+        self.found.leaves[self._path + step] = Leaf(
+            digest.hexdigest(), self._scope, changed, is_code
+        )
 
     def _gap(self, what: str) -> None:
         self.found.gaps[self._path] = what
@@ -158,12 +179,16 @@ class _Walker:
         if package is not None:
             self.found.packages[package[0]] = package[1]
             if package[1] == UNKNOWN:
-                self.found.gaps[f"package {package[0]}"] = f"the package {package[0]}, whose version is not known"
+                self.found.gaps[
+                    f"package {package[0]}"
+                ] = f"the package {package[0]}, whose version is not known"
 
     def _visit(self, value: Any) -> None:
         kind = type(value)
         if isinstance(value, enum.Enum):
-            self._leaf("enum", value.name, repr(value.value) if isinstance(value.value, _PLAIN) else "")
+            self._leaf(
+                "enum", value.name, repr(value.value) if isinstance(value.value, _PLAIN) else ""
+            )
             self._later(":class", kind)
         elif isinstance(value, pathlib.PurePath):
             self._text(str(value))
@@ -193,7 +218,10 @@ class _Walker:
             self._leaf("text", text)
 
     def _file(self, text: str, step: str = "") -> bool:
-        if not self._values or not 1 < len(text) < 1024 or not ("." in text or "/" in text) or not text.isprintable():
+        if (
+            not self._values or not 1 < len(text) < 1024 or not ("." in text or "/" in text)
+            or not text.isprintable()
+        ):
             return False
         try:
             if not os.path.isfile(text):
@@ -201,7 +229,10 @@ class _Walker:
             facts = os.stat(text)
             if self._has_room(facts.st_size):
                 with open(text, "rb") as file:
-                    found = hashlib.file_digest(file, "sha256") if sys.version_info >= (3, 11) else hashlib.sha256(file.read())
+                    found = (
+                        hashlib.file_digest(file, "sha256") if sys.version_info >= (3, 11)
+                        else hashlib.sha256(file.read())
+                    )
                 self._leaf("file", found.digest(), step=step, changed=facts.st_mtime_ns)
         except OSError as error:
             self._gap(f"the file {text}: {error.strerror}")
@@ -221,7 +252,9 @@ class _Walker:
             self._later(":function", value.__func__)
         elif isinstance(value, functools.partial):
             self._leaf("partial", is_code=True)
-            for name, part in (("keywords", value.keywords), ("args", value.args), ("func", value.func)):
+            for name, part in (
+                ("keywords", value.keywords), ("args", value.args), ("func", value.func)
+            ):
                 self._later(f":{name}", part)
             self._attributes(vars(value))
         elif isinstance(value, (staticmethod, classmethod)):
@@ -239,15 +272,24 @@ class _Walker:
             self._module(value)
         elif isinstance(value, np.ndarray):
             self._array(value)
-        elif kind.__module__ == "builtins" and isinstance(value, (list, dict, set, frozenset, types.MappingProxyType)):
+        elif (
+            kind.__module__ == "builtins"
+            and isinstance(value, (list, dict, set, frozenset, types.MappingProxyType))
+        ):
             self._container(value)
         else:
             self._object(value)
 
     def _named(self, value: Any) -> None:
         owner = getattr(value, "__self__", None)
-        module = getattr(value, "__module__", None) or getattr(getattr(value, "__objclass__", None), "__module__", None) or ""
-        self._leaf("builtin", module, getattr(value, "__qualname__", getattr(value, "__name__", "")), is_code=True)
+        module = (
+            getattr(value, "__module__", None)
+            or getattr(getattr(value, "__objclass__", None), "__module__", None) or ""
+        )
+        self._leaf(
+            "builtin", module, getattr(value, "__qualname__", getattr(value, "__name__", "")),
+            is_code=True
+        )
         if owner is not None and not isinstance(owner, types.ModuleType):
             self._later(":self", owner)
         if module:
@@ -288,7 +330,8 @@ class _Walker:
             self._file(text, step=f">'{text}'")
 
     def _reference(self, name: str, value: Any, attributes: set[str]) -> None:
-        """A name that code looks up. Of a module of the user, only those names count that the code looks up in it."""
+        """A name that code looks up. Of a module of the user, only those names count that the code
+        looks up in it."""
         if not isinstance(value, types.ModuleType):
             self._refer(name, value)
         elif is_library(value.__name__):
@@ -307,7 +350,10 @@ class _Walker:
             self._gap(f"the module {value.__name__}")
 
     def _class(self, value: type) -> None:
-        self._leaf("class", value.__name__, value.__module__ if is_library(value.__module__) else "", is_code=True)
+        self._leaf(
+            "class", value.__name__, value.__module__ if is_library(value.__module__) else "",
+            is_code=True
+        )
         if is_library(value.__module__):
             self._package(value.__module__)
             return
@@ -330,7 +376,10 @@ class _Walker:
             for index, each in enumerate(value.flat):
                 self._later(f"[{index}]", each)
         elif self._has_room(value.nbytes):
-            self._leaf("array", repr(value.dtype.descr), repr(value.shape), np.ascontiguousarray(value).tobytes())
+            self._leaf(
+                "array", repr(value.dtype.descr), repr(value.shape),
+                np.ascontiguousarray(value).tobytes()
+            )
 
     def _container(self, value: Any) -> None:
         if isinstance(value, (set, frozenset)):
@@ -341,7 +390,10 @@ class _Walker:
             self._sequence(value)
 
     def _mapping(self, value: Mapping[Any, Any]) -> None:
-        keys = [repr(key) if isinstance(key, (str, int, float, bool, type(None))) else _digest(key) for key in value]
+        keys = [
+            repr(key) if isinstance(key, (str, int, float, bool, type(None))) else _digest(key)
+            for key in value
+        ]
         self._leaf("dict", *keys)
         for key, each in reversed(list(zip(keys, value.values()))):
             self._later(f"[{key}]", each)
@@ -364,24 +416,38 @@ class _Walker:
         # The function of a compiled or cached one.
         attributes = getattr(value, "__dict__", {})
         inner = attributes.get("py_func") or attributes.get("__wrapped__")
-        if (kind.__module__, kind.__name__) in _RANDOM or kind.__module__.startswith("numpy.random"):
+        if (
+            (kind.__module__, kind.__name__) in _RANDOM
+            or kind.__module__.startswith("numpy.random")
+        ):
             self._gap("the state of a random generator")
         elif top == "logging" or kind.__module__ == "typing":
             self._leaf("named", repr(kind))
         elif top == "mishandle":
             self._own(value)
-        elif top in _CLOSED or isinstance(value, (types.GeneratorType, types.CoroutineType, types.FrameType, types.TracebackType)):
+        elif (
+            top in _CLOSED
+            or isinstance(
+                value,
+                (types.GeneratorType, types.CoroutineType, types.FrameType, types.TracebackType)
+            )
+        ):
             self._gap(f"an object of {top}.{kind.__name__}")
         elif _is_kind(kind, "torch", "Tensor"):
             self._tensor(value)
         elif _is_kind(kind, "torch", "Module"):
             self._network(value)
-        elif _is_kind(kind, "stable_baselines3", "BaseAlgorithm") or _is_kind(kind, "sb3_contrib", "BaseAlgorithm"):
+        elif (
+            _is_kind(kind, "stable_baselines3", "BaseAlgorithm")
+            or _is_kind(kind, "sb3_contrib", "BaseAlgorithm")
+        ):
             self._later(".policy", value.policy)
             self._normalizer(value)
         elif _is_kind(kind, "skrl", "Agent"):
             self._later(".policy", value.policy)
-            self._later("._observation_preprocessor", getattr(value, "_observation_preprocessor", None))
+            self._later(
+                "._observation_preprocessor", getattr(value, "_observation_preprocessor", None)
+            )
         elif _is_kind(kind, "gymnasium", "AsyncVectorEnv"):
             self._later(".env_fns", list(value.env_fns))
         elif inner is not None:
@@ -409,7 +475,8 @@ class _Walker:
             self._attributes(getattr(value, "__dict__", {}))
 
     def _content(self, value: Any) -> None:
-        """The elements of a container of a user or of a library, and the attributes of any object."""
+        """The elements of a container of a user or of a library, and the attributes of any
+        object."""
         kind = type(value)
         if isinstance(value, dict):
             self._mapping(value)
@@ -432,7 +499,10 @@ class _Walker:
             for name in [slots] if isinstance(slots, str) else slots:
                 if name not in _SKIPPED and hasattr(value, name):
                     attributes[name] = getattr(value, name)
-        if attributes or hasattr(value, "__dict__") or isinstance(value, (dict, list, tuple, set, frozenset)):
+        if (
+            attributes or hasattr(value, "__dict__")
+            or isinstance(value, (dict, list, tuple, set, frozenset))
+        ):
             self._instance(value, attributes)
         else:
             self._reduced(value)
@@ -472,7 +542,8 @@ class _Walker:
             self._gap(f"a tensor of {getattr(value, 'dtype', 'an unknown type')}")
 
     def _network(self, value: Any) -> None:
-        """A module of PyTorch: all its tensors by name, and the attributes of the modules inside of it."""
+        """A module of PyTorch: all its tensors by name, and the attributes of the modules inside of
+        it."""
         for name, tensor in sorted(value.state_dict().items()):
             self._later(f".state_dict[{name}]", tensor)
         code = getattr(value, "code", None)
@@ -480,7 +551,10 @@ class _Walker:
             self._leaf("script", code, step=":code")
             return
         attributes = dict(vars(value))
-        attributes = {name: each for name, each in attributes.items() if not type(each).__module__.startswith("torch.optim")}
+        attributes = {
+            name: each for name, each in attributes.items()
+            if not type(each).__module__.startswith("torch.optim")
+        }
         self._attributes(attributes)
 
     def _normalizer(self, value: Any) -> None:
@@ -501,12 +575,15 @@ def _digest(value: Any) -> str:
 
 
 def _is_kind(kind: type, top: str, name: str) -> bool:
-    return any(base.__name__ == name and base.__module__.partition(".")[0] == top for base in kind.__mro__)
+    return any(
+        base.__name__ == name and base.__module__.partition(".")[0] == top for base in kind.__mro__
+    )
 
 
 @functools.cache
 def _stored_by_episodes(classes: tuple[type, ...]) -> frozenset[str]:
-    """Returns the attributes that the methods of an episode set, and the methods that they call. ``classes`` are those of an object."""
+    """Returns the attributes that the methods of an episode set, and the methods that they call.
+    ``classes`` are those of an object."""
     stored: set[str] = set()
     pending, seen = ["reset", "step", "act", "predict", "__call__"], set()
     while pending:
@@ -525,7 +602,8 @@ def _stored_by_episodes(classes: tuple[type, ...]) -> frozenset[str]:
 
 @dataclass
 class Fingerprint:
-    """Hash of a system's code and of the values that it reaches, and what the hash does not cover."""
+    """Hash of a system's code and of the values that it reaches, and what the hash does not
+    cover."""
 
     digest: str
     gaps: tuple[str, ...]
@@ -535,8 +613,9 @@ class Fingerprint:
 def fingerprint(before: Walk, after: Walk, first: dict[str, str]) -> Fingerprint:
     """Returns the fingerprint of two walks of the same object, before and after simulations.
 
-    Values that the simulations changed are a state. That of objects with a reset is left out, because each episode begins with a reset.
-    Other states count with the value before the first simulation of this process, which ``first`` remembers for later calls.
+    Values that the simulations changed are a state. That of objects with a reset is left out,
+    because each episode begins with a reset. Other states count with the value before the first
+    simulation of this process, which ``first`` remembers for later calls.
     """
     resettable, state = before.resettable | after.resettable, before.state | after.state
     scopes = {leaf.scope for leaf in before.leaves.values()}
@@ -547,7 +626,10 @@ def fingerprint(before: Walk, after: Walk, first: dict[str, str]) -> Fingerprint
         is_new_code = then is None and now.scope != "" and now.scope not in scopes
         if then != now and not now.is_code and not is_new_code:
             changed.add(path)
-    changed |= {path for path, leaf in before.leaves.items() if path not in after.leaves and not leaf.is_code}
+    changed |= {
+        path for path, leaf in before.leaves.items()
+        if path not in after.leaves and not leaf.is_code
+    }
     # What is in a part that changed before is not from the start.
     known = set(first)
     for path in {*before.leaves, *changed}:
@@ -568,7 +650,10 @@ def fingerprint(before: Walk, after: Walk, first: dict[str, str]) -> Fingerprint
 
 
 def _texts(gaps: Mapping[str, str]) -> tuple[str, ...]:
-    texts = sorted({f"{what} ({path.lstrip('>.')})" if path.lstrip(">.") else what for path, what in gaps.items()})
+    texts = sorted({
+        f"{what} ({path.lstrip('>.')})" if path.lstrip(">.") else what
+        for path, what in gaps.items()
+    })
     more = len(texts) - MAX_GAPS
     return tuple(texts if more <= 0 else [*texts[:MAX_GAPS], f"{more} more"])
 
@@ -604,7 +689,10 @@ class Watch:
 
     def fingerprints(self) -> dict[str, Fingerprint]:
         """Walks them again after simulations, and returns their fingerprints."""
-        return {name: fingerprint(walked, walk(self._roots[name]), self._known(name)) for name, walked in self._before.items()}
+        return {
+            name: fingerprint(walked, walk(self._roots[name]), self._known(name))
+            for name, walked in self._before.items()
+        }
 
     def _known(self, name: str) -> dict[str, str]:
         root = self._roots[name]
@@ -616,7 +704,8 @@ class Watch:
 
 
 def code_hash(roots: list[Any]) -> str:
-    """Returns a hash of functions and classes, which is the same in a process that got them by cloudpickle."""
+    """Returns a hash of functions and classes, which is the same in a process that got them by
+    cloudpickle."""
     digest = hashlib.sha256()
     for root in roots:
         for path, leaf in sorted(walk(root, values=False).leaves.items()):

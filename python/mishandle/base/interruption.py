@@ -1,4 +1,5 @@
-"""Ctrl-C in functions that write no run file: the running batch ends first, and the exception holds the result so far."""
+"""Ctrl-C in functions that write no run file: the running batch ends first, and the exception holds
+the result so far."""
 
 from __future__ import annotations
 
@@ -15,9 +16,11 @@ Result = TypeVar("Result")
 
 @contextlib.contextmanager
 def after_the_batch(progress: Progress | None) -> Iterator[Progress]:
-    """Yields a progress function that raises the ``KeyboardInterrupt`` of Ctrl-C after the running batch.
+    """Yields a progress function that raises the ``KeyboardInterrupt`` of Ctrl-C after the running
+    batch.
 
-    A second Ctrl-C interrupts at once, also inside of the system, and the result so far is lost. A handler of the caller stays.
+    A second Ctrl-C interrupts at once, also inside of the system, and the result so far is lost. A
+    handler of the caller stays.
     """
     requests: list[int] = []
 
@@ -47,7 +50,8 @@ def after_the_batch(progress: Progress | None) -> Iterator[Progress]:
 
 
 def deliver(result: Result, interruption: BaseException | None) -> Result:
-    """Returns a result. If an exception ended its computation early, raises that with the result so far as its attribute ``result``."""
+    """Returns a result. If an exception ended its computation early, raises that with the result so
+    far as its attribute ``result``."""
     if interruption is None:
         return result
     setattr(interruption, "result", result)  # noqa: B010

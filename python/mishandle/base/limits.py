@@ -19,7 +19,9 @@ MAX_SECONDS = 1e7
 def check_time_limit(seconds: float | None) -> None:
     """Checks that a time limit is positive."""
     if seconds is not None and not 0 < seconds <= MAX_SECONDS:
-        raise InvalidValueError(f"the time limit is {seconds} s; it must be above 0 and at most {MAX_SECONDS:g} s")
+        raise InvalidValueError(
+            f"the time limit is {seconds} s; it must be above 0 and at most {MAX_SECONDS:g} s"
+        )
 
 
 def can_interrupt() -> bool:
@@ -31,8 +33,9 @@ def check_interruptible(seconds: float | None) -> None:
     """Checks that a function with a time limit can be interrupted in this thread."""
     if seconds is not None and not can_interrupt():
         raise InvalidStateError(
-            f"the time limit of {seconds} s cannot be enforced here: only the main thread of Python can interrupt a function; "
-            "call it from the main thread, or leave out `time_limit`"
+            f"the time limit of {seconds} s cannot be enforced here: only the main thread of "
+            "Python can interrupt a function; call it from the main thread, or leave out "
+            "`time_limit`"
         )
 
 
@@ -40,9 +43,9 @@ def check_interruptible(seconds: float | None) -> None:
 def limited(seconds: float | None) -> Generator[None, None, None]:
     """Raises :class:`TimeLimitExceeded` if the body takes longer.
 
-    The main thread is interrupted by a timer, in Python code and in system calls that wait. In other threads, and for code in C
-    that does not return to Python, the limit is checked at the end of the body. Limits can be nested, and a timer of the caller
-    keeps running.
+    The main thread is interrupted by a timer, in Python code and in system calls that wait. In
+    other threads, and for code in C that does not return to Python, the limit is checked at the end
+    of the body. Limits can be nested, and a timer of the caller keeps running.
     """
     if seconds is None:
         yield

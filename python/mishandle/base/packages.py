@@ -43,7 +43,8 @@ def _folders() -> list[str]:
 
 @functools.cache
 def package_of(module: str) -> tuple[str, str] | None:
-    """Returns name and version of the package of a library; ``None`` for Mishandle, whose build a run records.
+    """Returns name and version of the package of a library; ``None`` for Mishandle, whose build a
+    run records.
 
     >>> package_of("math")[0], package_of("numpy.linalg")[0], package_of("mishandle.scenarios.axes")
     ('python', 'numpy', None)
@@ -66,4 +67,6 @@ def package_of(module: str) -> tuple[str, str] | None:
 
 @functools.cache
 def _distributions() -> dict[str, list[str]]:
-    return {name: sorted(found) for name, found in importlib.metadata.packages_distributions().items()}
+    return {
+        name: sorted(found) for name, found in importlib.metadata.packages_distributions().items()
+    }

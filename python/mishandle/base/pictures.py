@@ -36,20 +36,25 @@ class Recording:
         try:
             frames = list(draw())
             if len(frames) != len(samples):
-                raise InvalidValueError(f"there are {len(frames)} frames of {len(samples)} samples; expected one frame for each")
+                raise InvalidValueError(
+                    f"there are {len(frames)} frames of {len(samples)} samples; expected one "
+                    "frame for each"
+                )
             self._pictures.update(zip(samples, map(picture, frames)))
         except Exception as error:
             self._error = error
 
     def pictures(self) -> list[bytes]:
-        """Returns the pictures in the order of the samples. Raises the exception of a failed one."""
+        """Returns the pictures in the order of the samples. Raises the exception of a failed
+        one."""
         if self._error is not None:
             raise self._error
         return [self._pictures[sample] for sample in self.samples if sample in self._pictures]
 
 
 class Painter:
-    """Draws the next simulation of a system with the attribute ``recording``, as the extension module asks for it."""
+    """Draws the next simulation of a system with the attribute ``recording``, as the extension
+    module asks for it."""
 
     def __init__(self, system: Any) -> None:
         self._system = system
@@ -66,9 +71,12 @@ class Painter:
 
 
 def picture(frame: Any) -> bytes:
-    """Returns the pixels of a frame, made smaller if it is larger than a picture, in the middle of one.
+    """Returns the pixels of a frame, made smaller if it is larger than a picture, in the middle of
+    one.
 
-    >>> pixels = np.frombuffer(picture(np.zeros((480, 480, 3), np.uint8)), np.uint8).reshape(HEIGHT, WIDTH, 3)
+    >>> pixels = np.frombuffer(picture(np.zeros((480, 480, 3), np.uint8)), np.uint8).reshape(
+    ...     HEIGHT, WIDTH, 3
+    ... )
     >>> pixels[120, 160].tolist(), pixels[120, 0].tolist()
     ([0, 0, 0], [255, 255, 255])
     """
@@ -77,7 +85,8 @@ def picture(frame: Any) -> bytes:
     array = np.asarray(frame)
     if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         raise InvalidValueError(
-            f"a frame has the shape {array.shape} and the type {array.dtype}; expected (height, width, 3) and uint8"
+            f"a frame has the shape {array.shape} and the type {array.dtype}; expected (height, "
+            "width, 3) and uint8"
         )
     height, width = array.shape[:2]
     scale = max(height / HEIGHT, width / WIDTH, 1.0)

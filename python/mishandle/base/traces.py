@@ -13,18 +13,25 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 
 
 def columns_of(
-    trace: Any, names: Sequence[str] | None = None, hint: Callable[[list[str]], str | None] | None = None
+    trace: Any, names: Sequence[str] | None = None,
+    hint: Callable[[list[str]], str | None] | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """Returns some or all columns of a dictionary of arrays or of a data frame. Beside those in ``names``, there may be columns
-    that are no numbers, such as time stamps, and columns of the same name. ``hint`` is asked if columns are missing."""
+    """Returns some or all columns of a dictionary of arrays or of a data frame. Beside those in
+    ``names``, there may be columns that are no numbers, such as time stamps, and columns of the
+    same name. ``hint`` is asked if columns are missing."""
     # A simulation, such as those of `simulate`.
-    trace = getattr(trace, "trace", trace) if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
+    trace = (
+        getattr(trace, "trace", trace)
+        if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
+    )
     if isinstance(trace, Mapping):
         labels = list(trace)
     elif hasattr(trace, "columns"):
         labels = list(trace.columns)
     else:
-        raise InvalidTypeError(f"a trace must be a dictionary of arrays or a data frame, not a {type(trace).__name__}")
+        raise InvalidTypeError(
+            f"a trace must be a dictionary of arrays or a data frame, not a {type(trace).__name__}"
+        )
     known = [str(label) for label in labels]
     missing = [name for name in names or [] if name not in known]
     if missing:
@@ -43,11 +50,13 @@ def columns_of(
         try:
             column = _numbers(values)
         except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidValueError(f"the signal `{name}` is not an array of numbers: {error}") from error
+            raise InvalidValueError(
+                f"the signal `{name}` is not an array of numbers: {error}"
+            ) from error
         if column.ndim != 1:
             raise InvalidValueError(
-                f"the signal `{name}` has the shape {column.shape}; expected one number per sample, so that each component "
-                "is a signal of its own"
+                f"the signal `{name}` has the shape {column.shape}; expected one number per "
+                "sample, so that each component is a signal of its own"
             )
         columns[name] = column
     lengths = {name: len(values) for name, values in columns.items()}
@@ -57,15 +66,21 @@ def columns_of(
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Lists names. Characters that nobody sees, such as those that reverse the text after them, appear as their escapes."""
-    return ", ".join("".join(c if c.isprintable() else ascii(c)[1:-1] for c in name) for name in names)
+    """Lists names. Characters that nobody sees, such as those that reverse the text after them,
+    appear as their escapes."""
+    return ", ".join(
+        "".join(c if c.isprintable() else ascii(c)[1:-1] for c in name) for name in names
+    )
 
 
 def _numbers(values: Any) -> NDArray[np.float64]:
     array: Any = np.asanyarray(values)
     if array.dtype.kind not in "biufO":
         raise TypeError(f"its elements have the type {array.dtype}")
-    if array.dtype.kind == "O" and any(isinstance(value, (str, bytes, complex)) for value in array.flat):
+    if (
+        array.dtype.kind == "O"
+        and any(isinstance(value, (str, bytes, complex)) for value in array.flat)
+    ):
         raise TypeError("some of its elements are not real numbers")
     numbers: NDArray[np.float64] = np.ma.filled(array.astype(np.float64), np.nan)
     return numbers

@@ -1,4 +1,5 @@
-"""Simulation on a Ray cluster. The command ``python3 -m mishandle.cluster`` completes the runs of a campaign on one."""
+"""Simulation on a Ray cluster. The command ``python3 -m mishandle.cluster`` completes the runs of a
+campaign on one."""
 
 from mishandle.cluster.executors import RayExecutor
 

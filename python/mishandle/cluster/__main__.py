@@ -1,4 +1,5 @@
-"""The command ``python3 -m mishandle.cluster``: completes the runs of a campaign on a Ray cluster."""
+"""The command ``python3 -m mishandle.cluster``: completes the runs of a campaign on a Ray
+cluster."""
 
 from __future__ import annotations
 
@@ -32,10 +33,11 @@ def complete_runs(
 ) -> None:
     """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
 
-    The simulations of a question are spread over the cluster. A hardening is one task on one worker, which continues where another one
-    was lost. ``runs`` have name, path, and whether the plan is that of a hardening. ``report`` gets the name of a run and the numbers of its finished and of all
-    simulations after each batch, in the thread of the run. If ``executor.stop`` is set, all runs end after their last finished
-    batch.
+    The simulations of a question are spread over the cluster. A hardening is one task on one
+    worker, which continues where another one was lost. ``runs`` have name, path, and whether the
+    plan is that of a hardening. ``report`` gets the name of a run and the numbers of its finished
+    and of all simulations after each batch, in the thread of the run. If ``executor.stop`` is set,
+    all runs end after their last finished batch.
     """
 
     hardenings = executor.share(HardeningFactory(folder, durable=durable, any_build=any_build))
@@ -86,7 +88,8 @@ def complete_runs(
 
 
 class _Progress:
-    """Progress on stderr: a line that is overwritten on a terminal, otherwise a line from time to time."""
+    """Progress on stderr: a line that is overwritten on a terminal, otherwise a line from time to
+    time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -116,17 +119,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a campaign on a Ray cluster. Returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python3 -m mishandle.cluster",
-        description="Simulates the runs of a campaign on a Ray cluster. `mishandle campaign FILE --ray ADDRESS` calls it and "
-        "prints the results.",
+        description="Simulates the runs of a campaign on a Ray cluster. `mishandle campaign FILE "
+        "--ray ADDRESS` calls it and "
+        "prints the results."
     )
     parser.add_argument("campaign", nargs="?", metavar="FILE", help="campaign file (TOML)")
     parser.add_argument("--out", metavar="DIR", help="folder to create for the run files")
     parser.add_argument("--resume", metavar="DIR", help="complete the campaign in this folder")
-    parser.add_argument("--address", help="address of the cluster; `auto` for a running one, `local` to start one")
-    parser.add_argument("--jobs", type=int, default=16, metavar="N", help="runs at the same time (default: 16)")
-    parser.add_argument("--chunk", type=int, metavar="N", help="simulations of a task (default: a batch in 4 tasks per CPU)")
+    parser.add_argument(
+        "--address", help="address of the cluster; `auto` for a running one, `local` to start one"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=16, metavar="N", help="runs at the same time (default: 16)"
+    )
+    parser.add_argument(
+        "--chunk", type=int, metavar="N",
+        help="simulations of a task (default: a batch in 4 tasks per CPU)"
+    )
     parser.add_argument("--durable", action="store_true", help="sync each batch to the disk")
-    parser.add_argument("--any-build", action="store_true", help="with --resume: continue runs that another build started")
+    parser.add_argument(
+        "--any-build", action="store_true",
+        help="with --resume: continue runs that another build started"
+    )
     given = parser.parse_args(arguments)
     if (given.resume is None) == (given.campaign is None):
         parser.error("give a campaign FILE with --out DIR, or --resume DIR")
@@ -140,7 +154,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.resume is not None:
             runs = _native.campaign_runs(given.resume)
         else:
-            runs = _native.create_campaign(pathlib.Path(given.campaign).read_text(encoding="utf-8"), given.out)
+            runs = _native.create_campaign(
+                pathlib.Path(given.campaign).read_text(encoding="utf-8"), given.out
+            )
         executor = RayExecutor(given.address, chunk=given.chunk)
     except (OSError, ValueError, ImportError, ConnectionError, MishandleError) as error:
         print(f"error: {error}", file=sys.stderr)

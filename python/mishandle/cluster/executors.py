@@ -29,7 +29,8 @@ TASKS_PER_CPU = 4
 """Tasks of a batch for each CPU. More balance the load better and cost more messages."""
 
 RETRIES = 3
-"""How often Ray repeats a task whose worker or node was lost, before its simulations are repeated one by one."""
+"""How often Ray repeats a task whose worker or node was lost, before its simulations are repeated
+one by one."""
 
 STOP_TIMEOUT = 10.0
 """Seconds to wait for tasks that were canceled."""
@@ -39,13 +40,14 @@ CONNECTION_TIMEOUT = 5.0
 
 
 def check_address(address: str | None) -> None:
-    """Checks that something answers at an address ``HOST:PORT``; by default that of ``RAY_ADDRESS``.
+    """Checks that something answers at an address ``HOST:PORT``; by default that of
+    ``RAY_ADDRESS``.
 
     >>> check_address("local")
-    >>> check_address("127.0.0.1:9")
+    >>> check_address("127.0.0.1:9")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mishandle.errors.InvalidValueError: no Ray cluster answers at 127.0.0.1:9: [Errno 111] Connection refused
+    mishandle.errors.InvalidValueError: no Ray cluster answers at 127.0.0.1:9: [Errno 111] ...
     """
     address = os.environ.get("RAY_ADDRESS") if address is None else address
     host, colon, port = (address or "").removeprefix("ray://").rpartition(":")
@@ -60,14 +62,16 @@ def check_address(address: str | None) -> None:
 class RayExecutor:
     """Simulates batches on a Ray cluster.
 
-    A task simulates a part of a batch. Ray repeats it elsewhere if its worker or node is lost. Results are put in the order of
-    the requests, and a simulation depends only on its scenario and seed, so the rows of a run are those of one machine.
+    A task simulates a part of a batch. Ray repeats it elsewhere if its worker or node is lost.
+    Results are put in the order of the requests, and a simulation depends only on its scenario and
+    seed, so the rows of a run are those of one machine.
 
     Parameters
     ----------
     address : str, optional
-        Address of the cluster: ``"auto"`` for the one that runs on this machine, ``"local"`` to start one. By default, the
-        address in the variable ``RAY_ADDRESS``, a running one, or else a new one.
+        Address of the cluster: ``"auto"`` for the one that runs on this machine, ``"local"`` to
+        start one. By default, the address in the variable ``RAY_ADDRESS``, a running one, or else a
+        new one.
     num_cpus : float
         CPUs that a task occupies.
     chunk : int, optional
@@ -75,12 +79,14 @@ class RayExecutor:
 
     Notes
     -----
-    Ray sends functions, policies and environments to the workers with cloudpickle. An environment that Gymnasium made is made
-    again on the worker from its ``spec``. All nodes need the same versions of Mishandle and of the packages that the system
-    imports.
+    Ray sends functions, policies and environments to the workers with cloudpickle. An environment
+    that Gymnasium made is made again on the worker from its ``spec``. All nodes need the same
+    versions of Mishandle and of the packages that the system imports.
     """
 
-    def __init__(self, address: str | None = None, *, num_cpus: float = 1.0, chunk: int | None = None) -> None:
+    def __init__(
+        self, address: str | None = None, *, num_cpus: float = 1.0, chunk: int | None = None
+    ) -> None:
         if chunk is not None and chunk < 1:
             raise InvalidValueError(f"chunk is {chunk}; it must be at least 1")
         try:
@@ -114,14 +120,17 @@ class RayExecutor:
             # Ray's message contains a report of several lines; its cause says what cannot be sent.
             reason = error.__cause__ or error.__context__ or error
             raise InvalidTypeError(
-                f"`{name}` or what it refers to cannot be sent to the workers: {reason}; make files, locks and connections inside "
-                "the function, or use executor=None"
+                f"`{name}` or what it refers to cannot be sent to the workers: {reason}; make "
+                "files, locks and connections inside the function, or use executor=None"
             ) from error
 
-    def run(self, shared: Any, requests: Sequence[Any], lost: Callable[[Any], Any] | None = None) -> list[Any]:
+    def run(
+        self, shared: Any, requests: Sequence[Any], lost: Callable[[Any], Any] | None = None
+    ) -> list[Any]:
         """Returns the results of requests, simulated by the cluster.
 
-        ``lost`` returns the result of a request that ends its worker each time; without it, this is an error.
+        ``lost`` returns the result of a request that ends its worker each time; without it, this is
+        an error.
         """
         chunk = self._chunk
         if chunk is None:
@@ -157,12 +166,16 @@ class RayExecutor:
             if len(part) == 1:
                 if lost is None:
                     raise InvalidStateError(
-                        f"a worker of the cluster was lost {RETRIES + 1} times during the same task: {error}"
+                        f"a worker of the cluster was lost {RETRIES + 1} times during the same "
+                        f"task: {error}"
                     ) from error
                 return [lost(part[0])]
         singles = [self._task.remote([shared], [request]) for request in part]
         self._wait(singles)
-        return [result for single, request in zip(singles, part) for result in self._results(shared, single, [request], lost)]
+        return [
+            result for single, request in zip(singles, part)
+            for result in self._results(shared, single, [request], lost)
+        ]
 
 
 _simulators: dict[str, Simulate] = {}
@@ -229,8 +242,8 @@ class _SystemFactory:
         system = self._system
         if code_hash(system.code()) != self._hash:
             raise InvalidStateError(
-                f"the code of the system `{system.name}` or of its policy on this worker differs from that of the sender: give "
-                "all nodes the same versions"
+                f"the code of the system `{system.name}` or of its policy on this worker differs "
+                "from that of the sender: give all nodes the same versions"
             )
 
         def simulate(batch: list[Any]) -> list[Any]:
@@ -240,8 +253,8 @@ class _SystemFactory:
             except (SystemExit, KeyboardInterrupt, GeneratorExit) as error:
                 # SystemExit would end the worker, and Ray would repeat the task.
                 raise InvalidStateError(
-                    f"the system `{system.name}` raised {error!r}, which ends a run; raise an Exception to end a simulation as "
-                    "crashed"
+                    f"the system `{system.name}` raised {error!r}, which ends a run; raise an "
+                    "Exception to end a simulation as crashed"
                 ) from None
             for outcome in outcomes:
                 outcome.samples = np.ascontiguousarray(outcome.samples)

@@ -22,7 +22,8 @@ class PlanFactory:
 
 
 class HardeningFactory:
-    """Makes a function that completes hardenings of a campaign on a worker, by their names. It returns their numbers of simulations."""
+    """Makes a function that completes hardenings of a campaign on a worker, by their names. It
+    returns their numbers of simulations."""
 
     def __init__(self, folder: str, *, durable: bool, any_build: bool) -> None:
         self._folder = os.path.abspath(folder)
@@ -32,12 +33,15 @@ class HardeningFactory:
     def __call__(self) -> Simulate:
         if not os.path.isdir(self._folder):
             raise InvalidStateError(
-                f"this worker has no folder {self._folder}: a hardening writes its runs and controllers into the folder of its campaign; "
-                "put it on a file system that all nodes share, or run the campaign without Ray"
+                f"this worker has no folder {self._folder}: a hardening writes its runs and "
+                "controllers into the folder of its campaign; put it on a file system that all "
+                "nodes share, or run the campaign without Ray"
             )
 
         def complete(names: list[Any]) -> list[Any]:
-            options: dict[str, Any] = {"threads": 1, "durable": self._durable, "any_build": self._any_build}
+            options: dict[str, Any] = {
+                "threads": 1, "durable": self._durable, "any_build": self._any_build
+            }
             return [_native.complete_hardening(self._folder, name, **options) for name in names]
 
         return complete

@@ -1,14 +1,19 @@
-"""One physics step of MuJoCo Warp against one of MuJoCo C, from the same states of episodes of a controller.
+"""One physics step of MuJoCo Warp against one of MuJoCo C, from the same states of episodes of a
+controller.
 
-    python -m mishandle.gpu.audit [--space starts] [--formula success] [--states 1000] [--device cpu] [TASK ...]
+    python -m mishandle.gpu.audit [--space starts] [--formula success] [--states 1000] [--device
+    cpu] [TASK ...]
 
-MuJoCo C simulates episodes with action noise 0.3 behind the interface of :class:`mishandle.gpu.batches.WarpBatch`: targets of servos, mocap
-poses, active constraints, pushes and varying fields of the models are those that the GPU would get. In every ``period``-th control step, the state of each episode is
-kept. Both engines then take one physics step from each kept state with the same inputs. Warp computes with 32-bit numbers.
+MuJoCo C simulates episodes with action noise 0.3 behind the interface of
+:class:`mishandle.gpu.batches.WarpBatch`: targets of servos, mocap poses, active constraints, pushes
+and varying fields of the models are those that the GPU would get. In every ``period``-th control
+step, the state of each episode is kept. Both engines then take one physics step from each kept
+state with the same inputs. Warp computes with 32-bit numbers.
 
-The tables have the absolute differences after this step. ``moved`` is the difference of MuJoCo C from itself if each number of the
-positions moves by 1e-7. With a formula that reads signals of the manner, such as ``careful``, a third table has the relative differences
-of the measured forces and of the motion of the arm.
+The tables have the absolute differences after this step. ``moved`` is the difference of MuJoCo C
+from itself if each number of the positions moves by 1e-7. With a formula that reads signals of the
+manner, such as ``careful``, a third table has the relative differences of the measured forces and
+of the motion of the arm.
 """
 
 from __future__ import annotations
@@ -39,7 +44,8 @@ TASKS = [
 ]
 
 MOVE = 1e-7
-"""Change of positions for the comparison of MuJoCo C with itself: about the precision of 32-bit numbers."""
+"""Change of positions for the comparison of MuJoCo C with itself: about the precision of 32-bit
+numbers."""
 
 QUANTITIES = {
     "joints": "positions of hinges, slides and nodes of the cloth, rad or m",
@@ -58,11 +64,13 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Audit:
-    """Absolute differences after one physics step: for each quantity the largest one per audited state.
+    """Absolute differences after one physics step: for each quantity the largest one per audited
+    state.
 
-    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those of :data:`QUANTITIES`. If the formula
-    reads signals of the manner, ``forces`` and ``motion`` are the differences of the readings of ``probe``, each divided by 1 plus
-    the reading of MuJoCo C, and ``force`` is the largest force of MuJoCo C, N.
+    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those
+    of :data:`QUANTITIES`. If the formula reads signals of the manner, ``forces`` and ``motion`` are
+    the differences of the readings of ``probe``, each divided by 1 plus the reading of MuJoCo C,
+    and ``force`` is the largest force of MuJoCo C, N.
     """
 
     def __init__(self) -> None:
@@ -81,7 +89,8 @@ class Audit:
 
 
 class CpuBatch(gpu.WarpBatch):
-    """A batch that MuJoCo C steps in 64 bits, one row after another. It keeps the states and inputs of some control steps."""
+    """A batch that MuJoCo C steps in 64 bits, one row after another. It keeps the states and inputs
+    of some control steps."""
 
     def __init__(self, period: int, made: list[CpuBatch], *arguments: Any, **keywords: Any) -> None:
         # By name, because the constructor may have more arguments than this class knows.
@@ -110,11 +119,15 @@ class CpuBatch(gpu.WarpBatch):
         return self.states.reshape(-1)
 
     def start_step(self) -> None:
-        inputs = {name: value for name, value in self.arrays().items() if name != "outputs"} | {"fields": self.fields}
+        inputs = {name: value for name, value in self.arrays().items() if name != "outputs"} | {
+            "fields": self.fields
+        }
         # Rows without an episode, before their start or after its end, are not simulated.
         running = self.age < EPISODE_STEPS
         chosen = running & (self.age % self.period == self.period // 2)
-        self.kept.append({name: value[chosen] for name, value in {"states": self.states, **inputs}.items()})
+        self.kept.append({
+            name: value[chosen] for name, value in {"states": self.states, **inputs}.items()
+        })
         self.age[running] += 1
         outputs, physics = self.arrays()["outputs"], self.physics
         for row in np.flatnonzero(running).tolist():
@@ -139,15 +152,20 @@ def start_readings() -> NDArray[np.float64]:
     return readings
 
 
-def measure(probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.float64], substep: int, readings: NDArray[np.float64]) -> None:
-    """Adds a physics step of one world of MuJoCo C to its readings, as the kernels of :mod:`mishandle.gpu.probe` do. ``before`` are the
-    velocities before the step."""
+def measure(
+    probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.float64], substep: int,
+    readings: NDArray[np.float64]
+) -> None:
+    """Adds a physics step of one world of MuJoCo C to its readings, as the kernels of
+    :mod:`mishandle.gpu.probe` do. ``before`` are the velocities before the step."""
     parts = {"geom": probe["geoms"], "flex": probe["flexes"]}
     holds = probe["weld"] >= 0 and bool(data.eq_active[probe["weld"]])
     forces, force = np.zeros(FORCES), np.zeros(6)
     for index, contact in enumerate(data.contact):
         first, second = (
-            parts["geom"][contact.geom[side]] if contact.geom[side] >= 0 else parts["flex"][contact.flex[side]] for side in (0, 1)
+            parts["geom"][contact.geom[side]] if contact.geom[side] >= 0
+            else parts["flex"][contact.flex[side]]
+            for side in (0, 1)
         )
         bits = probe["pairs"][int(holds)][first * int(gpu.probes.PARTS) + second]
         mujoco.mj_contactForce(model, data, index, force)
@@ -168,7 +186,9 @@ def measure(probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.flo
         (np.abs(data.actuator_force[actuators]) / max_torque).max(),
         np.linalg.norm(tool[3:]),
     ]
-    largest, sums, moved = readings[:FORCES], readings[FORCES : 2 * FORCES], readings[2 * FORCES : -1]
+    largest, sums, moved = readings[:FORCES], readings[FORCES : 2 * FORCES], readings[
+        2 * FORCES : -1
+    ]
     np.maximum(largest, forces, out=largest)
     sums += forces
     np.maximum(moved, motions, out=moved)
@@ -176,14 +196,19 @@ def measure(probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.flo
 
 
 class CpuPhysics:
-    """One world of MuJoCo C. It takes the arguments and inputs of a :class:`mishandle.gpu.batches.WarpBatch`."""
+    """One world of MuJoCo C. It takes the arguments and inputs of a
+    :class:`mishandle.gpu.batches.WarpBatch`."""
 
     def __init__(self, arguments: dict[str, Any]) -> None:
-        self.model = gpu.compile_model(arguments["xml"], arguments["timestep"], arguments.get("assets"))
+        self.model = gpu.compile_model(
+            arguments["xml"], arguments["timestep"], arguments.get("assets")
+        )
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         self.data = mujoco.MjData(self.model)
         self.servos = np.array(arguments["servos"])
-        self.pushed, self.fields = list(arguments.get("pushed", ())), list(arguments.get("fields", ()))
+        self.pushed, self.fields = list(arguments.get("pushed", ())), list(
+            arguments.get("fields", ())
+        )
         self.probe = arguments.get("probe")
         self.readings = start_readings()
 
@@ -201,13 +226,18 @@ class CpuPhysics:
         self.readings = start_readings()
 
     def set_inputs(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
-        """Takes the first half of a physics step, and sets the controls of the servos and the push."""
+        """Takes the first half of a physics step, and sets the controls of the servos and the
+        push."""
         mujoco.mj_step1(self.model, self.data)
         targets, controls = np.split(inputs["inputs"][row], [len(self.servos)])
         self.data.ctrl[len(self.servos) :] = controls
-        self.data.ctrl[: len(self.servos)] = gpu.servo_rule.find_controls(self.servos, targets, self.model, self.data)
+        self.data.ctrl[: len(self.servos)] = gpu.servo_rule.find_controls(
+            self.servos, targets, self.model, self.data
+        )
         if self.pushed:
-            self.data.xfrc_applied[self.pushed, :3] = inputs["forces"][row, 3 * substep : 3 * substep + 3]
+            self.data.xfrc_applied[self.pushed, :3] = inputs["forces"][
+                row, 3 * substep : 3 * substep + 3
+            ]
 
     def step(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes a physics step of a control step."""
@@ -221,7 +251,10 @@ class CpuPhysics:
         """Returns the output row of the present state."""
         data = self.data
         mujoco.mj_kinematics(self.model, data)
-        parts = [data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat, data.xanchor, data.xaxis]
+        parts = [
+            data.qpos, data.qvel, data.xpos, data.xquat, data.site_xpos, data.site_xmat,
+            data.xanchor, data.xaxis
+        ]
         if self.probe is not None:
             parts.append(self.readings)
         # MuJoCo C resets a world that has diverged, and counts a warning.
@@ -229,7 +262,8 @@ class CpuPhysics:
         return np.concatenate([*(part.ravel() for part in parts), [status]])
 
     def quantities(self) -> dict[str, tuple[str, NDArray[np.int64]]]:
-        """Returns the array (``qpos`` or ``qvel``) and the indices of each of :data:`QUANTITIES`."""
+        """Returns the array (``qpos`` or ``qvel``) and the indices of each of
+        :data:`QUANTITIES`."""
         found: dict[str, list[int]] = {name: [] for name in QUANTITIES}
         for kind, q, v in zip(self.model.jnt_type, self.model.jnt_qposadr, self.model.jnt_dofadr):
             if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -241,7 +275,10 @@ class CpuPhysics:
                 found["joints"].append(q)
                 found["joint velocities"].append(v)
         arrays = {name: "qvel" if name.endswith("velocities") else "qpos" for name in QUANTITIES}
-        return {name: (arrays[name], np.array(indices, dtype=np.int64)) for name, indices in found.items()}
+        return {
+            name: (arrays[name], np.array(indices, dtype=np.int64))
+            for name, indices in found.items()
+        }
 
 
 @contextlib.contextmanager
@@ -263,18 +300,24 @@ def _simulated_on_the_cpu(period: int, made: list[CpuBatch]) -> Iterator[None]:
 def visited(
     task: str, controller: str, episodes: int, period: int, space: str, formula: str
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Returns the arguments of the batches of a search, and the states and inputs of each kept control step, one per row."""
+    """Returns the arguments of the batches of a search, and the states and inputs of each kept
+    control step, one per row."""
     made: list[CpuBatch] = []
     with _simulated_on_the_cpu(period, made):
         # One simulation per trial: all start at once, and each fills one row.
-        subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1 --formula {formula}"
+        subject = (
+            f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed "
+            f"1 --formula {formula}"
+        )
         search = f"--search random --trials {episodes} --budget 1 --batch 1 --repeats 0"
         screening = f"--screening gpu --rows {episodes} --confirm 0.01"
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])
     if code not in (0, 1):
         raise RuntimeError(f"the search of {task} ended with exit code {code}")
     kept = [inputs for batch in made for inputs in batch.kept]
-    return made[0].arguments, {name: np.concatenate([inputs[name] for inputs in kept]) for name in kept[0]}
+    return made[0].arguments, {
+        name: np.concatenate([inputs[name] for inputs in kept]) for name in kept[0]
+    }
 
 
 def warp_step(arguments: dict[str, Any], inputs: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
@@ -301,8 +344,8 @@ def audit(
     space: str = "starts",
     formula: str = "success",
 ) -> Audit:
-    """Audits a task on about ``states`` states of episodes over a space. The name of a formula that reads signals of the manner, such as
-    ``careful``, audits them too."""
+    """Audits a task on about ``states`` states of episodes over a space. The name of a formula that
+    reads signals of the manner, such as ``careful``, audits them too."""
     period = min(max(1, EPISODE_STEPS * episodes // max(states, 1)), EPISODE_STEPS)
     arguments, inputs = visited(task, controller, episodes, period, space, formula)
     outputs, physics, result = warp_step(arguments, inputs), CpuPhysics(arguments), Audit()
@@ -354,29 +397,50 @@ def main() -> None:
     parser.add_argument("tasks", nargs="*", metavar="TASK", help="default: all tasks")
     parser.add_argument("--space", default="starts", help="space of the scenarios")
     parser.add_argument("--formula", default="success", help="name of the formula of the episodes")
-    parser.add_argument("--states", type=int, default=1000, help="about this number of states of each task")
+    parser.add_argument(
+        "--states", type=int, default=1000, help="about this number of states of each task"
+    )
     parser.add_argument("--device", help="device of MuJoCo Warp, such as cuda:1 or cpu")
     options = parser.parse_args()
     if unknown := sorted(set(options.tasks) - set(TASKS)):
         parser.error(f"unknown task {unknown[0]}; expected one of {', '.join(TASKS)}")
     if options.device:
         os.environ[gpu.DEVICE_VARIABLE] = options.device
-    print("| task | states | overflows | qpos: median | 99 % | max | qvel: median | 99 % | max | moved: median | 99 % | max |")
+    print(
+        "| task | states | overflows | qpos: median | 99 % | max | qvel: median | 99 % | max | "
+        "moved: median | 99 % | max |"
+    )
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
     found = {}
     for task in options.tasks or TASKS:
-        found[task] = result = audit(task, states=options.states, space=options.space, formula=options.formula)
-        numbers = [f"{result.quantile(name, share):.1e}" for name in ("qpos", "qvel", "moved") for share in (0.5, 0.99, 1)]
-        print(f"| {task} | {result.states} | {result.overflows} | {' | '.join(numbers)} |", flush=True)
+        found[task] = result = audit(
+            task, states=options.states, space=options.space, formula=options.formula
+        )
+        numbers = [
+            f"{result.quantile(name, share):.1e}" for name in ("qpos", "qvel", "moved")
+            for share in (0.5, 0.99, 1)
+        ]
+        print(
+            f"| {task} | {result.states} | {result.overflows} | {' | '.join(numbers)} |", flush=True
+        )
     print(f"\n| task, maxima | {' | '.join(QUANTITIES)} |\n|---|{'--:|' * len(QUANTITIES)}")
     for task, result in found.items():
-        maxima = [f"{result.quantile(name, 1):.1e}" if name in result.differences else "-" for name in QUANTITIES]
+        maxima = [
+            f"{result.quantile(name, 1):.1e}" if name in result.differences else "-"
+            for name in QUANTITIES
+        ]
         print(f"| {task} | {' | '.join(maxima)} |", flush=True)
     measured = {task: result for task, result in found.items() if "forces" in result.differences}
     if measured:
-        print("\n| task | forces: median | 99 % | max | motion: median | 99 % | max |\n|---|--:|--:|--:|--:|--:|--:|")
+        print(
+            "\n| task | forces: median | 99 % | max | motion: median | 99 % | max |\n"
+            "|---|--:|--:|--:|--:|--:|--:|"
+        )
     for task, result in measured.items():
-        numbers = [f"{result.quantile(name, share):.1e}" for name in ("forces", "motion") for share in (0.5, 0.99, 1)]
+        numbers = [
+            f"{result.quantile(name, share):.1e}" for name in ("forces", "motion")
+            for share in (0.5, 0.99, 1)
+        ]
         print(f"| {task} | {' | '.join(numbers)} |")
 
 

@@ -1,4 +1,5 @@
-"""The kernels of :mod:`mishandle.gpu.batches`: copies between the buffers of the host and the arrays of MuJoCo Warp."""
+"""The kernels of :mod:`mishandle.gpu.batches`: copies between the buffers of the host and the
+arrays of MuJoCo Warp."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -36,7 +37,9 @@ def set_forces(
 
 
 @wp.kernel
-def set_controls(inputs: wp.array2d(dtype=wp.float64), first: int, ctrl: wp.array2d(dtype=float)) -> None:
+def set_controls(
+    inputs: wp.array2d(dtype=wp.float64), first: int, ctrl: wp.array2d(dtype=float)
+) -> None:
     row, column = wp.tid()
     ctrl[row, first + column] = float(inputs[row, first + column])
 
@@ -49,14 +52,17 @@ def set_bools(source: wp.array2d(dtype=wp.uint8), target: wp.array2d(dtype=wp.bo
 
 @wp.kernel
 def to_float(
-    source: wp.array2d(dtype=wp.float64), stride: int, offset: int, size: int, target: wp.array2d(dtype=float)
+    source: wp.array2d(dtype=wp.float64), stride: int, offset: int, size: int,
+    target: wp.array2d(dtype=float)
 ) -> None:
     row, column = wp.tid()
     target[row, column] = float(source[row, (column // size) * stride + offset + column % size])
 
 
 @wp.kernel
-def copy_columns(source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=float)) -> None:
+def copy_columns(
+    source: wp.array2d(dtype=float), offset: int, target: wp.array2d(dtype=float)
+) -> None:
     row, column = wp.tid()
     target[row, offset + column] = source[row, column]
 
@@ -84,13 +90,17 @@ def scatter_bools(
 
 
 @wp.kernel
-def gather(source: wp.array2d(dtype=float), offset: int, states: wp.array2d(dtype=wp.float64)) -> None:
+def gather(
+    source: wp.array2d(dtype=float), offset: int, states: wp.array2d(dtype=wp.float64)
+) -> None:
     row, column = wp.tid()
     states[row, offset + column] = wp.float64(source[row, column])
 
 
 @wp.kernel
-def gather_bools(source: wp.array2d(dtype=wp.bool), offset: int, states: wp.array2d(dtype=wp.float64)) -> None:
+def gather_bools(
+    source: wp.array2d(dtype=wp.bool), offset: int, states: wp.array2d(dtype=wp.float64)
+) -> None:
     row, column = wp.tid()
     states[row, offset + column] = wp.where(source[row, column], wp.float64(1.0), wp.float64(0.0))
 
@@ -117,6 +127,8 @@ def watch(
 
 
 @wp.kernel
-def write_status(status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=float)) -> None:
+def write_status(
+    status: wp.array(dtype=int), column: int, outputs: wp.array2d(dtype=float)
+) -> None:
     row = wp.tid()
     outputs[row, column] = float(status[row])

@@ -1,7 +1,8 @@
-"""Networks on an NVIDIA GPU, for the learner of ``mishandle train --device gpu``: forward and backward passes of multilayer perceptrons.
+"""Networks on an NVIDIA GPU, for the learner of ``mishandle train --device gpu``: forward and
+backward passes of multilayer perceptrons.
 
-The learner keeps parameters, losses and optimizer. It calls :meth:`WarpNetwork.forward` and :meth:`WarpNetwork.backward` instead of the
-same passes on the CPU.
+The learner keeps parameters, losses and optimizer. It calls :meth:`WarpNetwork.forward` and
+:meth:`WarpNetwork.backward` instead of the same passes on the CPU.
 """
 
 # The annotations of kernels are calls, which type checkers reject.
@@ -17,10 +18,12 @@ from mishandle.gpu.batches import CPU_LOCK, find_device, wp
 ROWS = wp.constant(64)
 COLUMNS = wp.constant(32)
 DEPTH = wp.constant(32)
-"""Shape of the tiles of a matrix product: rows and columns of the result, and length of the inner products."""
+"""Shape of the tiles of a matrix product: rows and columns of the result, and length of the inner
+products."""
 
 SPLITS = 16
-"""Parts of a minibatch whose gradients are computed in parallel, and then added in a fixed order."""
+"""Parts of a minibatch whose gradients are computed in parallel, and then added in a fixed
+order."""
 
 BLOCK = 64
 """Threads per tile."""
@@ -82,7 +85,8 @@ ACTIVATIONS = {
     "relu": (relu, relu_derivative),
     "leaky_relu": (leaky_relu, leaky_relu_derivative),
 }
-"""For each activation of hidden layers: y(x), and the gradient with respect to x from that with respect to y, and y."""
+"""For each activation of hidden layers: y(x), and the gradient with respect to x from that with
+respect to y, and y."""
 
 
 def layer_kernel(activation):
@@ -90,7 +94,8 @@ def layer_kernel(activation):
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def layer(
-        x: wp.array2d(dtype=float), weight: wp.array2d(dtype=float), bias: wp.array(dtype=float), y: wp.array2d(dtype=float)
+        x: wp.array2d(dtype=float), weight: wp.array2d(dtype=float), bias: wp.array(dtype=float),
+        y: wp.array2d(dtype=float)
     ) -> None:
         i, j = wp.tid()
         total = wp.tile_zeros(shape=(ROWS, COLUMNS), dtype=float)
@@ -106,7 +111,8 @@ def layer_kernel(activation):
 
 
 def input_gradient_kernel(derivative):
-    """Makes a kernel that computes the gradient before the previous layer's activation: derivative(gradient W, y)."""
+    """Makes a kernel that computes the gradient before the previous layer's activation:
+    derivative(gradient W, y)."""
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def input_gradient(
@@ -122,16 +128,21 @@ def input_gradient_kernel(derivative):
             right = wp.tile_load(weight, shape=(DEPTH, COLUMNS), offset=(k * DEPTH, j * COLUMNS))
             wp.tile_matmul(left, right, total)
         values = wp.tile_load(y, shape=(ROWS, COLUMNS), offset=(i * ROWS, j * COLUMNS))
-        wp.tile_store(before, wp.tile_map(wp.static(derivative), total, values), offset=(i * ROWS, j * COLUMNS))
+        wp.tile_store(
+            before, wp.tile_map(wp.static(derivative), total, values),
+            offset=(i * ROWS, j * COLUMNS)
+        )
 
     return input_gradient
 
 
 @wp.kernel(module="unique", module_options=OPTIONS)
 def weight_gradient(
-    gradient: wp.array2d(dtype=float), x: wp.array2d(dtype=float), tiles: int, stride: int, partial: wp.array2d(dtype=float)
+    gradient: wp.array2d(dtype=float), x: wp.array2d(dtype=float), tiles: int, stride: int,
+    partial: wp.array2d(dtype=float)
 ) -> None:
-    """Computes gradientᵀ x over the ``tiles`` row tiles of each part; the result of a part has ``stride`` rows."""
+    """Computes gradientᵀ x over the ``tiles`` row tiles of each part; the result of a part has
+    ``stride`` rows."""
     part, i, j = wp.tid()
     total = wp.tile_zeros(shape=(COLUMNS, COLUMNS), dtype=float)
     for k in range(tiles):
@@ -143,7 +154,9 @@ def weight_gradient(
 
 
 @wp.kernel(module="unique", module_options=OPTIONS)
-def bias_gradient(gradient: wp.array2d(dtype=float), rows: int, partial: wp.array2d(dtype=float)) -> None:
+def bias_gradient(
+    gradient: wp.array2d(dtype=float), rows: int, partial: wp.array2d(dtype=float)
+) -> None:
     """Adds up the ``rows`` rows of each part."""
     part, column = wp.tid()
     total = float(0.0)
@@ -153,7 +166,9 @@ def bias_gradient(gradient: wp.array2d(dtype=float), rows: int, partial: wp.arra
 
 
 @wp.kernel(module="unique", module_options=OPTIONS)
-def add_parts(partial: wp.array2d(dtype=float), parts: int, stride: int, total: wp.array2d(dtype=float)) -> None:
+def add_parts(
+    partial: wp.array2d(dtype=float), parts: int, stride: int, total: wp.array2d(dtype=float)
+) -> None:
     row, column = wp.tid()
     value = float(0.0)
     for part in range(parts):
@@ -178,11 +193,13 @@ _output_layer = layer_kernel(identity)
 class WarpNetwork:
     """A multilayer perceptron whose output layer has no activation.
 
-    Arguments: the number of inputs, then the number of outputs of each layer; the activation of the hidden layers; the number of rows
-    of a pass; and the device.
+    Arguments: the number of inputs, then the number of outputs of each layer; the activation of the
+    hidden layers; the number of rows of a pass; and the device.
     """
 
-    def __init__(self, sizes: Sequence[int], activation: str, rows: int, name: str | None = None) -> None:
+    def __init__(
+        self, sizes: Sequence[int], activation: str, rows: int, name: str | None = None
+    ) -> None:
         self._device = find_device(name)
         self._sizes, self._rows = list(sizes), rows
         self._layer, self._input_gradient = _kernels(activation)
@@ -202,12 +219,21 @@ class WarpNetwork:
             "output_gradient": rows * sizes[-1],
             "parameter_gradient": parameters,
         }
-        self._host = {name: wp.zeros(size, dtype=float, device="cpu", pinned=self._is_cuda) for name, size in shapes.items()}
+        self._host = {
+            name: wp.zeros(size, dtype=float, device="cpu", pinned=self._is_cuda)
+            for name, size in shapes.items()
+        }
         # On the CPU, the kernels read and write the host's buffers.
-        self._there = {name: wp.zeros(size, dtype=float) if self._is_cuda else self._host[name] for name, size in shapes.items()}
+        self._there = {
+            name: wp.zeros(size, dtype=float) if self._is_cuda else self._host[name]
+            for name, size in shapes.items()
+        }
         there = self._there
         hidden = [wp.zeros((rows, size), dtype=float) for size in sizes[1:-1]]
-        self._values = [there["inputs"].reshape((rows, sizes[0])), *hidden, there["outputs"].reshape((rows, sizes[-1]))]
+        self._values = [
+            there["inputs"].reshape((rows, sizes[0])), *hidden,
+            there["outputs"].reshape((rows, sizes[-1]))
+        ]
         # The gradients before the activations of each layer.
         self._gradients = [wp.zeros((rows, size), dtype=float) for size in sizes[1:-1]]
         self._gradients.append(there["output_gradient"].reshape((rows, sizes[-1])))
@@ -262,11 +288,15 @@ class WarpNetwork:
             outputs, inputs = weight.shape
             stride = self._strides[index]
             partial = wp.array(
-                ptr=self._partial_weights.ptr, dtype=float, shape=(self._parts * stride, inputs), device=self._device
+                ptr=self._partial_weights.ptr, dtype=float, shape=(self._parts * stride, inputs),
+                device=self._device
             )
             tiles = (self._parts, _tiles(outputs), _tiles(inputs))
             self._launch(weight_gradient, tiles, [gradient, x, self._tiles, stride, partial])
-            wp.launch(add_parts, (outputs, inputs), [partial, self._parts, stride, self._weight_gradients[index]])
+            wp.launch(
+                add_parts, (outputs, inputs),
+                [partial, self._parts, stride, self._weight_gradients[index]]
+            )
             rows = self._tiles * int(ROWS)
             wp.launch(bias_gradient, (self._parts, outputs), [gradient, rows, self._partial_biases])
             total = self._bias_gradients[index].reshape((1, outputs))
@@ -292,9 +322,11 @@ class WarpNetwork:
             wp.copy(self._host[name], self._there[name])
 
     def buffers(self) -> dict[str, tuple[int, int]]:
-        """Returns the address and the number of elements (32-bit floats) of each buffer of the host:
+        """Returns the address and the number of elements (32-bit floats) of each buffer of the
+        host:
 
-        - ``parameters``: weights ``[outputs, inputs]`` and biases of the layers, one layer after another
+        - ``parameters``: weights ``[outputs, inputs]`` and biases of the layers, one layer after
+          another
         - ``inputs``, ``outputs``: of :meth:`forward`, row-major
         - ``output_gradient``, ``parameter_gradient``: of :meth:`backward`
         """
@@ -305,7 +337,8 @@ class WarpNetwork:
         self._run("forward", self._forward)
 
     def backward(self) -> None:
-        """Computes ``parameter_gradient`` from ``output_gradient``, at the inputs and parameters of the last forward pass."""
+        """Computes ``parameter_gradient`` from ``output_gradient``, at the inputs and parameters of
+        the last forward pass."""
         self._run("backward", self._backward)
 
     def _run(self, name: str, run) -> None:

@@ -1,5 +1,5 @@
-"""Measurements over the physics steps of a control step, as in ``probe.rs`` of the crate ``mishandle-world``: contact forces of the robot,
-and the motion of its arm."""
+"""Measurements over the physics steps of a control step, as in ``probe.rs`` of the crate
+``mishandle-world``: contact forces of the robot, and the motion of its arm."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -11,36 +11,44 @@ from mujoco_warp._src.support import contact_force_fn
 from mujoco_warp._src.types import vec5
 
 FORCES = wp.constant(5)
-"""Forces of the robot on fixtures, on the ground, on itself and on the object, and of the robot without its fingers on the object."""
+"""Forces of the robot on fixtures, on the ground, on itself and on the object, and of the robot
+without its fingers on the object."""
 
 PARTS = wp.constant(5)
 """Parts that forces act between: fingers, arm, object, ground, fixture."""
 
-COLUMNS = ("qpos", "dof", "actuator", "low", "high", "max_velocity", "max_acceleration", "max_torque")
-"""Columns of the table of joints: indices of position, velocity and servo, then the range and the limits."""
+COLUMNS = (
+    "qpos", "dof", "actuator", "low", "high", "max_velocity", "max_acceleration", "max_torque"
+)
+"""Columns of the table of joints: indices of position, velocity and servo, then the range and the
+limits."""
 
 MOTIONS = ("speed", "speed share", "acceleration share", "torque share", "tool speed")
-"""The largest motions of a control step: speed of a joint, its share of the limit, those of acceleration and torque, and speed of the tool
-between the physics steps."""
+"""The largest motions of a control step: speed of a joint, its share of the limit, those of
+acceleration and torque, and speed of the tool between the physics steps."""
 
 READINGS = 2 * int(FORCES) + len(MOTIONS) + 1
-"""Numbers of a control step: the largest forces, the sums of the forces over the physics steps, the largest motions, and the smallest
-distance of a joint to the end of its range."""
+"""Numbers of a control step: the largest forces, the sums of the forces over the physics steps, the
+largest motions, and the smallest distance of a joint to the end of its range."""
 
 KEYS = ("geoms", "flexes", "pairs", "weld", "body", "site", "joints")
-"""Keys of a probe: the part of each geom and of each flex; for a hand without and with an object, the forces of each pair of parts as
-bits; the weld that holds the object, or -1; body and site of the tool; the table of joints."""
+"""Keys of a probe: the part of each geom and of each flex; for a hand without and with an object,
+the forces of each pair of parts as bits; the weld that holds the object, or -1; body and site of
+the tool; the table of joints."""
 
 
 class WarpProbe:
-    """The probe of a batch of MuJoCo Warp. :meth:`before_step` and :meth:`after_step` launch its kernels around a physics step."""
+    """The probe of a batch of MuJoCo Warp. :meth:`before_step` and :meth:`after_step` launch its
+    kernels around a physics step."""
 
     def __init__(self, probe, mujoco_model, model, data):
         self._model, self._data = model, data
         self._geoms = wp.array(probe["geoms"], dtype=int)
         self._flexes = wp.array(probe["flexes"], dtype=int)
         self._pairs = wp.array(np.array(probe["pairs"], dtype=np.int32), dtype=int)
-        self._joints = wp.array(np.array(probe["joints"], dtype=np.float32).reshape(-1, len(COLUMNS)), dtype=float)
+        self._joints = wp.array(
+            np.array(probe["joints"], dtype=np.float32).reshape(-1, len(COLUMNS)), dtype=float
+        )
         self._weld, self._body, self._site = probe["weld"], probe["body"], probe["site"]
         self._root = int(mujoco_model.body_rootid[self._body])
         rows = data.nworld
@@ -56,11 +64,20 @@ class WarpProbe:
         """Measures the physics step. The first one of a control step starts the readings."""
         model, data = self._model, self._data
         contact = data.contact
-        inputs = [model.opt.cone, contact.frame, contact.friction, contact.dim, contact.efc_address, contact.adhesion, data.efc.force]
-        inputs += [data.njmax, data.nacon, contact.worldid, contact.geom, contact.flex, data.eq_active, self._weld]
+        inputs = [
+            model.opt.cone, contact.frame, contact.friction, contact.dim, contact.efc_address,
+            contact.adhesion, data.efc.force
+        ]
+        inputs += [
+            data.njmax, data.nacon, contact.worldid, contact.geom, contact.flex, data.eq_active,
+            self._weld
+        ]
         inputs += [self._geoms, self._flexes, self._pairs]
         wp.launch(add_forces, data.naconmax, inputs=inputs, outputs=[self._forces])
-        inputs = [substep, model.opt.timestep, self._joints, self._body, self._site, self._root, self._before, data.qpos, data.qvel]
+        inputs = [
+            substep, model.opt.timestep, self._joints, self._body, self._site, self._root,
+            self._before, data.qpos, data.qvel
+        ]
         inputs += [data.actuator_force, data.cvel, data.subtree_com, data.site_xpos]
         wp.launch(measure, data.nworld, inputs=inputs, outputs=[self._forces, self.readings])
 
@@ -115,7 +132,8 @@ def add_forces(
     if bits == 0:
         return
     force = contact_force_fn(
-        cone, frame, friction, dim, efc_address, adhesion, efc_force, njmax, nacon, row, contact, False
+        cone, frame, friction, dim, efc_address, adhesion, efc_force, njmax, nacon, row, contact,
+        False
     )
     for i in range(FORCES):
         if (bits >> i) & 1:
@@ -164,7 +182,9 @@ def measure(
         keep_largest(readings, row, 2 * FORCES + 1, wp.abs(v) / joints[i, 5])
         keep_largest(readings, row, 2 * FORCES + 2, wp.abs(acceleration) / joints[i, 6])
         keep_largest(readings, row, 2 * FORCES + 3, wp.abs(torque) / joints[i, 7])
-        readings[row, last] = wp.min(readings[row, last], wp.min(q - joints[i, 3], joints[i, 4] - q))
+        readings[row, last] = wp.min(
+            readings[row, last], wp.min(q - joints[i, 3], joints[i, 4] - q)
+        )
     if substep > 0:
         # Poses and velocities of bodies are those of the start of the step.
         twist = cvel[row, body]

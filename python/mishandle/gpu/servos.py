@@ -1,4 +1,5 @@
-"""The servo rule of the crate ``mishandle-world`` as a kernel of Warp: position servos that keep velocity limits. ``servo.rs`` explains it."""
+"""The servo rule of the crate ``mishandle-world`` as a kernel of Warp: position servos that keep
+velocity limits. ``servo.rs`` explains it."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -16,14 +17,18 @@ SWEEPS = wp.constant(4)
 """As in ``servo.rs``."""
 
 COLUMNS = ("qpos", "dof", "max_velocity", "max_effort")
-"""Columns of the table of servos: the indices of a joint's position and velocity, then the limits of the servo. The gains are those of the model."""
+"""Columns of the table of servos: the indices of a joint's position and velocity, then the limits
+of the servo. The gains are those of the model."""
 
 
 def find_controls(table, targets, model, data):
-    """Returns the controls of one world of MuJoCo C after ``mj_step1``, for audits of the kernel."""
+    """Returns the controls of one world of MuJoCo C after ``mj_step1``, for audits of the
+    kernel."""
     qpos, dofs = table[:, 0].astype(int), table[:, 1].astype(int)
     max_velocity, max_effort = table[:, 2:].T
-    stiffness, damping = model.actuator_gainprm[: len(table), 0], -model.actuator_biasprm[: len(table), 2]
+    stiffness, damping = model.actuator_gainprm[: len(table), 0], -model.actuator_biasprm[
+        : len(table), 2
+    ]
     h, q, v = model.opt.timestep, data.qpos[qpos], data.qvel[dofs]
     limit = max_velocity * damping / stiffness
     lead = np.clip(targets - q, -limit, limit)
@@ -45,8 +50,13 @@ def find_controls(table, targets, model, data):
     for _ in range(int(SWEEPS)):
         for i in range(len(effort)):
             after, change = v[i] + h * acceleration[i], effort[i] - begin[i]
-            bound = np.clip(after, -max_velocity[i], max_velocity[i]) if change == 0 else -np.copysign(max_velocity[i], change)
-            following = np.clip(effort[i] + (bound - after) / (h * inverse[i, i]), -most[i], most[i])
+            bound = (
+                np.clip(after, -max_velocity[i], max_velocity[i]) if change == 0
+                else -np.copysign(max_velocity[i], change)
+            )
+            following = np.clip(
+                effort[i] + (bound - after) / (h * inverse[i, i]), -most[i], most[i]
+            )
             if after == bound:
                 following = effort[i]
             elif change * (following - begin[i]) < 0:
@@ -58,7 +68,8 @@ def find_controls(table, targets, model, data):
 
 @functools.cache
 def make_kernel(servos: int):
-    """Returns the kernel that sets the controls of this number of servos. A thread does one world."""
+    """Returns the kernel that sets the controls of this number of servos. A thread does one
+    world."""
     Vector = wp.types.vector(length=servos, dtype=wp.float64)
     Matrix = wp.types.matrix(shape=(servos, servos), dtype=wp.float64)
 

@@ -1,4 +1,5 @@
-"""Columns of numbers from messages. A nested field is a column such as ``wrench/force/x`` or ``position[0]``."""
+"""Columns of numbers from messages. A nested field is a column such as ``wrench/force/x`` or
+``position[0]``."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ MAX_ELEMENTS = 100
 """Longest array whose elements become columns. Images, point clouds and laser scans are longer."""
 
 MAX_COLUMNS = 10_000
-"""Most columns of a topic, so that a file with other names in each message does not fill the memory."""
+"""Most columns of a topic, so that a file with other names in each message does not fill the
+memory."""
 
 MAX_DEPTH = 32
 """Deepest nesting of fields."""
@@ -42,11 +44,14 @@ class Tables:
         return False
 
     def add(self, topic: str, stamps: dict[str, int], message: Any) -> None:
-        """Adds a message with its times in nanoseconds. A topic that is no table is dropped, with the reason."""
+        """Adds a message with its times in nanoseconds. A topic that is no table is dropped, with
+        the reason."""
         stamp = stamp_of(message) if self._time == "header" else stamps[self._time]
         try:
             if stamp is None:
-                raise InvalidValueError('has messages without header.stamp; read it with time="log"')
+                raise InvalidValueError(
+                    'has messages without header.stamp; read it with time="log"'
+                )
             self.columns.setdefault(topic, Columns()).append(stamp, message)
         except InvalidValueError as error:
             self.columns.pop(topic, None)
@@ -82,7 +87,8 @@ class Columns:
             column.append(value)
 
     def finish(self) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]], dict[str, str]]:
-        """Returns times, columns, and why other fields are no columns. Rows are in the order of their times."""
+        """Returns times, columns, and why other fields are no columns. Rows are in the order of
+        their times."""
         times = np.array(self.times, dtype=np.int64)
         order = None if np.all(times[1:] >= times[:-1]) else np.argsort(times, kind="stable")
         columns = {}
@@ -94,7 +100,8 @@ class Columns:
         return times if order is None else times[order], columns, left_out
 
     def _check_joints(self, message: Any) -> None:
-        """Refuses states of joints whose order changes: an element would be another joint in each message."""
+        """Refuses states of joints whose order changes: an element would be another joint in each
+        message."""
         names = message.get("name") if isinstance(message, dict) else getattr(message, "name", None)
         if not isinstance(names, list) or not names or not isinstance(names[0], str):
             return
@@ -102,8 +109,9 @@ class Columns:
             self._joints = list(names)
         elif self._joints != names:
             raise InvalidValueError(
-                f"has messages that name different joints or another order ({', '.join(self._joints[:8])}; "
-                f"{', '.join(map(str, names[:8]))}), so that `position[0]` has no meaning; split the topic by its publishers"
+                "has messages that name different joints or another order "
+                f"({', '.join(self._joints[:8])}; {', '.join(map(str, names[:8]))}), so that "
+                "`position[0]` has no meaning; split the topic by its publishers"
             )
 
     def _flattened(self, name: str, value: Any, depth: int) -> Iterator[tuple[str, float]]:
@@ -127,7 +135,9 @@ class Columns:
             fields = fields_of(type(value))
             if fields is not None:
                 for field, part in fields(value):
-                    yield from self._flattened(f"{name}/{field}" if name else field, part, depth - 1)
+                    yield from self._flattened(
+                        f"{name}/{field}" if name else field, part, depth - 1
+                    )
                 return
             try:
                 length = len(value)
@@ -142,12 +152,21 @@ class Columns:
 
 
 def stamp_of(message: Any) -> int | None:
-    """Returns the time in nanoseconds that a message states: ``header.stamp`` of ROS, or ``timestamp`` of Foxglove."""
+    """Returns the time in nanoseconds that a message states: ``header.stamp`` of ROS, or
+    ``timestamp`` of Foxglove."""
     header = _field(message, "header")
     stamp = _field(message, "timestamp") if header is None else _field(header, "stamp")
-    seconds = [value for name in ("sec", "secs", "seconds") if (value := _field(stamp, name)) is not None]
-    nanoseconds = [value for name in ("nanosec", "nsec", "nsecs", "nanos") if (value := _field(stamp, name)) is not None]
-    if not seconds or not nanoseconds or not isinstance(seconds[0], int) or not isinstance(nanoseconds[0], int):
+    seconds = [
+        value for name in ("sec", "secs", "seconds") if (value := _field(stamp, name)) is not None
+    ]
+    nanoseconds = [
+        value for name in ("nanosec", "nsec", "nsecs", "nanos")
+        if (value := _field(stamp, name)) is not None
+    ]
+    if (
+        not seconds or not nanoseconds or not isinstance(seconds[0], int)
+        or not isinstance(nanoseconds[0], int)
+    ):
         return None
     return int(seconds[0]) * 1_000_000_000 + int(nanoseconds[0])
 
@@ -162,7 +181,8 @@ _FIELDS: dict[type, "Fields | None"] = {}
 
 
 def fields_of(kind: type) -> Fields | None:
-    """Returns the function that lists the fields of a message of this class, or ``None`` for other classes."""
+    """Returns the function that lists the fields of a message of this class, or ``None`` for other
+    classes."""
     if kind in _FIELDS:
         return _FIELDS[kind]
     found: Fields | None = None

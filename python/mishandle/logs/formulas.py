@@ -18,7 +18,9 @@ from mishandle.logs.violations import violation
 from mishandle.logs.words import python_words
 
 
-_DISTANCE = re.compile(r"abs\((?P<name>`(?:[^`]|``)*`|[^\s`()]+)(?: (?P<center>[+-] [0-9.e+-]+))?\)", re.DOTALL)
+_DISTANCE = re.compile(
+    r"abs\((?P<name>`(?:[^`]|``)*`|[^\s`()]+)(?: (?P<center>[+-] [0-9.e+-]+))?\)", re.DOTALL
+)
 """Distance of a signal from a number, such as ``abs(x - 3)``."""
 
 
@@ -28,8 +30,8 @@ class Formula:
     Parameters
     ----------
     text : str
-        Text in RTAMT's syntax, such as ``"always[0:10](x <= 1)"``. Bounds without a unit count samples. A name that is no plain
-        word stands in backquotes: ``"`/joint[0]` <= 1"``.
+        Text in RTAMT's syntax, such as ``"always[0:10](x <= 1)"``. Bounds without a unit count
+        samples. A name that is no plain word stands in backquotes: ``"`/joint[0]` <= 1"``.
 
     Examples
     --------
@@ -47,18 +49,20 @@ class Formula:
             word = re.search(r"found `(\w+)`$", str(error))
             if word is not None and re.search(rf"\d\.?\s*{word[1]}\b", text):
                 raise InvalidValueError(
-                    f"{error}; a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such "
-                    "as [0:2s] have one"
+                    f"{error}; a number has no unit: `x <= 2` compares with 2 in the unit of the "
+                    "signal `x`, and only bounds such as [0:2s] have one"
                 ) from None
             raise
         if self._native.chains_comparisons:
             warnings.warn(
-                "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write `0.2 <= v and v <= "
-                f"0.3`. The formula is {text}",
+                "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in "
+                f"RTAMT; write `0.2 <= v and v <= 0.3`. The formula is {text}",
                 stacklevel=2,
             )
         for name in self._native.unused_definitions:
-            warnings.warn(f"no statement reads the definition `{name}`; the formula is {self}", stacklevel=2)
+            warnings.warn(
+                f"no statement reads the definition `{name}`; the formula is {self}", stacklevel=2
+            )
 
     @property
     def signals(self) -> list[str]:
@@ -69,7 +73,9 @@ class Formula:
     def needs_period(self) -> bool:
         """Whether a bound is a time other than 0, so that the time between two samples matters.
 
-        >>> Formula("always[0:2s](x <= 1)").needs_period, Formula("always[0:2](x <= 1)").needs_period
+        >>> Formula("always[0:2s](x <= 1)").needs_period, Formula(
+        ...     "always[0:2](x <= 1)"
+        ... ).needs_period
         (True, False)
         """
         return self._native.needs_period
@@ -92,24 +98,30 @@ class Formula:
         """
         return self._native.symbols
 
-    def robustness(self, log: Any, *, decided_only: bool = False, **reading: Unpack[Reading]) -> float | None:
-        """Returns the robustness at the first time; ``None`` if ``decided_only`` and the log is too short.
+    def robustness(
+        self, log: Any, *, decided_only: bool = False, **reading: Unpack[Reading]
+    ) -> float | None:
+        """Returns the robustness at the first time; ``None`` if ``decided_only`` and the log is too
+        short.
 
         Parameters
         ----------
         log : path, Log, dict of arrays, data frame or Simulation
-            As for :func:`mishandle.monitor`, which also says when the formula is violated. Numbers in a column ``time`` are the times.
+            As for :func:`mishandle.monitor`, which also says when the formula is violated. Numbers
+            in a column ``time`` are the times.
         decided_only : bool
-            Whether windows that reach past the end of the log leave the formula undecided. By default they are cut, as
-            RTAMT does.
+            Whether windows that reach past the end of the log leave the formula undecided. By
+            default they are cut, as RTAMT does.
         **reading
-            How the log is read, such as ``period`` in seconds, as for :func:`mishandle.monitor`. Formulas with a unit in their bounds
-            need the times or the period.
+            How the log is read, such as ``period`` in seconds, as for :func:`mishandle.monitor`.
+            Formulas with a unit in their bounds need the times or the period.
         """
         given = native_reading(reading)
         sources = list(native_logs(log, self.signals, self.hint, given))
         if len(sources) != 1:
-            raise InvalidValueError(f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each")
+            raise InvalidValueError(
+                f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each"
+            )
         with python_words():
             return _native.log_robustness(self._native, sources[0], given, decided_only)
 
@@ -131,10 +143,11 @@ class Formula:
         return self._native.robustness_signal(names, samples, self._period(period), decided_only)
 
     def robustness_bounds(self, trace: Any, *, period: float | None = None) -> tuple[float, float]:
-        """Returns the least and the greatest robustness at the first sample over all continuations of a trace.
+        """Returns the least and the greatest robustness at the first sample over all continuations
+        of a trace.
 
-        A window without an end is that of the trace. The bounds can be wider than necessary, because the unknown samples of two
-        operands count as independent.
+        A window without an end is that of the trace. The bounds can be wider than necessary,
+        because the unknown samples of two operands count as independent.
 
         >>> Formula("always[0:9](x <= 1)").robustness_bounds({"x": [0.0, 3.0, 0.5]})
         (-inf, -2.0)
@@ -147,10 +160,14 @@ class Formula:
     def subformula_signals(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False
     ) -> dict[str, NDArray[np.float64]]:
-        """Returns the robustness of each sub-formula at each sample, by its text, in the order of :attr:`subformulas`.
+        """Returns the robustness of each sub-formula at each sample, by its text, in the order of
+        :attr:`subformulas`.
 
-        >>> found = Formula("always(x <= 1 or y >= 2)").subformula_signals({"x": [0, 3, 2], "y": [0, 4, 1]})
-        >>> {text: signal.tolist() for text, signal in found.items()}  # doctest: +NORMALIZE_WHITESPACE
+        >>> found = Formula("always(x <= 1 or y >= 2)").subformula_signals({
+        ...     "x": [0, 3, 2], "y": [0, 4, 1]
+        ... })
+        >>> lists = {text: signal.tolist() for text, signal in found.items()}
+        >>> lists  # doctest: +NORMALIZE_WHITESPACE
         {'always(x <= 1 or y >= 2)': [-1.0, -1.0, -1.0], 'x <= 1 or y >= 2': [1.0, 2.0, -1.0],
          'x <= 1': [1.0, -2.0, -1.0], 'y >= 2': [-2.0, 2.0, -1.0]}
         """
@@ -161,7 +178,8 @@ class Formula:
         }
 
     def thresholds(self, *, period: float = 1.0) -> list[tuple[str, float]]:
-        """Returns each signal that is compared with a number, and the number. ``abs(x - 3) <= 1`` has the numbers 2 and 4.
+        """Returns each signal that is compared with a number, and the number. ``abs(x - 3) <= 1``
+        has the numbers 2 and 4.
 
         >>> Formula("always(abs(x - 3) <= 1 and 0.5 < y)").thresholds()
         [('x', 2.0), ('x', 4.0), ('y', 0.5)]
@@ -181,16 +199,20 @@ class Formula:
                     found.append((names[term], number))
                 elif distance is not None and distance["name"] in names:
                     name = names[distance["name"]]
-                    center = float((distance["center"] or "0").replace("- ", "-").replace("+ ", "+"))
+                    center = float(
+                        (distance["center"] or "0").replace("- ", "-").replace("+ ", "+")
+                    )
                     found += [(name, -center - number), (name, -center + number)]
         return found
 
     def violation(self, trace: Any, *, period: float | None = None) -> NDArray[np.bool_]:
-        """Returns which samples make the trace violate the formula; none of a trace that satisfies it.
+        """Returns which samples make the trace violate the formula; none of a trace that satisfies
+        it.
 
-        These are the samples inside the time windows at which comparisons have the wrong value. If something never happens
-        that eventually should, it is the whole window. For ``until``, ``since`` and other operators between two formulas over
-        time, it is the sample at which the operator itself is violated.
+        These are the samples inside the time windows at which comparisons have the wrong value. If
+        something never happens that eventually should, it is the whole window. For ``until``,
+        ``since`` and other operators between two formulas over time, it is the sample at which the
+        operator itself is violated.
 
         >>> Formula("always[1:3](x <= 1)").violation({"x": [5, 0, 2, 1, 7]}).tolist()
         [False, False, True, False, False]
@@ -207,8 +229,8 @@ class Formula:
     def _period(self, given: float | None) -> float | None:
         if given is None and self._native.needs_period:
             raise InvalidValueError(
-                f"`{self}` has bounds in units of time; pass the time between two samples as period, in seconds (columns with times "
-                "are not read)"
+                f"`{self}` has bounds in units of time; pass the time between two samples as "
+                "period, in seconds (columns with times are not read)"
             )
         return given
 
@@ -229,10 +251,11 @@ class Formula:
 
 
 def robustness(formula: str | Formula, log: Any, **reading: Unpack[Reading]) -> float | None:
-    """Returns the robustness of a formula on a log: positive if it is satisfied, negative if it is violated.
+    """Returns the robustness of a formula on a log: positive if it is satisfied, negative if it is
+    violated.
 
-    The log is a path, a :class:`mishandle.logs.Log`, or columns in memory, and ``reading`` says how it is read, as for
-    :func:`mishandle.monitor`.
+    The log is a path, a :class:`mishandle.logs.Log`, or columns in memory, and ``reading`` says how
+    it is read, as for :func:`mishandle.monitor`.
 
     >>> robustness("eventually(x >= 3)", {"x": [1.0, 2.5]})
     -0.5

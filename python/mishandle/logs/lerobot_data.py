@@ -23,7 +23,8 @@ def is_data_set(path: pathlib.Path) -> bool:
 
 
 def episodes(folder: pathlib.Path, number: int | None = None) -> Iterator[Episode]:
-    """Yields all episodes or one. A file of version 2 contains one episode, and of version 3 several."""
+    """Yields all episodes or one. A file of version 2 contains one episode, and of version 3
+    several."""
     frames_per_second = _frames_per_second(folder)
     files = sorted((folder / "data").glob("chunk-*/*.parquet"))
     if not files:
@@ -37,7 +38,9 @@ def episodes(folder: pathlib.Path, number: int | None = None) -> Iterator[Episod
                 columns, left_out = _columns(file, table, rows)
                 times = _times(file, columns, frames_per_second)
                 order = np.argsort(times, kind="stable")
-                yield int(episode), times[order], {name: values[order] for name, values in columns.items()}, left_out
+                yield int(episode), times[order], {
+                    name: values[order] for name, values in columns.items()
+                }, left_out
 
 
 def _frames_per_second(folder: pathlib.Path) -> float:
@@ -46,9 +49,13 @@ def _frames_per_second(folder: pathlib.Path) -> float:
         info = json.loads(path.read_text(encoding="utf-8"))
         version, rate = str(info["codebase_version"]), float(info["fps"])
     except (ValueError, KeyError, TypeError) as error:
-        raise InvalidValueError(f"{path} does not state codebase_version and fps: {error}") from error
+        raise InvalidValueError(
+            f"{path} does not state codebase_version and fps: {error}"
+        ) from error
     if not version.startswith(("v2", "v3")):
-        raise InvalidValueError(f"{path}: the version of the data set is {version}; v2 and v3 are read")
+        raise InvalidValueError(
+            f"{path}: the version of the data set is {version}; v2 and v3 are read"
+        )
     if not (np.isfinite(rate) and rate > 0):
         raise InvalidValueError(f"{path}: fps is {rate}; it must be positive")
     return rate
@@ -56,9 +63,11 @@ def _frames_per_second(folder: pathlib.Path) -> float:
 
 def _table(file: pathlib.Path) -> Any:
     try:
-        import pyarrow.parquet  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        import pyarrow.parquet
     except ImportError as error:
-        raise MissingPackageError("LeRobot data sets need pyarrow: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError(
+            "LeRobot data sets need pyarrow: pip install 'mishandle[logs]'"
+        ) from error
     try:
         schema = pyarrow.parquet.read_schema(file)
         # Pictures are structures of bytes.
@@ -102,9 +111,12 @@ def _columns(
     return columns, left_out
 
 
-def _times(file: pathlib.Path, columns: dict[str, NDArray[np.float64]], rate: float) -> NDArray[np.int64]:
-    """Returns the times in nanoseconds. Stamps are 32-bit floats; where each is the frame divided by the rate up to their
-    precision, the times are that quotient, without the jitter of the rounding."""
+def _times(
+    file: pathlib.Path, columns: dict[str, NDArray[np.float64]], rate: float
+) -> NDArray[np.int64]:
+    """Returns the times in nanoseconds. Stamps are 32-bit floats; where each is the frame divided
+    by the rate up to their precision, the times are that quotient, without the jitter of the
+    rounding."""
     stamps = columns["timestamp"]
     if not np.all(np.isfinite(stamps)) or np.any(np.abs(stamps) > 9e9):
         raise InvalidValueError(f"{file} has a timestamp that is no time in seconds")

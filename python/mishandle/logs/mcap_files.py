@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Chunk, McapRecord, Schema
 
 MAX_CHUNK = 2**30
-"""Largest chunk after decompression, in bytes. Writers make chunks of some MiB; a file of some kB can state any size."""
+"""Largest chunk after decompression, in bytes. Writers make chunks of some MiB; a file of some kB
+can state any size."""
 
 Decode = Callable[[bytes], Any]
 
@@ -37,7 +38,9 @@ def read(file: pathlib.Path, tables: Tables, partial: bool) -> None:
                 f"({type(error).__name__}: {error}); partial=True reads what is before the damage"
             ) from error
         if tables.messages == 0:
-            raise InvalidValueError(f"{file} has no message before its damage ({type(error).__name__}: {error})") from error
+            raise InvalidValueError(
+                f"{file} has no message before its damage ({type(error).__name__}: {error})"
+            ) from error
 
 
 class _Channels:
@@ -77,8 +80,8 @@ class _Channels:
         if decode is None:
             encoding = "none" if schema is None else schema.encoding or "none"
             self._tables.not_read[channel.topic] = (
-                f"has messages in the encoding {channel.message_encoding or 'none'} with a schema in {encoding}, which are not read; "
-                "cdr with ros2msg, json and protobuf are"
+                f"has messages in the encoding {channel.message_encoding or 'none'} with a schema "
+                f"in {encoding}, which are not read; cdr with ros2msg, json and protobuf are"
             )
         return decode
 
@@ -91,7 +94,9 @@ def _ros2(schema: Schema | None) -> Decode | None:
     try:
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
-        raise MissingPackageError("ROS 2 messages need mcap-ros2-support: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError(
+            "ROS 2 messages need mcap-ros2-support: pip install 'mishandle[logs]'"
+        ) from error
     return DecoderFactory().decoder_for("cdr", schema)
 
 
@@ -99,7 +104,9 @@ def _protobuf(schema: Schema | None) -> Decode | None:
     try:
         from mcap_protobuf.decoder import DecoderFactory
     except ImportError as error:
-        raise MissingPackageError("Protobuf messages need mcap-protobuf-support: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError(
+            "Protobuf messages need mcap-protobuf-support: pip install 'mishandle[logs]'"
+        ) from error
     return DecoderFactory().decoder_for("protobuf", schema)
 
 
@@ -127,21 +134,30 @@ def _decompressed(chunk: Chunk) -> Chunk:
     """Decompresses a chunk to at most the size that it states."""
     size = chunk.uncompressed_size
     if size > MAX_CHUNK:
-        raise InvalidValueError(f"a chunk has {size} bytes after decompression; at most {MAX_CHUNK} are read")
+        raise InvalidValueError(
+            f"a chunk has {size} bytes after decompression; at most {MAX_CHUNK} are read"
+        )
     if chunk.compression == "zstd":
         import zstandard
 
         if zstandard.frame_content_size(chunk.data) not in (-1, size):
-            raise ValueError("the compressed data of a chunk has another size than the chunk states")
-        data: bytes = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size) if size else b""
+            raise ValueError(
+                "the compressed data of a chunk has another size than the chunk states"
+            )
+        data: bytes = (
+            zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size) if size
+            else b""
+        )
     elif chunk.compression == "lz4":
-        import lz4.frame  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        import lz4.frame
 
         data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
     elif chunk.compression == "":
         data = chunk.data
     else:
-        raise InvalidValueError(f"a chunk is compressed by `{chunk.compression}`; zstd and lz4 are read")
+        raise InvalidValueError(
+            f"a chunk is compressed by `{chunk.compression}`; zstd and lz4 are read"
+        )
     if len(data) != size:
         raise ValueError("the data of a chunk has another size than the chunk states")
     return dataclasses.replace(chunk, compression="", data=data)

@@ -18,23 +18,28 @@ class OnlineMonitor(_native.OnlineMonitor):
     Parameters
     ----------
     formulas : str, Formula, or sequence of them
-        The methods ``bounds``, ``verdict`` and ``decided`` take the index of a formula, 0 by default.
+        The methods ``bounds``, ``verdict`` and ``decided`` take the index of a formula, 0 by
+        default.
     signals : sequence of str, optional
-        Names of the values of a sample, in order. By default the signals of the formulas, in the order in which they occur;
-        :attr:`signals` lists them.
+        Names of the values of a sample, in order. By default the signals of the formulas, in the
+        order in which they occur; :attr:`signals` lists them.
     period : float, optional
         Time between two samples, in seconds. Formulas with a unit in their bounds need it.
     samples : int, optional
-        Number of samples of the whole trace, if it is known. A window without an end then ends there.
+        Number of samples of the whole trace, if it is known. A window without an end then ends
+        there.
 
     Notes
     -----
-    - ``push(sample)`` adds a sample: a tuple, list or array with one number for each signal, a dictionary by name, or a number if
-      there is one signal. A number that is NaN or infinite is an error.
+    - ``push(sample)`` adds a sample: a tuple, list or array with one number for each signal, a
+      dictionary by name, or a number if there is one signal. A number that is NaN or infinite is an
+      error.
     - ``push_many(array)`` adds the rows of an array (samples, signals).
-    - ``bounds()`` is the least and the greatest robustness at the first sample over all continuations.
+    - ``bounds()`` is the least and the greatest robustness at the first sample over all
+      continuations.
     - ``verdict()`` is True or False as soon as nothing can change it, and None before.
-    - ``decided()`` is the sample whose robustness the last push decided, and the robustness, or None.
+    - ``decided()`` is the sample whose robustness the last push decided, and the robustness, or
+      None.
     - ``reset()`` forgets all samples, and ``len(monitor)`` counts them.
 
     A monitor is for one thread at a time.
@@ -58,16 +63,26 @@ class OnlineMonitor(_native.OnlineMonitor):
         samples: int | None = None,
     ) -> OnlineMonitor:
         given = [formulas] if isinstance(formulas, (str, Formula)) else list(formulas)
-        parsed = [formula if isinstance(formula, Formula) else Formula(formula) for formula in given]
+        parsed = [
+            formula if isinstance(formula, Formula) else Formula(formula) for formula in given
+        ]
         if isinstance(signals, str):
             raise InvalidTypeError(f"signals must be a sequence of names, such as [{signals!r}]")
-        names = [name for formula in parsed for name in formula.signals] if signals is None else list(signals)
+        names = (
+            [name for formula in parsed for name in formula.signals] if signals is None
+            else list(signals)
+        )
         if signals is not None and len(set(names)) < len(names):
             raise InvalidValueError(f"two signals have the same name: {', '.join(names)}")
-        monitor = super().__new__(cls, [str(formula) for formula in parsed], list(dict.fromkeys(names)), period, samples)
+        monitor = super().__new__(
+            cls, [str(formula) for formula in parsed], list(dict.fromkeys(names)), period, samples
+        )
         return monitor  # type: ignore[return-value]
 
     def push_many(self, samples: Any) -> None:
-        """Adds the rows of an array (samples, signals), or the numbers of an array if there is one signal."""
+        """Adds the rows of an array (samples, signals), or the numbers of an array if there is one
+        signal."""
         rows = np.asarray(samples, dtype=np.float64)
-        super().push_many(rows.reshape(-1, 1) if rows.ndim == 1 and len(self.signals) == 1 else rows)
+        super().push_many(
+            rows.reshape(-1, 1) if rows.ndim == 1 and len(self.signals) == 1 else rows
+        )

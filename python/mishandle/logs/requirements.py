@@ -1,4 +1,5 @@
-"""Formulas that engineers write: in words, with their traps, from patterns, and with mined parameters."""
+"""Formulas that engineers write: in words, with their traps, from patterns, and with mined
+parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ Range = Union[tuple[float, float], tuple[float, float, str]]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FormulaDescription(results.FormulaDescription):
-    """A formula in words with its traps, as the document of ``mishandle formula --json``; ``str`` gives its text with the drawing."""
+    """A formula in words with its traps, as the document of ``mishandle formula --json``; ``str``
+    gives its text with the drawing."""
 
     text: str = ""
 
@@ -32,7 +34,8 @@ class FormulaDescription(results.FormulaDescription):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Mining(results.Mining):
-    """The tightest values of parameters, as the document of ``mishandle mine --json``; ``str`` gives its text."""
+    """The tightest values of parameters, as the document of ``mishandle mine --json``; ``str``
+    gives its text."""
 
     text: str = ""
 
@@ -49,15 +52,18 @@ def formula(
     episode: float | None = None,
     **reading: Unpack[Reading],
 ) -> FormulaDescription:
-    """Returns a formula in words, with its known traps, drawn over logs or over two traces that are found for it.
+    """Returns a formula in words, with its known traps, drawn over logs or over two traces that are
+    found for it.
 
     Parameters
     ----------
     formula : str or Formula
     log : log, or list, tuple or iterator of logs, optional
-        As for :func:`mishandle.monitor`. Without one, the examples are a trace that satisfies the formula and one that violates it.
+        As for :func:`mishandle.monitor`. Without one, the examples are a trace that satisfies the
+        formula and one that violates it.
     unit : str, optional
-        Unit of bounds without one: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. By default such bounds count samples.
+        Unit of bounds without one: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. By default such bounds
+        count samples.
     units : dict, optional
         Units by the names of signals. By default those of the endings of names, such as ``_deg``.
     episode : float, optional
@@ -74,7 +80,9 @@ def formula(
     given = native_reading(reading)
     named = _logs(log, Formula(text).signals, given)
     with python_words():
-        document, shown = _native.describe_formula(text, named, given, unit, dict(units or {}), episode)
+        document, shown = _native.describe_formula(
+            text, named, given, unit, dict(units or {}), episode
+        )
     return dataclasses.replace(results.build(FormulaDescription, json.loads(document)), text=shown)
 
 
@@ -113,7 +121,8 @@ def mine(
     log : log, or list, tuple or iterator of logs
         As for :func:`mishandle.monitor`.
     resolution : dict, optional
-        Steps by the names of parameters. By default values are exact, and bounds are multiples of the sampling period.
+        Steps by the names of parameters. By default values are exact, and bounds are multiples of
+        the sampling period.
     share : float
         Share of the logs that must satisfy the formula.
     points : int
@@ -125,7 +134,9 @@ def mine(
 
     Examples
     --------
-    >>> mine("always(force <= limit)", {"limit": (0, 50)}, {"force": [1.0, 7.5, 3.0]}).points[0].values
+    >>> mine(
+    ...     "always(force <= limit)", {"limit": (0, 50)}, {"force": [1.0, 7.5, 3.0]}
+    ... ).points[0].values
     (7.5,)
     """
     steps = dict(resolution or {})
@@ -151,4 +162,7 @@ def _logs(log: Any, signals: list[str], given: dict[str, Any]) -> list[Any]:
         for each in (log if isinstance(log, (list, tuple, Iterator)) else [log])
         for source in native_logs(each, signals, lambda known: None, given)
     ]
-    return [(name or f"log {number}", files, topics) for number, (name, files, topics) in enumerate(sources, 1)]
+    return [
+        (name or f"log {number}", files, topics)
+        for number, (name, files, topics) in enumerate(sources, 1)
+    ]

@@ -14,7 +14,9 @@ def read(file: pathlib.Path, tables: Tables) -> None:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise MissingPackageError("bags of ROS need rosbags: pip install 'mishandle[logs]'") from error
+        raise MissingPackageError(
+            "bags of ROS need rosbags: pip install 'mishandle[logs]'"
+        ) from error
     try:
         # Bags of older versions contain no definitions of their types, which are mostly those of
         # ROS 2 Humble.
@@ -27,15 +29,20 @@ def read(file: pathlib.Path, tables: Tables) -> None:
                     connections.append(connection)
                 else:
                     tables.not_read[connection.topic] = (
-                        f"has messages of the type {connection.msgtype}, which the bag does not define"
+                        f"has messages of the type {connection.msgtype}, which the bag does not "
+                        "define"
                     )
             # No connection would mean all.
             for connection, stamp, data in reader.messages(connections) if connections else ():
                 tables.messages += 1
                 if connection.topic not in tables.not_read:
-                    tables.add(connection.topic, {"log": stamp}, reader.deserialize(data, connection.msgtype))
+                    tables.add(
+                        connection.topic, {"log": stamp},
+                        reader.deserialize(data, connection.msgtype)
+                    )
     # The package raises errors of many classes for a damaged bag, such as those of SQLite.
     except Exception as error:
         raise InvalidValueError(
-            f"{file} is no bag, or damaged after {tables.messages} messages ({type(error).__name__}: {error})"
+            f"{file} is no bag, or damaged after {tables.messages} messages "
+            f"({type(error).__name__}: {error})"
         ) from error

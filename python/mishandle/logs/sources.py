@@ -36,20 +36,23 @@ class Reading(TableOptions, total=False):
     """How a log is read, in the words of the flags of ``mishandle monitor``."""
 
     time: str
-    """Column with the times, by default ``time`` if there is one. Of messages ``"log"``, ``"publish"`` or ``"header"``, as for
-    :func:`mishandle.read_log`."""
+    """Column with the times, by default ``time`` if there is one. Of messages ``"log"``,
+    ``"publish"`` or ``"header"``, as for :func:`mishandle.read_log`."""
     period: float
     """Sampling period in seconds. By default that of the times."""
     resample: str
-    """Resample to ``period``: ``"hold"`` keeps the last value, ``"linear"`` is a line between two samples."""
+    """Resample to ``period``: ``"hold"`` keeps the last value, ``"linear"`` is a line between two
+    samples."""
     dense: str
     """Read each signal as a function of time: ``"hold"`` or ``"linear"``."""
     tolerance: float
     """Longest step in seconds that ``resample`` or ``dense`` bridges. By default any."""
     missing: str
-    """Values that are no finite number: ``"error"`` (default), ``"hold"`` the last value, or ``"drop"``."""
+    """Values that are no finite number: ``"error"`` (default), ``"hold"`` the last value, or
+    ``"drop"``."""
     duplicates: str
-    """Rows with the same time: ``"error"`` (default), or the ``"first"`` or ``"last"`` one counts."""
+    """Rows with the same time: ``"error"`` (default), or the ``"first"`` or ``"last"`` one
+    counts."""
     sort: bool
     """Whether to sort the rows by time."""
 
@@ -76,7 +79,9 @@ def native_reading(given: Mapping[str, Any]) -> dict[str, Any]:
 Hint = Callable[[list[str]], Union[str, None]]
 
 
-def native_logs(log: Any, signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]) -> Iterator[NativeLog]:
+def native_logs(
+    log: Any, signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+) -> Iterator[NativeLog]:
     """Yields the logs that an argument is: one, or all episodes of a data set."""
     if isinstance(log, (str, os.PathLike)):
         file = pathlib.Path(os.fspath(log))
@@ -103,13 +108,20 @@ def _is_topic(part: Any) -> bool:
     return isinstance(part, (str, os.PathLike, Topic, Mapping)) or hasattr(part, "columns")
 
 
-def _of_topics(log: Mapping[str, Any], signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]) -> NativeLog:
+def _of_topics(
+    log: Mapping[str, Any], signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+) -> NativeLog:
     """Returns the log of several topics: all of them files, or all in memory."""
-    files: list[tuple[str | None, str]] = [(name, os.fspath(part)) for name, part in log.items() if isinstance(part, (str, os.PathLike))]
+    files: list[tuple[str | None, str]] = [
+        (name, os.fspath(part)) for name, part in log.items()
+        if isinstance(part, (str, os.PathLike))
+    ]
     if len(files) == len(log):
         return ", ".join(file for _, file in files), files, []
     if files:
-        raise InvalidTypeError(f"the topic {files[0][0]} is a file, and others are not; read it by mishandle.read_log")
+        raise InvalidTypeError(
+            f"the topic {files[0][0]} is a file, and others are not; read it by mishandle.read_log"
+        )
     _check_effect(reading, FILE, "topics in memory")
     topics: list[NativeTopic] = []
     known: list[str] = []
@@ -119,7 +131,12 @@ def _of_topics(log: Mapping[str, Any], signals: Sequence[str], hint: Hint, readi
         labels = [str(label) for label in (part if isinstance(part, Mapping) else part.columns)]
         known += [f"{name}/{label}" for label in labels]
         read = [label for label in labels if f"{name}/{label}" in signals]
-        topics.append((name, times, [(f"{name}/{label}", values) for label, values in columns_of(part, read).items()]))
+        topics.append(
+            (
+                name, times,
+                [(f"{name}/{label}", values) for label, values in columns_of(part, read).items()]
+            )
+        )
     _check_signals("", signals, known, {}, hint)
     return "", [], topics
 
@@ -130,7 +147,10 @@ def _of_recording(log: Log, signals: Sequence[str]) -> NativeLog:
     for topic in log.topics.values():
         prefix = f"{topic.name}/" if topic.name else ""
         reasons |= {f"{prefix}{column}": reason for column, reason in topic.left_out.items()}
-        read = [(f"{prefix}{name}", values) for name, values in topic.columns.items() if f"{prefix}{name}" in signals]
+        read = [
+            (f"{prefix}{name}", values) for name, values in topic.columns.items()
+            if f"{prefix}{name}" in signals
+        ]
         if read or not signals:
             topics.append((topic.name or None, _of_log(topic), read))
     _check_signals(log.name, signals, log.signals, reasons)
@@ -138,7 +158,8 @@ def _of_recording(log: Log, signals: Sequence[str]) -> NativeLog:
 
 
 def _check_signals(
-    log: str, signals: Sequence[str], known: Sequence[str], reasons: Mapping[str, str], hint: Hint | None = None
+    log: str, signals: Sequence[str], known: Sequence[str], reasons: Mapping[str, str],
+    hint: Hint | None = None
 ) -> None:
     missing = [signal for signal in signals if signal not in known]
     if not missing:
@@ -156,27 +177,42 @@ def _check_signals(
         other,
         hint(list(known)) if hint is not None else None,
     ]
-    raise InvalidValueError((f"trace {log}: " if log else "") + "; ".join(part for part in parts if part))
+    raise InvalidValueError(
+        (f"trace {log}: " if log else "") + "; ".join(part for part in parts if part)
+    )
 
 
 def _of_log(topic: Topic) -> Times | None:
-    return None if topic.times is None else ("time", "log", np.ascontiguousarray(topic.times, dtype=np.int64))
+    return (
+        None if topic.times is None
+        else ("time", "log", np.ascontiguousarray(topic.times, dtype=np.int64))
+    )
 
 
 def _times(trace: Any, reading: Mapping[str, Any]) -> Times | None:
-    """Returns the column with the times of columns in memory. A column `time` of text is none, unless it is named."""
-    trace = getattr(trace, "trace", trace) if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
+    """Returns the column with the times of columns in memory. A column `time` of text is none,
+    unless it is named."""
+    trace = (
+        getattr(trace, "trace", trace)
+        if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
+    )
     stated = reading.get("time")
-    labels = {str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)}
+    labels = {
+        str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)
+    }
     if stated is not None and stated not in labels:
-        raise InvalidValueError(f"time is `{stated}`, but no column has this name; there are {', '.join(labels)}")
+        raise InvalidValueError(
+            f"time is `{stated}`, but no column has this name; there are {', '.join(labels)}"
+        )
     name = "time" if stated is None else stated
     if name not in labels:
         return None
     column = trace[labels[name]]
     values = np.asarray(column if isinstance(trace, Mapping) else column.to_numpy())
     if values.ndim != 1:
-        raise InvalidValueError(f"the times `{name}` have the shape {values.shape}; expected one number per sample")
+        raise InvalidValueError(
+            f"the times `{name}` have the shape {values.shape}; expected one number per sample"
+        )
     if values.dtype.kind in "mM":
         return name, "instants", values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
     if values.dtype.kind in "iu":
@@ -186,4 +222,7 @@ def _times(trace: Any, reading: Mapping[str, Any]) -> Times | None:
     if stated is None:
         return None
     # Instants with a zone are objects.
-    return name, "texts", [value.isoformat() if hasattr(value, "isoformat") else str(value) for value in values.tolist()]
+    return name, "texts", [
+        value.isoformat() if hasattr(value, "isoformat") else str(value)
+        for value in values.tolist()
+    ]

@@ -1,4 +1,5 @@
-"""Errors about logs in the words of Python: the native code names the flags of ``mishandle monitor``."""
+"""Errors about logs in the words of Python: the native code names the flags of ``mishandle
+monitor``."""
 
 from __future__ import annotations
 
@@ -10,14 +11,16 @@ from mishandle.errors import InvalidValueError
 
 _FLAG = re.compile(
     r"`[^`]*`|(?<![\w/-])--(?P<flag>[a-z][a-z-]*)"
-    r"(?: (?P<value>'[^']*'|[A-Z]+(?:=[A-Z]+)?\b|[a-z]+(?:\|[a-z]+)+|(?:hold|drop|comma|point)\b|\d[\d.e+-]*|\S+(?=, otherwise)))?"
+    r"(?: (?P<value>'[^']*'|[A-Z]+(?:=[A-Z]+)?\b|[a-z]+(?:\|[a-z]+)+|(?:hold|drop|comma|point)\b|"
+    r"\d[\d.e+-]*|\S+(?=, otherwise)))?"
 )
 _ARGUMENTS = {"topic": "topics"}
 _TRUE = {"sort", "strict_horizon"}
 
 
 def in_python(message: str) -> str:
-    """Returns a message with arguments instead of flags. A text in backquotes stays: it is that of the user.
+    """Returns a message with arguments instead of flags. A text in backquotes stays: it is that of
+    the user.
 
     >>> in_python("pass --resample hold|linear, or --time-unit; `--sort` is a column")
     'pass resample="hold"|"linear", or time_unit; `--sort` is a column'

@@ -1,7 +1,9 @@
-"""A program that asks a policy server, for the policy of a target file: ``python -m mishandle.policies.client ws://host:port``.
+"""A program that asks a policy server, for the policy of a target file: ``python -m
+mishandle.policies.client ws://host:port``.
 
-Each line on its input is a question of ``policy.process`` (``docs/guide/policies.md``), each line of its output the answer. What is
-left of a chunk of actions is the ``state`` of the answer, so that an answer follows from its question alone.
+Each line on its input is a question of ``policy.process`` (``docs/guide/policies.md``), each line
+of its output the answer. What is left of a chunk of actions is the ``state`` of the answer, so that
+an answer follows from its question alone.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ class Client:
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
         """Returns the answer to a question.
 
-        The state has the number of actions that are left, and these actions, the next one first. All zeros, as at the start of an
-        episode, means that there are none.
+        The state has the number of actions that are left, and these actions, the next one first.
+        All zeros, as at the start of an episode, means that there are none.
         """
         state = [float(number) for number in question.get("state", [])]
         if state and state[0] > 0.0:
@@ -45,7 +47,8 @@ class Client:
             left = self._chunk(question["observation"])
             if len(left) > 1 and len(state) != 1 + (len(left) - 1) * left.shape[1]:
                 raise InvalidValueError(
-                    f"the target file states state = {len(state)}, but {len(left)} actions of {left.shape[1]} numbers are executed: set state = "
+                    f"the target file states state = {len(state)}, but {len(left)} actions of "
+                    f"{left.shape[1]} numbers are executed: set state = "
                     f"{1 + (len(left) - 1) * left.shape[1]} beside the process"
                 )
         rest = left[1:]
@@ -60,12 +63,16 @@ class Client:
         return self._server.execute or 1
 
     def _chunk(self, observation: Sequence[float | None]) -> Any:
-        """Asks the server for the actions that are executed. Each question starts an episode, because others may be between this one and
-        the last one of its simulation."""
-        values = np.array([math.nan if number is None else number for number in observation], dtype=np.float32)
+        """Asks the server for the actions that are executed. Each question starts an episode,
+        because others may be between this one and the last one of its simulation."""
+        values = np.array(
+            [math.nan if number is None else number for number in observation], dtype=np.float32
+        )
         request = self._request.of(View(values, {}, None))
         instruction = self._server.instruction
-        self._dialog.start(self._server.reset, instruction if isinstance(instruction, str) else None)
+        self._dialog.start(
+            self._server.reset, instruction if isinstance(instruction, str) else None
+        )
         answer = self._dialog.ask(request)
         size = _last_size(answer)
         return np.stack(actions_of(answer, Box(-np.inf, np.inf, (size,), np.float64), self._server))
@@ -78,12 +85,17 @@ def _action_size(length: int, execute: int) -> int:
     3
     """
     if execute < 2 or (length - 1) % (execute - 1) != 0:
-        raise InvalidValueError(f"state = {length} of the target file does not fit --execute {execute}: expected 1 + {execute - 1} x action size")
+        raise InvalidValueError(
+            f"state = {length} of the target file does not fit --execute {execute}: expected 1 + "
+            f"{execute - 1} x action size"
+        )
     return (length - 1) // (execute - 1)
 
 
 def _last_size(answer: Any) -> int:
-    shape = np.shape(answer["actions"]) if isinstance(answer, Mapping) and "actions" in answer else ()
+    shape = (
+        np.shape(answer["actions"]) if isinstance(answer, Mapping) and "actions" in answer else ()
+    )
     return int(shape[-1]) if shape else 1
 
 
@@ -100,13 +112,24 @@ def run(client: Client, lines: Iterable[str]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the program and returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m mishandle.policies.client", description="Asks a policy server for the actions of a target file.")
+    parser = argparse.ArgumentParser(
+        prog="python -m mishandle.policies.client",
+        description="Asks a policy server for the actions of a target file."
+    )
     parser.add_argument("url", help="address of the server, such as ws://localhost:8000")
-    parser.add_argument("--observation", metavar="KEY", help="key of the observation in a request; by default observation/state, or state")
+    parser.add_argument(
+        "--observation", metavar="KEY",
+        help="key of the observation in a request; by default observation/state, or state"
+    )
     parser.add_argument("--instruction", metavar="TEXT", help="text of the task")
-    parser.add_argument("--execute", type=int, default=1, metavar="K", help="actions of a chunk that are executed (default: 1)")
+    parser.add_argument(
+        "--execute", type=int, default=1, metavar="K",
+        help="actions of a chunk that are executed (default: 1)"
+    )
     parser.add_argument("--protocol", default="openpi", choices=["openpi", "vla-eval"])
-    parser.add_argument("--reset", type=json.loads, metavar="JSON", help="message that is sent before each request")
+    parser.add_argument(
+        "--reset", type=json.loads, metavar="JSON", help="message that is sent before each request"
+    )
     given = parser.parse_args(arguments)
     observation = None if given.observation is None else {given.observation: "obs"}
     try:

@@ -31,29 +31,36 @@ _MAX_TEXT = 4000
 def check_url(url: str) -> None:
     """Checks the address of a policy server.
 
-    >>> check_url("ws://user:secret@robot:8000")
+    >>> check_url("ws://user:secret@robot:8000")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    mishandle.errors.InvalidValueError: the address of a policy server must not contain a password, because run files contain the address; pass it in `headers`
+    mishandle.errors.InvalidValueError: the address of a policy server must not contain a ...
     """
     try:
         parts = urlsplit(url)
-        is_valid = parts.scheme in ("ws", "wss") and bool(parts.hostname) and (parts.port is None or parts.port > 0)
+        is_valid = (
+            parts.scheme in ("ws", "wss") and bool(parts.hostname)
+            and (parts.port is None or parts.port > 0)
+        )
     except ValueError:
         is_valid = False
     if not is_valid or not url.isprintable():
-        raise InvalidValueError(f"{url!r} is not the address of a policy server; expected ws://host:port or wss://host:port")
+        raise InvalidValueError(
+            f"{url!r} is not the address of a policy server; expected ws://host:port or "
+            "wss://host:port"
+        )
     if parts.username is not None or parts.password is not None:
         raise InvalidValueError(
-            "the address of a policy server must not contain a password, because run files contain the address; pass it in `headers`"
+            "the address of a policy server must not contain a password, because run files contain "
+            "the address; pass it in `headers`"
         )
 
 
 class Connection:
     """A WebSocket to a policy server.
 
-    Whatever interrupts it between question and answer (an exception, a time limit, Ctrl-C) closes it, so that a late answer is never
-    read as that of the next question.
+    Whatever interrupts it between question and answer (an exception, a time limit, Ctrl-C) closes
+    it, so that a late answer is never read as that of the next question.
 
     Parameters
     ----------
@@ -67,7 +74,9 @@ class Connection:
         How long a connection that is refused is tried again, in seconds: a server may start again.
     """
 
-    def __init__(self, url: str, headers: Mapping[str, str], time_limit: float, patience: float = 0.0) -> None:
+    def __init__(
+        self, url: str, headers: Mapping[str, str], time_limit: float, patience: float = 0.0
+    ) -> None:
         self.url = url
         self._time_limit = time_limit
         deadline = time.monotonic() + patience
@@ -82,19 +91,26 @@ class Connection:
 
     def _opened(self, headers: Mapping[str, str]) -> Any:
         try:
-            from websockets.sync.client import connect  # type: ignore[import-not-found, unused-ignore]
+            from websockets.sync.client import connect
         except ImportError as error:
-            raise MissingPackageError("policy servers need websockets and msgpack: pip install websockets msgpack") from error
+            raise MissingPackageError(
+                "policy servers need websockets and msgpack: pip install websockets msgpack"
+            ) from error
         parts = urlsplit(self.url)
         port = parts.port or (443 if parts.scheme == "wss" else 80)
         opened = None
         try:
             with self._failures("cannot be reached"):
                 # With a socket of our own, websockets follows no redirect and uses no proxy.
-                opened = socket.create_connection((parts.hostname or "", port), timeout=self._time_limit)
+                opened = socket.create_connection(
+                    (parts.hostname or "", port), timeout=self._time_limit
+                )
                 opened.settimeout(None)
                 # A server that does not read must not block a question longer.
-                opened.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", *_seconds_and_microseconds(self._time_limit)))
+                opened.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDTIMEO,
+                    struct.pack("ll", *_seconds_and_microseconds(self._time_limit))
+                )
                 opening = connect(
                     self.url,
                     sock=opened,
@@ -155,7 +171,9 @@ class Connection:
         try:
             return encoding.unpack(data)
         except Exception as error:
-            raise self.failure(f"sent {len(data)} bytes that are no message in msgpack: {error}") from error
+            raise self.failure(
+                f"sent {len(data)} bytes that are no message in msgpack: {error}"
+            ) from error
 
     @contextlib.contextmanager
     def _closing(self) -> Generator[None, None, None]:
@@ -168,13 +186,15 @@ class Connection:
     @contextlib.contextmanager
     def _failures(self, text: str) -> Generator[None, None, None]:
         """Turns what can go wrong with a connection into the exceptions of a simulation."""
-        from websockets.exceptions import WebSocketException  # type: ignore[import-not-found, unused-ignore]
+        from websockets.exceptions import WebSocketException
 
         try:
             yield
         except (OSError, WebSocketException) as error:
             if isinstance(error, TimeoutError) or isinstance(error.__cause__, BlockingIOError):
-                raise TimeLimitExceeded(f"the policy server {self.url} did not answer within {self._time_limit:g} s") from None
+                raise TimeLimitExceeded(
+                    f"the policy server {self.url} did not answer within {self._time_limit:g} s"
+                ) from None
             raise PolicyServerError(f"the policy server {self.url} {text}: {error}") from error
 
 
@@ -192,24 +212,30 @@ class Dialog(Protocol):
 
 
 class OpenpiDialog:
-    """The protocol of openpi: the server sends its metadata, then answers each request. A text is an error."""
+    """The protocol of openpi: the server sends its metadata, then answers each request. A text is
+    an error."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
-        self.metadata = _mapping(connection, connection.unpacked(MSGPACK_NUMPY, connection.receive()), "metadata")
+        self.metadata = _mapping(
+            connection, connection.unpacked(MSGPACK_NUMPY, connection.receive()), "metadata"
+        )
 
     def start(self, reset: Mapping[str, Any] | None, instruction: str | None) -> None:
-        """Sends the reset, if the server has one: openpi's own has none. Its answer may be a text, as that of RoboArena."""
+        """Sends the reset, if the server has one: openpi's own has none. Its answer may be a text,
+        as that of RoboArena."""
         if reset is not None:
             self.connection.ask(MSGPACK_NUMPY.pack(dict(reset)))
 
     def ask(self, request: dict[str, Any]) -> Any:
-        return self.connection.unpacked(MSGPACK_NUMPY, self.connection.ask(MSGPACK_NUMPY.pack(request)))
+        return self.connection.unpacked(
+            MSGPACK_NUMPY, self.connection.ask(MSGPACK_NUMPY.pack(request))
+        )
 
 
 class VlaEvalDialog:
-    """The protocol of vla-eval, version 1: numbered messages with a type. The server keeps a session for each connection, and episodes
-    in it."""
+    """The protocol of vla-eval, version 1: numbered messages with a type. The server keeps a
+    session for each connection, and episodes in it."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -221,7 +247,10 @@ class VlaEvalDialog:
     def start(self, reset: Mapping[str, Any] | None, instruction: str | None) -> None:
         if self._is_in_episode:
             self._send("episode_end", {})
-        self._send("episode_start", {"task": {} if instruction is None else {"name": instruction}, **(reset or {})})
+        self._send(
+            "episode_start",
+            {"task": {} if instruction is None else {"name": instruction}, **(reset or {})}
+        )
         self._is_in_episode = True
 
     def ask(self, request: dict[str, Any]) -> Any:
@@ -230,22 +259,29 @@ class VlaEvalDialog:
 
     def _send(self, kind: str, payload: Mapping[str, Any]) -> None:
         self._number += 1
-        message = {"type": kind, "payload": dict(payload), "seq": self._number, "timestamp": time.time()}
+        message = {
+            "type": kind, "payload": dict(payload), "seq": self._number, "timestamp": time.time()
+        }
         self.connection.send(TEXT_KEYS.pack(message))
 
     def _received(self, kind: str) -> dict[str, Any]:
         connection = self.connection
-        message = _mapping(connection, connection.unpacked(TEXT_KEYS, connection.receive()), "message")
+        message = _mapping(
+            connection, connection.unpacked(TEXT_KEYS, connection.receive()), "message"
+        )
         if message.get("type") == "error":
             raise connection.failure(f"reports an error:\n{_shown(str(message.get('payload')))}")
         if message.get("type") != kind or message.get("seq") != self._number:
             raise connection.failure(
-                f"sent the message {message.get('type')!r} number {message.get('seq')!r}; expected {kind!r} number {self._number}"
+                f"sent the message {message.get('type')!r} number {message.get('seq')!r}; expected "
+                f"{kind!r} number {self._number}"
             )
         return _mapping(connection, message.get("payload"), "message")
 
 
-PROTOCOLS: dict[str, type[OpenpiDialog] | type[VlaEvalDialog]] = {"openpi": OpenpiDialog, "vla-eval": VlaEvalDialog}
+PROTOCOLS: dict[str, type[OpenpiDialog] | type[VlaEvalDialog]] = {
+    "openpi": OpenpiDialog, "vla-eval": VlaEvalDialog
+}
 
 
 def _seconds_and_microseconds(seconds: float) -> tuple[int, int]:
@@ -259,7 +295,9 @@ def _seconds_and_microseconds(seconds: float) -> tuple[int, int]:
 
 def _mapping(connection: Connection, message: Any, what: str) -> dict[str, Any]:
     if not isinstance(message, dict):
-        raise connection.failure(f"sent a {type(message).__name__} instead of a dictionary as its {what}")
+        raise connection.failure(
+            f"sent a {type(message).__name__} instead of a dictionary as its {what}"
+        )
     return message
 
 

@@ -21,17 +21,19 @@ from mishandle.logs.formulas import Formula
 class Guard:
     """A monitored formula, and who acts when its robustness falls below a threshold.
 
-    The same as the table ``[guard]`` of a plan and the file of ``--guard``; ``docs/guide/guard.md`` describes it. Pass it as ``guard``
-    to :func:`evaluate`, :func:`falsify` and the other questions about a task, to :func:`harden`, or to :class:`Guarded`.
+    The same as the table ``[guard]`` of a plan and the file of ``--guard``; ``docs/guide/guard.md``
+    describes it. Pass it as ``guard`` to :func:`evaluate`, :func:`falsify` and the other questions
+    about a task, to :func:`harden`, or to :class:`Guarded`.
 
     Parameters
     ----------
     formula : str or Formula
-        Formula over numbers of the observation, such as ``"ball_3 >= 0.1"`` for the third number of the part ``ball``. A formula about
-        the past has its robustness at the present sample, a formula about the future the best one that is still possible.
+        Formula over numbers of the observation, such as ``"ball_3 >= 0.1"`` for the third number of
+        the part ``ball``. A formula about the past has its robustness at the present sample, a
+        formula about the future the best one that is still possible.
     fallback : str
-        Who acts after the hand-over: ``"hold"``, ``"retreat"``, ``"expert"`` or another controller by name or path. :class:`Guarded` has a
-        policy instead.
+        Who acts after the hand-over: ``"hold"``, ``"retreat"``, ``"expert"`` or another controller
+        by name or path. :class:`Guarded` has a policy instead.
     threshold : float
         Robustness below which the guard hands over, in the unit of the formula.
     return_threshold : float, optional
@@ -43,7 +45,8 @@ class Guard:
     privileged : bool
         Whether the formula reads signals of the target, which the policy does not see.
     actions : str, optional
-        What the actions of a target in a file mean to ``hold`` and ``retreat``: ``"increments"`` or ``"positions"``.
+        What the actions of a target in a file mean to ``hold`` and ``retreat``: ``"increments"`` or
+        ``"positions"``.
 
     Examples
     --------
@@ -70,7 +73,9 @@ class Guard:
         values = {
             "formula": json.dumps(str(self.formula)),
             "threshold": _number("threshold", self.threshold),
-            "return-threshold": None if self.return_threshold is None else _number("return_threshold", self.return_threshold),
+            "return-threshold": None if self.return_threshold is None else _number(
+                "return_threshold", self.return_threshold
+            ),
             "dwell": _number("dwell", self.dwell),
             "fallback": json.dumps(os.fspath(self.fallback)),
             "retreat": _number("retreat", self.retreat),
@@ -87,7 +92,9 @@ def guard_text(guard: Guard | str | os.PathLike[str] | None) -> str | None:
     if isinstance(guard, Guard):
         return guard.toml()
     if not isinstance(guard, (str, os.PathLike)):
-        raise InvalidTypeError(f"a guard is a mishandle.Guard or the path of its file, not a {type(guard).__name__}")
+        raise InvalidTypeError(
+            f"a guard is a mishandle.Guard or the path of its file, not a {type(guard).__name__}"
+        )
     try:
         return pathlib.Path(guard).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -108,24 +115,27 @@ def _number(name: str, value: Any) -> str:
 class Guarded:
     """A policy in Python with a guard and a policy as its fallback.
 
-    It is a policy: a function of an observation, with ``reset`` for the start of an episode. Pass it wherever a function is a policy, or
-    call it in a control loop. It is for one environment and one thread at a time.
+    It is a policy: a function of an observation, with ``reset`` for the start of an episode. Pass
+    it wherever a function is a policy, or call it in a control loop. It is for one environment and
+    one thread at a time.
 
     Parameters
     ----------
     policy : callable
-        Policy that is guarded: a function of an observation. A method ``reset`` is called at the start of an episode. An action that is not
-        finite is none: the fallback acts.
+        Policy that is guarded: a function of an observation. A method ``reset`` is called at the
+        start of an episode. An action that is not finite is none: the fallback acts.
     guard : Guard
         Formula and thresholds. Its ``fallback`` must be left out.
     fallback : callable
         Policy that acts after the hand-over. Its ``reset`` is called at each hand-over.
     quantities : sequence of str, or callable
-        Names of the numbers of an observation, or a function from an observation to a dictionary of the quantities of the formula.
+        Names of the numbers of an observation, or a function from an observation to a dictionary of
+        the quantities of the formula.
     period : float
         Control period in seconds.
     steps : int
-        Number of control steps of an episode, which bounds what a formula about the future can still reach.
+        Number of control steps of an episode, which bounds what a formula about the future can
+        still reach.
 
     Attributes
     ----------
@@ -136,7 +146,10 @@ class Guarded:
 
     Examples
     --------
-    >>> guarded = Guarded(lambda x: 1.0, Guard("x <= 2", return_threshold=1), lambda x: -1.0, quantities=["x"], period=0.1, steps=100)
+    >>> guarded = Guarded(
+    ...     lambda x: 1.0, Guard("x <= 2", return_threshold=1), lambda x: -1.0, quantities=["x"],
+    ...     period=0.1, steps=100
+    ... )
     >>> guarded.reset()
     >>> [guarded([x]) for x in [0.0, 3.0, 1.5, 0.5]]
     [1.0, -1.0, -1.0, 1.0]
@@ -153,13 +166,20 @@ class Guarded:
         steps: int,
     ) -> None:
         if guard.fallback or guard.privileged:
-            raise InvalidValueError("a guard of a policy in Python has the argument `fallback` instead of a name, and is not privileged")
+            raise InvalidValueError(
+                "a guard of a policy in Python has the argument `fallback` instead of a name, and "
+                "is not privileged"
+            )
         for name, given in (("policy", policy), ("fallback", fallback)):
             if not callable(given):
-                raise InvalidTypeError(f"the {name} is a {type(given).__name__}; expected a function of an observation")
+                raise InvalidTypeError(
+                    f"the {name} is a {type(given).__name__}; expected a function of an observation"
+                )
         self.policy, self.guard, self.fallback = policy, guard, fallback
         self._read = quantities if callable(quantities) else None
-        self._names = list(Formula(str(guard.formula)).signals) if callable(quantities) else list(quantities)
+        self._names = (
+            list(Formula(str(guard.formula)).signals) if callable(quantities) else list(quantities)
+        )
         self._monitor = _native.GuardMonitor(guard.toml(), self._names, float(period), int(steps))
         self.active, self.robustness = False, float("inf")
 
@@ -175,7 +195,9 @@ class Guarded:
         if self._monitor.needs_action:
             action = self.policy(observation)
             is_usable = bool(np.all(np.isfinite(np.asarray(action, dtype=float))))
-        self.active, takes_over, self.robustness = self._monitor.step(self._quantities(observation), is_usable)
+        self.active, takes_over, self.robustness = self._monitor.step(
+            self._quantities(observation), is_usable
+        )
         if takes_over:
             _reset(self.fallback)
         return self.fallback(observation) if self.active else action
@@ -186,7 +208,9 @@ class Guarded:
         found = self._read(observation)
         missing = [name for name in self._names if name not in found]
         if missing:
-            raise InvalidValueError(f"`quantities` returns no {missing[0]!r}, which the formula of the guard reads")
+            raise InvalidValueError(
+                f"`quantities` returns no {missing[0]!r}, which the formula of the guard reads"
+            )
         return [float(found[name]) for name in self._names]
 
 

@@ -43,10 +43,12 @@ def as_policy(
     Parameters
     ----------
     policy
-        A function of one observation (of a batch, if ``batched``); a model with ``predict``, such as those of
-        Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2; a policy of :func:`mishandle.lerobot.policy`; a PyTorch module from
-        observations to actions; a path of an ONNX file; a :class:`~mishandle.Controller`; a :class:`~mishandle.PolicyServer`. The method or attribute ``reset`` of a function or
-        module, if it is callable, is called at the start of an episode.
+        A function of one observation (of a batch, if ``batched``); a model with ``predict``, such
+        as those of Stable-Baselines3, with its ``VecNormalize`` if it has one; an agent of skrl 2;
+        a policy of :func:`mishandle.lerobot.policy`; a PyTorch module from observations to actions;
+        a path of an ONNX file; a :class:`~mishandle.Controller`; a
+        :class:`~mishandle.PolicyServer`. The method or attribute ``reset`` of a function or module,
+        if it is callable, is called at the start of an episode.
     batched : bool
         Whether a function takes a batch of observations, with one row per environment.
     spaces : tuple, optional
@@ -63,11 +65,14 @@ def as_policy(
             raise InvalidValueError("a policy server needs the spaces of observations and actions")
         return ServedPolicy(policy, spaces, arguments, can_draw)
     if arguments:
-        is_adapted = isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict") or _is_skrl(policy) or _is_lerobot(policy)
+        is_adapted = (
+            isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict")
+            or _is_skrl(policy) or _is_lerobot(policy)
+        )
         if is_adapted or _is_torch(policy) or not callable(policy):
             raise InvalidTypeError(
-                f"an axis passes an argument to the policy, but a {type(policy).__name__} takes observations only; wrap it in a function "
-                "with this argument"
+                f"an axis passes an argument to the policy, but a {type(policy).__name__} takes "
+                "observations only; wrap it in a function with this argument"
             )
         arguments.check(policy)
         return _Function(policy, batched)
@@ -89,8 +94,9 @@ def as_policy(
     if callable(policy):
         return _Function(policy, batched)
     raise InvalidTypeError(
-        f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, a PyTorch module, an "
-        "agent of skrl, the path of an .onnx file or the address of a policy server"
+        f"a {type(policy).__name__} is not a policy: expected a function, a model with `predict`, "
+        "a PyTorch module, an agent of skrl, the path of an .onnx file or the address of a policy "
+        "server"
     )
 
 
@@ -104,7 +110,8 @@ def start(policy: Policy, arguments: PolicyArguments, rows: Rows) -> None:
 
 
 def policy_hash(policy: Any) -> str:
-    """Returns a SHA-256 hash of what a policy is: its weights, or its code with the values that it reaches."""
+    """Returns a SHA-256 hash of what a policy is: its weights, or its code with the values that it
+    reaches."""
     if isinstance(policy, Controller):
         return policy.hash
     if isinstance(policy, (str, pathlib.Path)):
@@ -117,13 +124,17 @@ def policy_hash(policy: Any) -> str:
 
 
 def _vec_normalize(model: Any) -> Any:
-    """Returns the normalizer (`VecNormalize`) of the environment of a Stable-Baselines3 model; `None` if it has none."""
+    """Returns the normalizer (`VecNormalize`) of the environment of a Stable-Baselines3 model;
+    `None` if it has none."""
     find = getattr(model, "get_vec_normalize_env", None)
     return find() if callable(find) else None
 
 
 def _is_torch(policy: Any) -> bool:
-    return any(base.__module__.startswith("torch.") and base.__name__ == "Module" for base in type(policy).__mro__)
+    return any(
+        base.__module__.startswith("torch.") and base.__name__ == "Module"
+        for base in type(policy).__mro__
+    )
 
 
 def _is_skrl(policy: Any) -> bool:
@@ -200,7 +211,7 @@ class _Torch:
         _reset(self._module)
 
     def act(self, observations: Any, rows: int) -> Any:
-        import torch  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        import torch
 
         with torch.no_grad():
             return self._module(_tensors(_stack(observations), self._module)).cpu().numpy()
@@ -228,7 +239,8 @@ class _Skrl:
 
 
 def _tensors(batch: Any, module: Any) -> Any:
-    """Returns a batch as tensors with the type and the device of the first parameter of a module."""
+    """Returns a batch as tensors with the type and the device of the first parameter of a
+    module."""
     import torch
 
     if isinstance(batch, dict):

@@ -13,8 +13,8 @@ from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackage
 from mishandle.scenarios.axes import Axis, Value, follower, parse_path
 
 Source = Union[str, Callable[[Any], Any]]
-"""Where a part of a request comes from: ``"obs"``, a path such as ``"obs.agent_pos"`` or ``"obs[3]"``, ``"render"`` (a picture of the
-environment), or a function of the observation."""
+"""Where a part of a request comes from: ``"obs"``, a path such as ``"obs.agent_pos"`` or
+``"obs[3]"``, ``"render"`` (a picture of the environment), or a function of the observation."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,8 @@ class Resized:
     Parameters
     ----------
     source : str or callable
-        ``"render"``, a path such as ``"obs.wrist"``, or a function of the observation: an array (height, width, 3) of bytes.
+        ``"render"``, a path such as ``"obs.wrist"``, or a function of the observation: an array
+        (height, width, 3) of bytes.
     height, width : int
         Size in pixels.
     """
@@ -37,11 +38,14 @@ class Resized:
 
     def __post_init__(self) -> None:
         if min(self.height, self.width) < 1:
-            raise InvalidValueError(f"a picture of {self.height} x {self.width} pixels is not possible")
+            raise InvalidValueError(
+                f"a picture of {self.height} x {self.width} pixels is not possible"
+            )
 
 
 Part = Union[Source, Resized, Axis, Mapping[str, Any]]
-"""A part of a request: a source, a resized picture, an axis (its value in the scenario), or a dictionary of parts."""
+"""A part of a request: a source, a resized picture, an axis (its value in the scenario), or a
+dictionary of parts."""
 
 
 @dataclass(frozen=True)
@@ -100,30 +104,36 @@ def _reader(part: Any, key: str) -> Callable[[View], Any]:
         segments = parse_path(part)
         if segments[0][0] != "obs":
             raise InvalidValueError(
-                f"the part `{key}` of the request is {part!r}; expected 'obs', a path such as 'obs.state' or 'obs[3]', 'render', a "
-                "function of the observation or an axis; a text that is always the same is the `instruction`"
+                f"the part `{key}` of the request is {part!r}; expected 'obs', a path such as "
+                "'obs.state' or 'obs[3]', 'render', a function of the observation or an axis; a "
+                "text that is always the same is the `instruction`"
             )
         follow = follower((("observation", segments[0][1]), *segments[1:]))
         return lambda view: _found(follow, view, part, key)
     if callable(part):
         function: Callable[[Any], Any] = part
         return lambda view: function(view.observation)
-    raise InvalidTypeError(f"the part `{key}` of the request is a {type(part).__name__}; expected a path, a function or an axis")
+    raise InvalidTypeError(
+        f"the part `{key}` of the request is a {type(part).__name__}; expected a path, a function "
+        "or an axis"
+    )
 
 
 def _found(follow: Callable[[Any], Any], view: View, path: str, key: str) -> Any:
     try:
         return follow(view)
     except (LookupError, AttributeError, TypeError) as error:
-        raise InvalidValueError(f"the part `{key}` of the request is {path!r}, which the observation lacks: {error}") from error
+        raise InvalidValueError(
+            f"the part `{key}` of the request is {path!r}, which the observation lacks: {error}"
+        ) from error
 
 
 def _picture(value: Any, key: str) -> NDArray[np.uint8]:
     array: NDArray[Any] = np.asarray(value)
     if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         raise InvalidValueError(
-            f"the part `{key}` of the request has the shape {array.shape} and the type {array.dtype}; expected a picture (height, width, "
-            "3) of uint8"
+            f"the part `{key}` of the request has the shape {array.shape} and the type "
+            f"{array.dtype}; expected a picture (height, width, 3) of uint8"
         )
     return array
 

@@ -17,9 +17,13 @@ _MESSAGES: dict[str, dict[int, str]] = {
     "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph"},
     "tensor": {13: "entry"},
 }
-"""Fields of each kind of message of ``onnx.proto`` that contain messages with operators or names of files."""
+"""Fields of each kind of message of ``onnx.proto`` that contain messages with operators or names of
+files."""
 
-RANDOM = ("RandomNormal", "RandomNormalLike", "RandomUniform", "RandomUniformLike", "Bernoulli", "Multinomial")
+RANDOM = (
+    "RandomNormal", "RandomNormalLike", "RandomUniform", "RandomUniformLike", "Bernoulli",
+    "Multinomial"
+)
 """Operators that draw random numbers."""
 
 _Field = Union[int, memoryview]
@@ -45,7 +49,10 @@ def contents(data: bytes) -> Contents:
         kind, message = waiting.pop()
         inside = _MESSAGES.get(kind, {})
         fields = list(_fields(message))
-        waiting += [(inside[number], value) for number, value in fields if number in inside and isinstance(value, memoryview)]
+        waiting += [
+            (inside[number], value) for number, value in fields
+            if number in inside and isinstance(value, memoryview)
+        ]
         if kind == "node":
             _add_operator(found, fields)
         elif kind == "entry" and _text(fields, 1) == "location":
@@ -54,7 +61,8 @@ def contents(data: bytes) -> Contents:
 
 
 def model_files(path: pathlib.Path) -> list[pathlib.Path]:
-    """Returns the files that determine what a model computes: itself, its side file and its weights."""
+    """Returns the files that determine what a model computes: itself, its side file and its
+    weights."""
     others = sorted(contents(path.read_bytes()).files) if path.suffix == ".onnx" else []
     files = [path, path.with_name(path.name + ".json"), *(path.parent / name for name in others)]
     return [file for file in files if file == path or file.is_file()]
@@ -64,9 +72,16 @@ def _add_operator(found: Contents, fields: list[tuple[int, _Field]]) -> None:
     operator = _text(fields, 4)
     if operator in RANDOM:
         found.random.append(operator)
-    attributes = [list(_fields(value)) for number, value in fields if number == 5 and isinstance(value, memoryview)]
-    inputs = [bytes(value) for number, value in fields if number == 1 and isinstance(value, memoryview)]
-    is_trained = any(_text(each, 1) == "training_mode" and dict(each).get(3) == 1 for each in attributes)
+    attributes = [
+        list(_fields(value)) for number, value in fields
+        if number == 5 and isinstance(value, memoryview)
+    ]
+    inputs = [
+        bytes(value) for number, value in fields if number == 1 and isinstance(value, memoryview)
+    ]
+    is_trained = any(
+        _text(each, 1) == "training_mode" and dict(each).get(3) == 1 for each in attributes
+    )
     # The third input of Dropout, which an exporter writes in training mode only.
     if operator == "Dropout" and any(inputs[2:]) or operator == "BatchNormalization" and is_trained:
         found.training.append(operator)
@@ -78,7 +93,8 @@ def _text(fields: list[tuple[int, _Field]], number: int) -> str:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, _Field]]:
-    """Yields the numbered fields of a message in the format of protocol buffers: numbers, and bytes."""
+    """Yields the numbered fields of a message in the format of protocol buffers: numbers, and
+    bytes."""
     place = 0
     while place < len(message):
         key, place = _number(message, place)

@@ -33,31 +33,36 @@ _KEYS = {"openpi": ("observation/state", "prompt"), "vla-eval": ("state", "task_
 class PolicyServer:
     """A policy behind a server: each request is an observation, each answer is a chunk of actions.
 
-    ``policy="ws://host:port"`` is its short form. ``docs/guide/policy_servers.md`` says what is sent, and what happens if the server fails.
-    Needs the packages ``websockets`` and ``msgpack``.
+    ``policy="ws://host:port"`` is its short form. ``docs/guide/policy_servers.md`` says what is
+    sent, and what happens if the server fails. Needs the packages ``websockets`` and ``msgpack``.
 
     Parameters
     ----------
     url : str
         Address of the server, such as ``"ws://localhost:8000"`` or ``"wss://host:443"``.
     observation : mapping, optional
-        Parts of a request by key: ``"obs"``, a path such as ``"obs.agent_pos"`` or ``"obs[3]"``, ``"render"``, a
-        :class:`Resized` picture, a function of the observation, an :class:`Axis` of the space (its value or its name is sent), or a
-        dictionary of parts. By default, a dictionary is sent as it is, and another observation as ``"observation/state"`` (openpi) or
+        Parts of a request by key: ``"obs"``, a path such as ``"obs.agent_pos"`` or ``"obs[3]"``,
+        ``"render"``, a :class:`Resized` picture, a function of the observation, an :class:`Axis` of
+        the space (its value or its name is sent), or a dictionary of parts. By default, a
+        dictionary is sent as it is, and another observation as ``"observation/state"`` (openpi) or
         ``"state"`` (vla-eval).
     instruction : str or Axis, optional
-        Text of the task, or an axis of categories whose name is sent. Its key is ``"prompt"`` or ``"task_description"`` (vla-eval).
+        Text of the task, or an axis of categories whose name is sent. Its key is ``"prompt"`` or
+        ``"task_description"`` (vla-eval).
     execute : int, optional
-        Number of actions of a chunk that are executed before the next request; by default all of them.
+        Number of actions of a chunk that are executed before the next request; by default all of
+        them.
     time_limit : float
-        Longest time until an answer, in seconds, and how long a server that went away is awaited. The first answer of a server that
-        compiles its model can take minutes.
+        Longest time until an answer, in seconds, and how long a server that went away is awaited.
+        The first answer of a server that compiles its model can take minutes.
     reset : mapping, optional
-        A message that is sent at the start of each episode. The chunk of the last episode is forgotten in any case.
+        A message that is sent at the start of each episode. The chunk of the last episode is
+        forgotten in any case.
     protocol : str
         ``"openpi"`` or ``"vla-eval"``.
     headers : mapping, optional
-        Headers of the HTTP request that opens a connection, such as ``{"Authorization": "Api-Key ..."}``. No run file contains them.
+        Headers of the HTTP request that opens a connection, such as ``{"Authorization": "Api-Key
+        ..."}``. No run file contains them.
     """
 
     url: str
@@ -75,13 +80,22 @@ class PolicyServer:
         check_url(self.url)
         check_time_limit(self.time_limit)
         if self.execute is not None and (type(self.execute) is not int or self.execute < 1):
-            raise InvalidValueError(f"execute is {self.execute!r}; it must be a whole number of at least 1")
+            raise InvalidValueError(
+                f"execute is {self.execute!r}; it must be a whole number of at least 1"
+            )
         if self.protocol not in PROTOCOLS:
-            raise InvalidValueError(f"protocol is {self.protocol!r}; expected {' or '.join(map(repr, PROTOCOLS))}")
+            raise InvalidValueError(
+                f"protocol is {self.protocol!r}; expected {' or '.join(map(repr, PROTOCOLS))}"
+            )
         if not isinstance(self.instruction, (str, Axis, type(None))):
-            raise InvalidTypeError(f"instruction is a {type(self.instruction).__name__}; expected a text or an axis")
+            raise InvalidTypeError(
+                f"instruction is a {type(self.instruction).__name__}; expected a text or an axis"
+            )
         if isinstance(self.instruction, Axis) and isinstance(self.instruction.values, str):
-            raise InvalidValueError(f"the axis `{self.instruction.name}` of the instruction has no names; expected an axis of categories")
+            raise InvalidValueError(
+                f"the axis `{self.instruction.name}` of the instruction has no names; expected an "
+                "axis of categories"
+            )
         if self.observation is not None:
             self.request(None)
 
@@ -98,14 +112,18 @@ class PolicyServer:
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether the server states a hash, and under the key ``deterministic`` that an answer depends on the request alone."""
+        """Whether the server states a hash, and under the key ``deterministic`` that an answer
+        depends on the request alone."""
         return self.hash is not None and self.metadata.get("deterministic") is True
 
     @property
     def settings(self) -> list[Any]:
         """What decides how the policy acts, as far as it is known here."""
         chunk = (self.execute, self.protocol, dict(self.reset or {}))
-        return [self.observation, self.instruction, chunk, self.metadata if self.hash is None else self.hash]
+        return [
+            self.observation, self.instruction, chunk,
+            self.metadata if self.hash is None else self.hash
+        ]
 
     @property
     def gap(self) -> str | None:
@@ -123,7 +141,9 @@ class PolicyServer:
         try:
             dialog = self.dialog()
         except (PolicyServerError, TimeLimitExceeded) as error:
-            raise PolicyServerError(f"{error}; is a server of the protocol {self.protocol!r} running there?") from error
+            raise PolicyServerError(
+                f"{error}; is a server of the protocol {self.protocol!r} running there?"
+            ) from error
         dialog.connection.leave()
         self.metadata.clear()
         self.metadata.update(dialog.metadata)
@@ -153,7 +173,9 @@ class PolicyServer:
         for argument, axis in () if arguments is None else arguments.axes.items():
             others[argument] = axis
         for key in others.keys() & parts.keys():
-            raise InvalidValueError(f"two parts of a request have the key {key!r}; leave one of them out")
+            raise InvalidValueError(
+                f"two parts of a request have the key {key!r}; leave one of them out"
+            )
         return Request({**parts, **others})
 
 
@@ -179,11 +201,15 @@ class _Constant:
 
 def as_server(policy: Any) -> Any:
     """Returns the server of an address; other policies as they are."""
-    return PolicyServer(policy) if isinstance(policy, str) and policy.startswith(("ws://", "wss://")) else policy
+    return (
+        PolicyServer(policy) if isinstance(policy, str) and policy.startswith(("ws://", "wss://"))
+        else policy
+    )
 
 
 def states_determinism(policy: Any) -> bool:
-    """Returns whether nothing speaks against repeating a simulation of this policy: a server must say so."""
+    """Returns whether nothing speaks against repeating a simulation of this policy: a server must
+    say so."""
     return not isinstance(policy, PolicyServer) or policy.is_deterministic
 
 
@@ -193,7 +219,8 @@ def _always(row: int) -> bool:
 
 @dataclass(frozen=True)
 class Rows:
-    """The simulations of a batch, as a policy behind a server needs them besides their observations."""
+    """The simulations of a batch, as a policy behind a server needs them besides their
+    observations."""
 
     scenarios: Sequence[Mapping[str, Value]]
     draw: Callable[[], Sequence[Any]] | None = None
@@ -203,11 +230,12 @@ class Rows:
 
 
 class ServedPolicy:
-    """The policy of a server for a batch of environments. Each row has a connection of its own, because a server may keep an episode for
-    each."""
+    """The policy of a server for a batch of environments. Each row has a connection of its own,
+    because a server may keep an episode for each."""
 
     def __init__(
-        self, server: PolicyServer, spaces: tuple[Any, Any], arguments: PolicyArguments | None, can_draw: bool
+        self, server: PolicyServer, spaces: tuple[Any, Any], arguments: PolicyArguments | None,
+        can_draw: bool
     ) -> None:
         self._server = server
         self._request = server.request(spaces[0], arguments)
@@ -217,13 +245,17 @@ class ServedPolicy:
         _check_action_space(spaces[1])
         if self._request.has_pictures and not can_draw:
             raise InvalidValueError(
-                'the policy server gets pictures ("render"), but the system draws none; an environment needs render_mode="rgb_array"'
+                'the policy server gets pictures ("render"), but the system draws none; an '
+                'environment needs render_mode="rgb_array"'
             )
         for axis in self._request.axes:
             if arguments is None or axis.name not in arguments.space:
                 raise InvalidValueError(
                     f"the policy server gets the axis `{axis.name}`, which is not in the space"
-                    + (" of a robot in a file: its instruction must be a text" if arguments is None else "")
+                    + (
+                        " of a robot in a file: its instruction must be a text" if arguments is None
+                        else ""
+                    )
                 )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -233,7 +265,9 @@ class ServedPolicy:
     def reset(self, rows: int) -> None:
         for row in self._rows[rows:]:
             row.close()
-        self._rows = self._rows[:rows] + [_Row(self._server, self._space) for _ in range(rows - len(self._rows))]
+        self._rows = self._rows[:rows] + [
+            _Row(self._server, self._space) for _ in range(rows - len(self._rows))
+        ]
         for row in self._rows:
             row.begin()
         self._batch = Rows([{}] * rows)
@@ -243,16 +277,24 @@ class ServedPolicy:
         self._batch = batch
 
     def act(self, observations: Any, rows: int) -> Any:
-        asking = [row for row in range(rows) if self._batch.is_running(row) and self._rows[row].is_empty]
+        asking = [
+            row for row in range(rows) if self._batch.is_running(row) and self._rows[row].is_empty
+        ]
         pictures: Sequence[Any] = [None] * rows
         if asking and self._request.has_pictures and self._batch.draw is not None:
             pictures = self._batch.draw()
         for row in asking:
             view = View(observations[row], self._batch.scenarios[row], pictures[row])
             instruction = self._server.instruction
-            text = str(view.scenario[instruction.name]) if isinstance(instruction, Axis) else instruction
+            text = (
+                str(view.scenario[instruction.name]) if isinstance(instruction, Axis)
+                else instruction
+            )
             self._rows[row].ask(self._request.of(view), text)
-        return [self._rows[row].next() if self._batch.is_running(row) else idle_action(self._space) for row in range(rows)]
+        return [
+            self._rows[row].next() if self._batch.is_running(row) else idle_action(self._space)
+            for row in range(rows)
+        ]
 
     def __del__(self) -> None:
         for row in self.__dict__.get("_rows", ()):
@@ -287,7 +329,9 @@ class _Row:
             dialog = self._ready(dialog)
         elif dialog is None:
             # The server has lost what it remembered of the episode.
-            raise PolicyServerError(f"the connection to the policy server {server.url} was lost in this episode")
+            raise PolicyServerError(
+                f"the connection to the policy server {server.url} was lost in this episode"
+            )
         try:
             if self._is_start:
                 dialog.start(server.reset, instruction)
@@ -309,7 +353,9 @@ class _Row:
             # Packed, because metadata may contain arrays.
             is_same = MSGPACK_NUMPY.pack(dialog.metadata) == MSGPACK_NUMPY.pack(server.metadata)
         if not is_same:
-            raise dialog.connection.failure("now has other metadata than before the first simulation: it serves another policy")
+            raise dialog.connection.failure(
+                "now has other metadata than before the first simulation: it serves another policy"
+            )
         return dialog
 
     def close(self) -> None:
@@ -319,20 +365,31 @@ class _Row:
 
 
 def actions_of(answer: Any, space: Any, server: PolicyServer) -> list[Any]:
-    """Returns the actions of an answer that are executed: those that the server asks for, as elements of the space.
+    """Returns the actions of an answer that are executed: those that the server asks for, as
+    elements of the space.
 
     >>> server = PolicyServer("ws://localhost:8000", execute=2)
-    >>> actions_of({"actions": np.zeros((10, 7))}, gymnasium_spaces.Box(-1, 1, (7,)), server)[1].shape
+    >>> actions_of(
+    ...     {"actions": np.zeros((10, 7))}, gymnasium_spaces.Box(-1, 1, (7,)), server
+    ... )[1].shape
     (7,)
     """
     if not isinstance(answer, Mapping) or "actions" not in answer:
-        keys = f"has the keys {', '.join(map(str, answer)) or 'none'}" if isinstance(answer, Mapping) else f"is a {type(answer).__name__}"
-        raise PolicyServerError(f"the answer of the policy server {server.url} {keys}; expected a dictionary with `actions`")
+        keys = (
+            f"has the keys {', '.join(map(str, answer)) or 'none'}" if isinstance(answer, Mapping)
+            else f"is a {type(answer).__name__}"
+        )
+        raise PolicyServerError(
+            f"the answer of the policy server {server.url} {keys}; expected a dictionary with "
+            "`actions`"
+        )
     shape = tuple(space.shape or ())
     try:
         actions: NDArray[np.float64] = np.asarray(answer["actions"], dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise PolicyServerError(f"the `actions` of the policy server {server.url} are not numbers: {error}") from error
+        raise PolicyServerError(
+            f"the `actions` of the policy server {server.url} are not numbers: {error}"
+        ) from error
     if actions.shape == shape:
         actions = actions[None]
     if shape == () and actions.ndim == 2 and actions.shape[1] == 1:
@@ -343,8 +400,9 @@ def actions_of(answer: Any, space: Any, server: PolicyServer) -> list[Any]:
         one = " x ".join(map(str, shape)) or "1"
         needed = f", and {count} actions are executed" if server.execute else ""
         raise PolicyServerError(
-            f"the `actions` of the policy server {server.url} have the shape {actions.shape}; expected (horizon, action), where an action "
-            f"of the environment is {one} number{'' if math.prod(shape) == 1 else 's'}{needed}"
+            f"the `actions` of the policy server {server.url} have the shape {actions.shape}; "
+            f"expected (horizon, action), where an action of the environment is {one} "
+            f"number{'' if math.prod(shape) == 1 else 's'}{needed}"
         )
     return [_element(action, space, server) for action in actions[:count]]
 
@@ -356,11 +414,20 @@ def _element(action: NDArray[np.float64], space: Any, server: PolicyServer) -> A
     if not np.isfinite(action).all():
         return action
     if (action != np.rint(action)).any():
-        raise PolicyServerError(f"the policy server {server.url} sent the action {action}; expected whole numbers of the space {space}")
+        raise PolicyServerError(
+            f"the policy server {server.url} sent the action {action}; expected whole numbers of "
+            f"the space {space}"
+        )
     return action.astype(space.dtype) if action.ndim else int(action)
 
 
 def _check_action_space(space: Any) -> None:
-    known = (gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete, gymnasium_spaces.MultiBinary)
+    known = (
+        gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete,
+        gymnasium_spaces.MultiBinary
+    )
     if not isinstance(space, known):
-        raise InvalidTypeError(f"a policy server returns arrays, but the actions of the environment are a {type(space).__name__}")
+        raise InvalidTypeError(
+            "a policy server returns arrays, but the actions of the environment are a "
+            f"{type(space).__name__}"
+        )

@@ -29,16 +29,21 @@ def read(kind: type[Result], text: str, **others: Any) -> Result:
     return results.build(kind, {**json.loads(text), **others})
 
 
-def write_counterexample(run: PathLike, trial: int, simulation: int, path: PathLike) -> pathlib.Path:
+def write_counterexample(
+    run: PathLike, trial: int, simulation: int, path: PathLike
+) -> pathlib.Path:
     """Writes a failing simulation of a run as a counterexample file. Returns the path."""
     file = pathlib.Path(path)
     if file.suffix.lower() != ".json":
-        raise MishandleError(f"the counterexample file is {os.fspath(path)}; its name must end with .json")
+        raise MishandleError(
+            f"the counterexample file is {os.fspath(path)}; its name must end with .json"
+        )
     return write_text(file, _native.counterexample(os.fspath(run), trial, simulation))
 
 
 class RunResult:
-    """A result with a run file. It remembers its system, so that it can simulate more; a copy from pickle has forgotten it."""
+    """A result with a run file. It remembers its system, so that it can simulate more; a copy from
+    pickle has forgotten it."""
 
     run: str | None
 
@@ -59,7 +64,9 @@ class RunResult:
     def remembered(self) -> _native.Target | None:
         return self.__dict__.get("_target")
 
-    def report(self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0) -> None:
+    def report(
+        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
+    ) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
 
         Parameters
@@ -67,14 +74,18 @@ class RunResult:
         path : path
             File to write; an existing file is replaced.
         simulate : bool
-            Whether to measure with the system of this result: sizes of failing patches, repeats with other seeds, noise, corners.
+            Whether to measure with the system of this result: sizes of failing patches, repeats
+            with other seeds, noise, corners.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
         sensitivity : int
-            Number of random scenarios that measure the total effect of each axis on the robustness (Sobol index). 0 skips them.
+            Number of random scenarios that measure the total effect of each axis on the robustness
+            (Sobol index). 0 skips them.
         """
         if self.remembered is None or not simulate:
-            open_run(self.path).report(path, simulate=simulate, probes=probes, sensitivity=sensitivity)
+            open_run(self.path).report(
+                path, simulate=simulate, probes=probes, sensitivity=sensitivity
+            )
             return
         html = _native.report(self.remembered, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)

@@ -21,7 +21,8 @@ def evidence(
     controller: str | None = None,
     target: str | None = None,
 ) -> Evidence:
-    """Writes a folder with run files, pages, the files that simulations need, and hashes of all, which others can verify.
+    """Writes a folder with run files, pages, the files that simulations need, and hashes of all,
+    which others can verify.
 
     Parameters
     ----------
@@ -30,8 +31,8 @@ def evidence(
     out : path
         The folder, which must not exist.
     key : path, optional
-        Key with which ``ssh-keygen`` signs; one with a passphrase must be in an ``ssh-agent``. Without it, hashes show accidents, not
-        forgery.
+        Key with which ``ssh-keygen`` signs; one with a passphrase must be in an ``ssh-agent``.
+        Without it, hashes show accidents, not forgery.
     force : bool
         Replace ``out`` if it is a folder of evidence with no other file.
     controller, target : path, optional
@@ -47,7 +48,10 @@ def evidence(
     >>> [run.page for run in evidence([found.path], folder + "/evidence").runs]
     ['pages/run.html']
     >>> verified = verify_evidence(folder + "/evidence", share=1.0)
-    >>> (verified.is_verified, verified.signature, len(verified.runs[0].replayed) == verified.runs[0].chosen)
+    >>> (
+    ...     verified.is_verified, verified.signature,
+    ...     len(verified.runs[0].replayed) == verified.runs[0].chosen
+    ... )
     (True, 'missing', True)
     """
     if isinstance(runs, (str, os.PathLike)):
@@ -71,18 +75,21 @@ def verify_evidence(
     share: float = 0.05,
     seed: int | None = None,
 ) -> EvidenceVerification:
-    """Checks signature, hashes and run files of a folder that somebody else made, and replays a random share of its simulations.
+    """Checks signature, hashes and run files of a folder that somebody else made, and replays a
+    random share of its simulations.
 
-    What is wrong is part of the result: ``is_verified`` and ``problems``; ``unverified`` has what cannot be checked. Nothing is
-    written, and no program but ``ssh-keygen`` is started, which checks the signature. Systems in Python are not replayed, because their code is not in the folder, so
-    ``is_verified`` is false unless ``share`` is 0: pass the system to :func:`replay`.
+    What is wrong is part of the result: ``is_verified`` and ``problems``; ``unverified`` has what
+    cannot be checked. Nothing is written, and no program but ``ssh-keygen`` is started, which
+    checks the signature. Systems in Python are not replayed, because their code is not in the
+    folder, so ``is_verified`` is false unless ``share`` is 0: pass the system to :func:`replay`.
 
     Parameters
     ----------
     folder : path
         Folder of :func:`evidence` or of ``mishandle evidence``.
     allowed_signers : path, optional
-        File of keys whose signatures count, with a line ``NAME KEY`` for each, as for ``ssh-keygen -Y verify``.
+        File of keys whose signatures count, with a line ``NAME KEY`` for each, as for ``ssh-keygen
+        -Y verify``.
     public_key : path, optional
         The one public key whose signature counts.
     share : float

@@ -14,13 +14,17 @@ from mishandle.base.files import write_text
 
 
 class Explanation(results.Explanation):
-    """When, where and by which predicate a formula is violated or satisfied; ``str`` gives sentences."""
+    """When, where and by which predicate a formula is violated or satisfied; ``str`` gives
+    sentences."""
 
     def __str__(self) -> str:
         lines = list(self.sentences)
         if self.axes_at_nominal is not None and self.axes_at_nominal.axes:
             removing = [each.axis for each in self.axes_at_nominal.axes if each.violated is False]
-            lines.append(f"Axes that remove the failure alone, back at nominal: {', '.join(removing) or 'none'}.")
+            lines.append(
+                "Axes that remove the failure alone, back at nominal: "
+                f"{', '.join(removing) or 'none'}."
+            )
         return "\n".join(lines)
 
 
@@ -46,7 +50,8 @@ class Comparison(results.Comparison):
         return pathlib.Path(self.first.run), pathlib.Path(self.second.run)
 
     def report(self, path: str | os.PathLike[str]) -> None:
-        """Writes a page about the comparison: one HTML file that loads nothing. An existing file is replaced."""
+        """Writes a page about the comparison: one HTML file that loads nothing. An existing file is
+        replaced."""
         html = _native.comparison_page(self.first.run, self.second.run)
         write_text(path, html)
 
@@ -70,11 +75,15 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
 
 
 def diff(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> results.RunDifference:
-    """Returns how two run files differ, of any questions: plan, target, program, results, and simulations with another verdict.
+    """Returns how two run files differ, of any questions: plan, target, program, results, and
+    simulations with another verdict.
 
     Parameters
     ----------
     first, second : path
-        Run files, A and B. ``same_records`` of the result says whether their simulations are the same to the bit.
+        Run files, A and B. ``same_records`` of the result says whether their simulations are the
+        same to the bit.
     """
-    return results.build(results.RunDifference, json.loads(_native.diff(os.fspath(first), os.fspath(second))))
+    return results.build(
+        results.RunDifference, json.loads(_native.diff(os.fspath(first), os.fspath(second)))
+    )

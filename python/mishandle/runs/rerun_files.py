@@ -46,10 +46,11 @@ def to_rerun(
     controller: str | None = None,
     target: str | None = None,
 ) -> pathlib.Path:
-    """Writes a recorded simulation as a file for Rerun: bodies, contacts, cameras, signals and robustness on one timeline.
+    """Writes a recorded simulation as a file for Rerun: bodies, contacts, cameras, signals and
+    robustness on one timeline.
 
-    The simulation runs again. Contact forces are those of the model of its pictures in the recorded states: a scenario that changes the
-    model, such as a friction, has other forces.
+    The simulation runs again. Contact forces are those of the model of its pictures in the recorded
+    states: a scenario that changes the model, such as a friction, has other forces.
 
     Parameters
     ----------
@@ -60,15 +61,17 @@ def to_rerun(
     nominal : bool
         Also write the nominal scenario with the same seed, in a view beside the recorded one.
     trial, number : int, optional
-        The simulation of a run; by default the first counterexample, otherwise the one with the least robustness.
+        The simulation of a run; by default the first counterexample, otherwise the one with the
+        least robustness.
     controller, target : path, optional
         Present paths of the run's controller and target file, if they were moved.
 
     Notes
     -----
-    Below ``failure`` and ``nominal`` are ``bodies/NAME``, ``contacts``, ``cameras/NAME``, ``signals/NAME``, and ``robustness/low`` and
-    ``robustness/high``: the least and the greatest robustness of the formula over all continuations of the episode up to this sample.
-    They are missing where they are infinite.
+    Below ``failure`` and ``nominal`` are ``bodies/NAME``, ``contacts``, ``cameras/NAME``,
+    ``signals/NAME``, and ``robustness/low`` and ``robustness/high``: the least and the greatest
+    robustness of the formula over all continuations of the episode up to this sample. They are
+    missing where they are infinite.
     """
     rr, mujoco = _packages()
     file = pathlib.Path(path)
@@ -76,12 +79,17 @@ def to_rerun(
         raise InvalidValueError(f"the file is {os.fspath(path)}; its name must end with .rrd")
     source = simulation if isinstance(simulation, (str, os.PathLike)) else simulation.path
     scene = _native.recorded_states(
-        os.fspath(source), trial=trial, number=number, controller=controller, target=target, nominal=nominal
+        os.fspath(source), trial=trial, number=number, controller=controller, target=target,
+        nominal=nominal
     )
     if scene["differences"]:
-        raise InvalidValueError("the replay differs from the record: " + "; ".join(scene["differences"]))
+        raise InvalidValueError(
+            "the replay differs from the record: " + "; ".join(scene["differences"])
+        )
     model = mujoco.MjModel.from_xml_string(scene["xml"], scene["assets"])
-    recording = rr.RecordingStream("mishandle", recording_id=f"{scene['target']}-{scene['place'][0]}-{scene['place'][1]}")
+    recording = rr.RecordingStream(
+        "mishandle", recording_id=f"{scene['target']}-{scene['place'][0]}-{scene['place'][1]}"
+    )
     # The only timeline is that of the simulation.
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
@@ -97,16 +105,18 @@ def to_rerun(
 
 def _packages() -> tuple[Any, Any]:
     try:
-        import mujoco  # type: ignore[import-not-found, import-untyped, unused-ignore]
-        import rerun  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        import mujoco
+        import rerun
     except ImportError as error:
-        raise MissingPackageError("recordings for Rerun need rerun-sdk and mujoco: pip install 'mishandle[rerun]'") from error
+        raise MissingPackageError(
+            "recordings for Rerun need rerun-sdk and mujoco: pip install 'mishandle[rerun]'"
+        ) from error
     return rerun, mujoco
 
 
 def _blueprint(roots: Sequence[str]) -> Any:
     """Scenes side by side, and below them signals and robustness of both."""
-    import rerun.blueprint as rrb  # type: ignore[import-not-found, import-untyped, unused-ignore]
+    import rerun.blueprint as rrb
 
     scenes = [rrb.Spatial3DView(origin=f"/{root}", name=root) for root in roots]
     contents = [f"/{root}/{part}/**" for root in roots for part in ("robustness",)]
@@ -114,14 +124,18 @@ def _blueprint(roots: Sequence[str]) -> Any:
         rrb.TimeSeriesView(origin="/", contents=contents, name="robustness"),
         *(rrb.TimeSeriesView(origin=f"/{root}/signals", name=f"signals, {root}") for root in roots),
     ]
-    return rrb.Blueprint(rrb.Vertical(rrb.Horizontal(*scenes), rrb.Horizontal(*charts), row_shares=[3, 2]), collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Vertical(rrb.Horizontal(*scenes), rrb.Horizontal(*charts), row_shares=[3, 2]),
+        collapse_panels=True
+    )
 
 
 class _Episode:
     """An episode below the entity ``root``."""
 
     def __init__(
-        self, rr: Any, mujoco: Any, recording: Any, root: str, model: Any, scene: dict[str, Any], episode: dict[str, Any]
+        self, rr: Any, mujoco: Any, recording: Any, root: str, model: Any, scene: dict[str, Any],
+        episode: dict[str, Any]
     ) -> None:
         self.rr, self.mujoco, self.recording = rr, mujoco, recording
         self.root, self.model, self.scene, self.episode = root, model, scene, episode
@@ -143,13 +157,20 @@ class _Episode:
     def columns(self, parts: Sequence[str], samples: NDArray[np.intp], columns: Any) -> None:
         """Logs a value of each of these samples."""
         times = samples * self.scene["control_dt"]
-        self.recording.send_columns(self.entity(*parts), [self.rr.TimeColumn(TIMELINE, duration=times)], columns)
+        self.recording.send_columns(
+            self.entity(*parts), [self.rr.TimeColumn(TIMELINE, duration=times)], columns
+        )
 
     def facts(self) -> None:
-        lines = [f"formula `{self.scene['formula']}`", f"robustness {self.episode['robustness']}", f"seed {self.episode['seed']}", ""]
+        lines = [
+            f"formula `{self.scene['formula']}`", f"robustness {self.episode['robustness']}",
+            f"seed {self.episode['seed']}", ""
+        ]
         for (name, unit), value in zip(self.scene["axes"], self.episode["scenario"]):
             lines.append(f"- {name} = {'random' if value is None else value} {unit}".rstrip())
-        self.static(["scenario"], self.rr.TextDocument("\n".join(lines), media_type="text/markdown"))
+        self.static(
+            ["scenario"], self.rr.TextDocument("\n".join(lines), media_type="text/markdown")
+        )
         self.static([], self.rr.ViewCoordinates.RIGHT_HAND_Z_UP)
 
     def body(self, index: int) -> str:
@@ -162,7 +183,10 @@ class _Episode:
             shape = self.shape(index)
             if shape is None:
                 continue
-            parts = ["bodies", self.body(int(self.model.geom_bodyid[index])), self.model.geom(index).name or f"geom {index}"]
+            parts = [
+                "bodies", self.body(int(self.model.geom_bodyid[index])),
+                self.model.geom(index).name or f"geom {index}"
+            ]
             pose = self.pose(self.model.geom_pos[index], self.model.geom_quat[index])
             self.static(parts, pose, shape)
         for index in range(self.model.ncam):
@@ -177,7 +201,9 @@ class _Episode:
 
     def pose(self, position: Any, quaternion: Any) -> Any:
         w, x, y, z = quaternion
-        return self.rr.Transform3D(translation=position, quaternion=self.rr.Quaternion(xyzw=[x, y, z, w]))
+        return self.rr.Transform3D(
+            translation=position, quaternion=self.rr.Quaternion(xyzw=[x, y, z, w])
+        )
 
     def shape(self, index: int) -> Any:
         """Returns a geom as a shape of Rerun; None if Rerun has none for it."""
@@ -195,11 +221,14 @@ class _Episode:
             sides = [side if side > 0 else _PLANE for side in size[:2]]
             return rr.Boxes3D(half_sizes=[[*sides, 0.0005]], colors=[color], fill_mode=solid)
         if kind == kinds.mjGEOM_CYLINDER:
-            return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], colors=[color], fill_mode=solid)
+            return rr.Cylinders3D(
+                lengths=[2 * size[1]], radii=[size[0]], colors=[color], fill_mode=solid
+            )
         if kind == kinds.mjGEOM_CAPSULE:
             # Rerun's capsule starts at its origin.
             return rr.Capsules3D(
-                lengths=[2 * size[1]], radii=[size[0]], translations=[[0, 0, -size[1]]], colors=[color], fill_mode=solid
+                lengths=[2 * size[1]], radii=[size[0]], translations=[[0, 0, -size[1]]],
+                colors=[color], fill_mode=solid
             )
         if kind == kinds.mjGEOM_MESH:
             return self.mesh(int(self.model.geom_dataid[index]), color)
@@ -207,7 +236,9 @@ class _Episode:
 
     def color(self, index: int) -> NDArray[np.float64]:
         material = int(self.model.geom_matid[index])
-        return np.asarray(self.model.geom_rgba[index] if material < 0 else self.model.mat_rgba[material])
+        return np.asarray(
+            self.model.geom_rgba[index] if material < 0 else self.model.mat_rgba[material]
+        )
 
     def mesh(self, mesh: int, color: Any) -> Any:
         model = self.model
@@ -228,7 +259,9 @@ class _Episode:
         for sample, state in enumerate(states):
             self.mujoco.mj_setState(model, data, np.ascontiguousarray(state[:size]), kind)
             self.mujoco.mj_forward(model, data)
-            poses.append([data.xpos.copy(), data.xquat.copy(), data.cam_xpos.copy(), data.cam_xmat.copy()])
+            poses.append([
+                data.xpos.copy(), data.xquat.copy(), data.cam_xpos.copy(), data.cam_xmat.copy()
+            ])
             self.recording.set_time(TIMELINE, duration=sample * self.scene["control_dt"])
             self.contacts()
             self.flexes()
@@ -242,7 +275,9 @@ class _Episode:
             # MuJoCo has rows, Rerun columns.
             matrices = turns[:, camera].reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9)
             moves = self.rr.Transform3D.columns(translation=cameras[:, camera], mat3x3=matrices)
-            self.columns(["cameras", model.camera(camera).name or f"camera {camera}"], samples, moves)
+            self.columns(
+                ["cameras", model.camera(camera).name or f"camera {camera}"], samples, moves
+            )
 
     def contacts(self) -> None:
         """Logs an arrow for the force at each contact point of the present state."""
@@ -257,7 +292,9 @@ class _Episode:
                 points.append(contact.pos.copy())
                 forces.append(force)
         vectors = np.reshape(forces, (-1, 3)) * _FORCE
-        arrows = self.rr.Arrows3D(origins=np.reshape(points, (-1, 3)), vectors=vectors, colors=[[220, 50, 30]])
+        arrows = self.rr.Arrows3D(
+            origins=np.reshape(points, (-1, 3)), vectors=vectors, colors=[[220, 50, 30]]
+        )
         self.recording.log(self.entity("contacts"), arrows)
         largest = max((float(np.linalg.norm(force)) for force in forces), default=0.0)
         self.recording.log(self.entity("contact_force"), self.rr.Scalars(largest))
@@ -274,14 +311,19 @@ class _Episode:
         samples = np.arange(len(trace))
         for index, name in enumerate(self.episode["names"]):
             unit = units.get(name, "")
-            self.static(["signals", name], self.rr.SeriesLines(names=[f"{name} ({unit})" if unit else name]))
-            self.columns(["signals", name], samples, self.rr.Scalars.columns(scalars=trace[:, index]))
+            self.static(
+                ["signals", name], self.rr.SeriesLines(names=[f"{name} ({unit})" if unit else name])
+            )
+            self.columns(
+                ["signals", name], samples, self.rr.Scalars.columns(scalars=trace[:, index])
+            )
 
     def robustness(self) -> None:
         """Logs the bounds of the robustness after each sample."""
         names, trace = self.episode["names"], self.episode["trace"]
         monitor = OnlineMonitor(
-            self.scene["formula"], names, period=self.scene["control_dt"], samples=self.scene["steps"] + 1
+            self.scene["formula"], names, period=self.scene["control_dt"],
+            samples=self.scene["steps"] + 1
         )
         bounds = []
         for sample in trace:
@@ -291,5 +333,10 @@ class _Episode:
         for column, name in enumerate(("low", "high")):
             samples = np.flatnonzero(np.isfinite(values[:, column]))
             if len(samples):
-                self.static(["robustness", name], self.rr.SeriesLines(names=[f"{self.root}, {name}"]))
-                self.columns(["robustness", name], samples, self.rr.Scalars.columns(scalars=values[samples, column]))
+                self.static(
+                    ["robustness", name], self.rr.SeriesLines(names=[f"{self.root}, {name}"])
+                )
+                self.columns(
+                    ["robustness", name], samples,
+                    self.rr.Scalars.columns(scalars=values[samples, column])
+                )

@@ -23,13 +23,14 @@ from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Value
 
 if TYPE_CHECKING:
-    import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
+    import pandas
 
 
 @dataclass(frozen=True)
 class RunAxis:
-    """Axis of a recorded space. ``values`` is ``"continuous"``, ``"logarithmic"``, ``"integer"`` or ``"categorical"``; the
-    names of a categorical axis have the numbers ``low``, ``low + 1``, and so on; ``low`` is 0 unless a setting narrowed the axis."""
+    """Axis of a recorded space. ``values`` is ``"continuous"``, ``"logarithmic"``, ``"integer"`` or
+    ``"categorical"``; the names of a categorical axis have the numbers ``low``, ``low + 1``, and so
+    on; ``low`` is 0 unless a setting narrowed the axis."""
 
     name: str
     unit: str
@@ -39,7 +40,8 @@ class RunAxis:
     names: tuple[str, ...] = ()
 
     def value(self, number: float) -> Value:
-        """Returns the value of a recorded number: a name of a categorical axis, an integer of an integer axis.
+        """Returns the value of a recorded number: a name of a categorical axis, an integer of an
+        integer axis.
 
         >>> RunAxis("surface", "", 0, 1, "categorical", ("dry", "wet")).value(1.0)
         'wet'
@@ -62,7 +64,8 @@ class Run:
     path : pathlib.Path
         The file.
     target, formula, search : str
-        Name of the system, text of the requirement, and name of the search; the last is empty for an evaluation.
+        Name of the system, text of the requirement, and name of the search; the last is empty for
+        an evaluation.
     seed : int
         Random seed of the run.
     plan : str
@@ -76,7 +79,8 @@ class Run:
     signals : list of (str, str)
         Name and unit of each signal.
     builds : list of str
-        The programs that made the run: the one that started it, and those that continued it with ``any_build=True``.
+        The programs that made the run: the one that started it, and those that continued it with
+        ``any_build=True``.
     not_covered : list of str
         Parts of the system that its hash does not cover.
     """
@@ -103,37 +107,45 @@ class Run:
         return "[evaluate]" in self.plan.splitlines()
 
     def columns(self) -> dict[str, list[Any]]:
-        """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column per axis and verdict.
+        """Returns all simulations as lists: trial, number, seed, robustness, end, steps, a column
+        per axis and verdict.
 
         A categorical axis has names, an integer axis integers.
         """
         columns = self._native.simulations()
         for axis in self.axes:
-            columns[axis.name] = [None if number is None else axis.value(number) for number in columns[axis.name]]
+            columns[axis.name] = [
+                None if number is None else axis.value(number) for number in columns[axis.name]
+            ]
         return columns
 
     @property
     def simulations(self) -> pandas.DataFrame:
         """All simulations as a data frame of pandas, with the columns of :meth:`columns`."""
         try:
-            import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
+            import pandas
         except ImportError as error:
-            raise MissingPackageError("data frames need pandas: pip install pandas; `columns` returns lists without it") from error
+            raise MissingPackageError(
+                "data frames need pandas: pip install pandas; `columns` returns lists without it"
+            ) from error
         return pandas.DataFrame(self.columns())
 
     def trace(self, trial: int, number: int) -> dict[str, NDArray[np.float64]] | None:
-        """Returns the stored trace of a simulation: an array per signal; ``None`` if it is not stored."""
+        """Returns the stored trace of a simulation: an array per signal; ``None`` if it is not
+        stored."""
         samples = self._native.trace(trial, number)
         if samples is None:
             return None
         return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
 
     def explain(self, trial: int, number: int, *, axes: int = 30) -> Explanation:
-        """Explains when, where and by which predicate a simulation violates or satisfies the formula.
+        """Explains when, where and by which predicate a simulation violates or satisfies the
+        formula.
 
-        A counterexample is explained from its stored trace. A simulation without one is simulated again, and so is a failure
-        with each axis alone at its nominal value, for at most ``axes`` axes. Both work for runs of Mishandle's own tasks and
-        target files only; ``axes_at_nominal.reason`` says so for other systems.
+        A counterexample is explained from its stored trace. A simulation without one is simulated
+        again, and so is a failure with each axis alone at its nominal value, for at most ``axes``
+        axes. Both work for runs of Mishandle's own tasks and target files only;
+        ``axes_at_nominal.reason`` says so for other systems.
         """
         check_number("axes", axes, 0)
         return build(Explanation, json.loads(self._native.explain(trial, number, axes)))
@@ -157,20 +169,24 @@ class Run:
         path : path
             File to write; an existing file is replaced.
         system, formula, space, **target
-            The system of the run, as in :func:`falsify`. A run file never imports code: without a system, only Mishandle's own tasks
-            can be simulated; the page says so if another system cannot.
+            The system of the run, as in :func:`falsify`. A run file never imports code: without a
+            system, only Mishandle's own tasks can be simulated; the page says so if another system
+            cannot.
         simulate : bool
-            Whether to measure what takes simulations: sizes of failing patches, repeats with other seeds, noise, pictures.
+            Whether to measure what takes simulations: sizes of failing patches, repeats with other
+            seeds, noise, pictures.
         probes : int
             Number of random scenarios that estimate the size of a failing patch.
         sensitivity : int
-            Number of random scenarios that measure the total effect of each axis on the robustness (Sobol index): each is simulated
-            twice and once more for each axis. 0 skips them.
+            Number of random scenarios that measure the total effect of each axis on the robustness
+            (Sobol index): each is simulated twice and once more for each axis. 0 skips them.
         """
         if system is None or not simulate:
             html = self._native.report(probes if simulate else None, sensitivity)
         else:
-            made = make_target(system, formula, space, target, lambda space: None, has_metrics=self.is_evaluation)
+            made = make_target(
+                system, formula, space, target, lambda space: None, has_metrics=self.is_evaluation
+            )
             html = _native.report(made.native, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)
 

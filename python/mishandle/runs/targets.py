@@ -1,4 +1,5 @@
-"""Systems as targets: what the arguments of a falsification describe, and its checks before the first simulation."""
+"""Systems as targets: what the arguments of a falsification describe, and its checks before the
+first simulation."""
 
 from __future__ import annotations
 
@@ -51,12 +52,12 @@ from mishandle.systems.tasks import CoreSystem, TaskSystem
 from mishandle.systems.vector_environments import environment_system
 
 Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
-"""A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and ``completion`` define
-metrics. ``None`` selects the formulas of a task."""
+"""A requirement, or formulas by name, the requirement first. ``success``, ``strict``, ``safe`` and
+``completion`` define metrics. ``None`` selects the formulas of a task."""
 
 Space = Union[Sequence[Axis], str, None]
-"""Axes of the scenarios, or the name of a space of a task, such as ``"starts+sensing"``. ``None`` selects the initial box of a
-task."""
+"""Axes of the scenarios, or the name of a space of a task, such as ``"starts+sensing"``. ``None``
+selects the initial box of a task."""
 
 
 DEFAULT_SPACES = {"toy/": "starts", "arch/": "instance-2"}
@@ -75,7 +76,8 @@ class Simulation:
     total_reward: float
     trace: dict[str, NDArray[np.float64]]
     exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of the exceptions of the call that simulated it, if it crashed, or if a policy server did not answer in time."""
+    """Tracebacks of the exceptions of the call that simulated it, if it crashed, or if a policy
+    server did not answer in time."""
     document: results.Simulation | None = field(default=None, repr=False)
     """The result of ``mishandle simulate``, with the explanation; ``None`` in a replay."""
 
@@ -108,23 +110,33 @@ class Target:
         # Signals that no formula reads may be missing at the end.
         trace = {name: column for (name, _), column in zip(self.system.signals, found["samples"].T)}
         keys = ("scenario", "seed", "end", "steps", "robustness", "total_reward")
-        exceptions = self.system.exceptions if found["end"].startswith(("crashed", "timed out")) else []
-        document = results.build(results.Simulation, json.loads(found["document"])) if "document" in found else None
-        return Simulation(trace=trace, exceptions=list(exceptions), document=document, **{key: found[key] for key in keys})
+        exceptions = (
+            self.system.exceptions if found["end"].startswith(("crashed", "timed out")) else []
+        )
+        document = (
+            results.build(results.Simulation, json.loads(found["document"])) if "document" in found
+            else None
+        )
+        return Simulation(
+            trace=trace, exceptions=list(exceptions), document=document,
+            **{key: found[key] for key in keys}
+        )
 
 
 class TargetOptions(TypedDict, total=False):
-    """Keyword arguments that describe a system, the same for :func:`falsify`, :func:`evaluate`, :func:`simulate` and
-    :func:`replay`."""
+    """Keyword arguments that describe a system, the same for :func:`falsify`, :func:`evaluate`,
+    :func:`simulate` and :func:`replay`."""
 
     policy: Any
-    """Policy of an environment or a task; :func:`mishandle.policies.kinds.as_policy` lists the kinds. For a task also the name of
-    a shipped controller, such as ``"ppo"``."""
+    """Policy of an environment or a task; :func:`mishandle.policies.kinds.as_policy` lists the
+    kinds. For a task also the name of a shipped controller, such as ``"ppo"``."""
     batched_policy: bool
-    """Whether a policy that is a function takes a batch of observations and returns one action per row."""
+    """Whether a policy that is a function takes a batch of observations and returns one action per
+    row."""
     cameras: Sequence[str]
-    """Cameras of a task or a target file whose images a policy in Python gets. Its observation is then a dictionary with ``"state"`` and an
-    image of each camera, bytes of the shape (height, width, 3), as that of ``TaskEnv(task, cameras=...)``."""
+    """Cameras of a task or a target file whose images a policy in Python gets. Its observation is
+    then a dictionary with ``"state"`` and an image of each camera, bytes of the shape (height,
+    width, 3), as that of ``TaskEnv(task, cameras=...)``."""
     image_size: tuple[int, int]
     """Width and height of these images, pixels; (64, 64) by default."""
     signals: Mapping[str, Source | tuple[Source, str]]
@@ -132,51 +144,56 @@ class TargetOptions(TypedDict, total=False):
     units: Mapping[str, str]
     """Units of the signals of a function."""
     frame: Frames
-    """Draws samples of a simulation of a function, for reports: ``frame(scenario, trace, samples)`` returns one array (height, width, 3) of
-    bytes for each sample."""
+    """Draws samples of a simulation of a function, for reports: ``frame(scenario, trace, samples)``
+    returns one array (height, width, 3) of bytes for each sample."""
     settle: Settle
-    """Control steps of an environment after its reset and before the first sample, as a number, or with an action as a pair. The action is
-    0, or the value of the space that is nearest to it."""
+    """Control steps of an environment after its reset and before the first sample, as a number, or
+    with an action as a pair. The action is 0, or the value of the space that is nearest to it."""
     invalid: Invalid
-    """Says from observation and ``info`` of an environment, after it settled, whether no episode can start there. Such a simulation ends as
-    an invalid scenario, without a verdict."""
+    """Says from observation and ``info`` of an environment, after it settled, whether no episode
+    can start there. Such a simulation ends as an invalid scenario, without a verdict."""
     steps: int
-    """Number of control steps of an episode; by default the time limit of the environment, or the length of the nominal
-    trace."""
+    """Number of control steps of an episode; by default the time limit of the environment, or the
+    length of the nominal trace."""
     control_dt: float
-    """Duration of a control step, in seconds; by default that of the environment, or 1. It matters for bounds with units."""
+    """Duration of a control step, in seconds; by default that of the environment, or 1. It matters
+    for bounds with units."""
     termination: str
-    """Verdict of an episode that ends before the last control step: ``"undecided"`` (formulas may need the missing samples),
-    ``"hold"`` (the last sample is repeated) or ``"evaluate"`` (the trace is complete)."""
+    """Verdict of an episode that ends before the last control step: ``"undecided"`` (formulas may
+    need the missing samples), ``"hold"`` (the last sample is repeated) or ``"evaluate"`` (the trace
+    is complete)."""
     time_limit: float
     """Wall-clock time limit of a simulation, in seconds."""
     preset: str
     """Task preset: ``"paper"`` or ``"code"``."""
     axes: Mapping[str, float | tuple[float, float] | str]
-    """Axes that have a narrower range ``(low, high)``, a fixed value or a fixed category, by name. With one of our controllers, axes of
-    the task that the space lacks are added to it."""
+    """Axes that have a narrower range ``(low, high)``, a fixed value or a fixed category, by name.
+    With one of our controllers, axes of the task that the space lacks are added to it."""
     stochastic: bool
     """Whether actions of one of our controllers are sampled from its distribution."""
     action_noise: float
     """Standard deviation of the noise that is added to the actions of one of our controllers."""
     observation_noise: float
-    """Standard deviation of the noise that is added to the observations of one of our controllers."""
+    """Standard deviation of the noise that is added to the observations of one of our
+    controllers."""
     guard: Guard | str | os.PathLike[str]
     """Guard of one of our controllers, or its file: see :class:`mishandle.Guard`."""
     requirements: Mapping[str, str]
-    """Requirements by name: texts of formulas, or names of formulas of the target. Each has a result of its own from the same
-    simulations, and a search tries to violate any of them unless it has a ``formula``."""
+    """Requirements by name: texts of formulas, or names of formulas of the target. Each has a
+    result of its own from the same simulations, and a search tries to violate any of them unless it
+    has a ``formula``."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
     """Name of the target; by default that of the function, the environment or the task."""
     version: str
-    """Version of the system, for what its hash does not cover: another text is another system. See ``docs/guide/python.md``."""
+    """Version of the system, for what its hash does not cover: another text is another system. See
+    ``docs/guide/python.md``."""
     files: Sequence[str | os.PathLike[str]]
     """Files whose contents are a part of the system, such as a program that a function starts."""
     executor: str | RayExecutor
-    """``"ray"`` or a :class:`mishandle.RayExecutor` simulates batches on a Ray cluster. The rows of a run do not depend on
-    it."""
+    """``"ray"`` or a :class:`mishandle.RayExecutor` simulates batches on a Ray cluster. The rows of
+    a run do not depend on it."""
 
 
 def make_target(
@@ -188,8 +205,9 @@ def make_target(
     *,
     has_metrics: bool = False,
 ) -> Target:
-    """Returns the target of the arguments. ``check`` gets the space before the system is called for the first time. ``has_metrics``
-    says whether the question has a metric of each formula of a task, as an evaluation does."""
+    """Returns the target of the arguments. ``check`` gets the space before the system is called for
+    the first time. ``has_metrics`` says whether the question has a metric of each formula of a
+    task, as an evaluation does."""
     check_options(options, list(TargetOptions.__annotations__))
     check_steps(options.get("steps"))
     termination = options.get("termination", "undecided")
@@ -199,7 +217,9 @@ def make_target(
     check_settings(options.get("axes", {}))
     executor = options.get("executor")
     if isinstance(executor, str) and executor != "ray":
-        raise InvalidValueError(f"there is no executor {executor!r}; expected 'ray' or a RayExecutor")
+        raise InvalidValueError(
+            f"there is no executor {executor!r}; expected 'ray' or a RayExecutor"
+        )
     policy = as_server(options.get("policy"))
     if isinstance(policy, PolicyServer):
         options = {**options, "policy": policy}
@@ -211,8 +231,12 @@ def make_target(
             raise InvalidValueError(f"there is no ONNX file {policy}")
     if isinstance(system, str) and system.startswith(tuple(DEFAULT_SPACES)):
         # It is its own controller, and only the Rust core knows its spaces.
-        default = next(default for kind, default in DEFAULT_SPACES.items() if system.startswith(kind))
-        return _task_in_space(system, formula, _named(system, space) or default, {"policy": "", **options}, check)
+        default = next(
+            default for kind, default in DEFAULT_SPACES.items() if system.startswith(kind)
+        )
+        return _task_in_space(
+            system, formula, _named(system, space) or default, {"policy": "", **options}, check
+        )
     if isinstance(system, Process):
         return _simulator(system, formula, space, options, check)
     if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):
@@ -220,9 +244,14 @@ def make_target(
     if isinstance(system, str) and policy is None:
         raise InvalidValueError(f"the task {system} needs a policy")
     if isinstance(system, str) and options.get("cameras"):
-        return _in_core(system, formula, _named(system, space), {**options, "policy": policy}, check)
+        return _in_core(
+            system, formula, _named(system, space), {**options, "policy": policy}, check
+        )
     has_file = isinstance(policy, (str, os.PathLike))
-    is_native = any(options.get(name) for name in NATIVE_OPTIONS) or (has_file and bool(options.get("axes")))
+    is_native = (
+        any(options.get(name) for name in NATIVE_OPTIONS)
+        or (has_file and bool(options.get("axes")))
+    )
     if isinstance(system, str) and space is None and is_native:
         space = "starts"
     if isinstance(system, str) and isinstance(space, str):
@@ -277,8 +306,8 @@ def make_target(
         under_test = distributed
     if largest_difference > 0:
         warnings.warn(
-            "the system is not deterministic: two simulations of the same scenario and seed differ by up to "
-            f"{largest_difference:g}; replays are not bit-identical",
+            "the system is not deterministic: two simulations of the same scenario and seed "
+            f"differ by up to {largest_difference:g}; replays are not bit-identical",
             stacklevel=3,
         )
     target_name = "python/" + options.get("name", under_test.name)
@@ -289,12 +318,17 @@ def make_target(
     # A task is the same system whatever a question needs of it.
     signals = system.own_signals if isinstance(system, TaskSystem) else under_test.signals
     stated = formulas if known is None else named_formulas(known)
-    content = [target_name, *(each.digest for each in found.values()), repr(signals), repr(sorted(stated.items()))]
+    content = [
+        target_name, *(each.digest for each in found.values()), repr(signals),
+        repr(sorted(stated.items()))
+    ]
     content += [repr(axis.to_native()) for axis in space]
     content += [repr((under_test.control_dt, under_test.steps, termination)), repr(version), *given]
     components = []
     if policy is not None:
-        components.append(("policy", getattr(policy, "name", type(policy).__name__), _policy_hash(policy, found)))
+        components.append(
+            ("policy", getattr(policy, "name", type(policy).__name__), _policy_hash(policy, found))
+        )
     native = _native.Target(
         name=target_name,
         content="\n".join(content),
@@ -312,7 +346,10 @@ def make_target(
         random_axes=random_axes,
         # Pictures are drawn here, also if a cluster simulates.
         simulate=lambda batch: [
-            outcome.to_native() for outcome in (under_test if local.recording is None else local).simulate([Request(*each) for each in batch])
+            outcome.to_native()
+            for outcome in (under_test if local.recording is None else local).simulate([
+                Request(*each) for each in batch
+            ])
         ],
         painter=Painter(local) if local.has_pictures else None,
     )
@@ -322,8 +359,9 @@ def make_target(
 
 def _warn_of_gaps(not_covered: Sequence[str]) -> None:
     warnings.warn(
-        f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text that you change with them, so that "
-        "resumed runs and comparisons can tell two versions apart",
+        f"the hash of the system does not cover {'; '.join(not_covered)}: pass `version`, a text "
+        "that you change with them, so that resumed runs and comparisons can tell two versions "
+        "apart",
         stacklevel=4,
     )
 
@@ -331,17 +369,27 @@ def _warn_of_gaps(not_covered: Sequence[str]) -> None:
 def _formulas_of_task(
     system: TaskSystem, formula: Formulas, named: Mapping[str, str], has_metrics: bool
 ) -> tuple[Formulas, Formulas]:
-    """Returns all formulas that a question to a task knows, and those that it evaluates. As in the Rust core, only an evaluation
-    evaluates careful success if nothing else reads the signals of the manner, which are computed only if a formula reads them."""
+    """Returns all formulas that a question to a task knows, and those that it evaluates. As in the
+    Rust core, only an evaluation evaluates careful success if nothing else reads the signals of the
+    manner, which are computed only if a formula reads them."""
     all_of_task = system.formulas
-    if isinstance(formula, (str, Formula)) and str(formula) not in all_of_task and system.reads_manner([str(formula)]):
+    if (
+        isinstance(formula, (str, Formula)) and str(formula) not in all_of_task
+        and system.reads_manner([str(formula)])
+    ):
         system.compute_manner()
     known = task_formulas(formula, all_of_task, [name for name, _ in system.signals])
-    texts = {"success": str(known)} if isinstance(known, (str, Formula)) else {name: str(text) for name, text in known.items()}
+    texts = (
+        {"success": str(known)} if isinstance(known, (str, Formula))
+        else {name: str(text) for name, text in known.items()}
+    )
     asked = [all_of_task.get(text, text) for text in named.values()]
     is_given = isinstance(formula, Mapping) or formula == "careful" or "careful" in named.values()
     others = {name: text for name, text in texts.items() if name != "careful"}
-    if "careful" in texts and not (has_metrics or is_given or system.reads_manner([*others.values(), *asked])):
+    if (
+        "careful" in texts
+        and not (has_metrics or is_given or system.reads_manner([*others.values(), *asked]))
+    ):
         return known, others
     if system.reads_manner([*texts.values(), *asked]):
         system.compute_manner()
@@ -351,12 +399,19 @@ def _formulas_of_task(
 def requirements(options: TargetOptions) -> dict[str, str]:
     """Returns the named requirements as a dictionary."""
     found = options.get("requirements", {})
-    if not isinstance(found, Mapping) or not all(isinstance(part, str) for item in found.items() for part in item):
-        raise InvalidTypeError(f"requirements is {found!r}; expected a dictionary of formulas by name")
+    if (
+        not isinstance(found, Mapping)
+        or not all(isinstance(part, str) for item in found.items() for part in item)
+    ):
+        raise InvalidTypeError(
+            f"requirements is {found!r}; expected a dictionary of formulas by name"
+        )
     return dict(found)
 
 
-def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions) -> dict[str, Any]:
+def _roots(
+    system: Any, policy: Any, space: Sequence[Axis], options: TargetOptions
+) -> dict[str, Any]:
     """Returns the functions and objects that decide how a system behaves."""
     if isinstance(system, TaskSystem):
         arguments = {"arguments": system.arguments} if system.arguments else {}
@@ -364,8 +419,13 @@ def _roots(system: Any, policy: Any, space: Sequence[Axis], options: TargetOptio
     if isinstance(system, System):
         return {"system": system.code()}
     applications = {axis.name: axis.apply for axis in space}
-    start: dict[str, Any] = {name: value for name, value in options.items() if name in ("settle", "invalid")}
-    return {"system": system, "policy": policy, "signals": dict(options.get("signals", {})), "axes": applications, **start}
+    start: dict[str, Any] = {
+        name: value for name, value in options.items() if name in ("settle", "invalid")
+    }
+    return {
+        "system": system, "policy": policy, "signals": dict(options.get("signals", {})),
+        "axes": applications, **start
+    }
 
 
 def _policy_hash(policy: Any, found: Mapping[str, Fingerprint]) -> str:
@@ -373,10 +433,14 @@ def _policy_hash(policy: Any, found: Mapping[str, Fingerprint]) -> str:
     return policy_hash(policy) if is_file or "policy" not in found else found["policy"].digest
 
 
-def _versions(system: System, found: Mapping[str, Fingerprint], version: str | None) -> list[tuple[str, str]]:
+def _versions(
+    system: System, found: Mapping[str, Fingerprint], version: str | None
+) -> list[tuple[str, str]]:
     """Returns the versions of the packages that the code of a system names, and its own version."""
     versions = dict(system.versions)
-    for package in [package_of("sys"), *(item for each in found.values() for item in each.packages.items())]:
+    for package in [
+        package_of("sys"), *(item for each in found.values() for item in each.packages.items())
+    ]:
         if package is not None:
             versions[package[0]] = package[1]
     if version is not None:
@@ -393,7 +457,9 @@ def file_hashes(files: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str]
         try:
             found.append((file.name, hashlib.sha256(file.read_bytes()).hexdigest()))
         except OSError as error:
-            raise InvalidValueError(f"the file {file} in `files` cannot be read: {error.strerror}") from error
+            raise InvalidValueError(
+                f"the file {file} in `files` cannot be read: {error.strerror}"
+            ) from error
     return found
 
 
@@ -408,10 +474,11 @@ def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Ax
 
 
 def _robot(
-    path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+    path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the file, another file or a policy in
-    Python."""
+    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the
+    file, another file or a policy in Python."""
     name = _named(str(path), space)
     policy = options.get("policy", "")
     if not isinstance(policy, (str, os.PathLike)):
@@ -422,42 +489,59 @@ def _robot(
 
 
 def _simulator(
-    process: Process, formula: Formulas, space: Space, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+    process: Process, formula: Formulas, space: Space, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a simulator that is a program, which the Rust core asks, with the policy of a file if it needs one."""
+    """Returns a simulator that is a program, which the Rust core asks, with the policy of a file if
+    it needs one."""
     if space is not None and not isinstance(space, str):
         raise InvalidTypeError("the space of a Process is one that its program states, by name")
     policy = options.get("policy", "")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
-            f"the policy of a Process is the path of an ONNX model or of a controller, not a {type(policy).__name__}; a policy in Python "
-            "can be a program that a target file names"
+            "the policy of a Process is the path of an ONNX model or of a controller, not a "
+            f"{type(policy).__name__}; a policy in Python can be a program that a target file names"
         )
     policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
-    return _task_in_space(process.target, formula, space or "", {**options, "policy": policy}, check, folder=str(process.folder))
+    return _task_in_space(
+        process.target, formula, space or "", {**options, "policy": policy}, check,
+        folder=str(process.folder)
+    )
 
 
 def _named(target: str, space: Space) -> str:
     """Returns the name of a space of a target; empty for its first one."""
     if space is not None and not isinstance(space, str):
-        raise InvalidTypeError(f"the space of {target} is one of its own, by name; `mishandle targets {target}` lists them")
+        raise InvalidTypeError(
+            f"the space of {target} is one of its own, by name; `mishandle targets {target}` "
+            "lists them"
+        )
     return space or ""
 
 
 def _in_core(
-    target: str, formula: Formulas, space: str, options: TargetOptions, check: Callable[[Sequence[Axis]], object]
+    target: str, formula: Formulas, space: str, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object]
 ) -> Target:
-    """Returns a task, or a robot that a file describes, with a policy in Python, in a space that the Rust core knows."""
+    """Returns a task, or a robot that a file describes, with a policy in Python, in a space that
+    the Rust core knows."""
     if target.endswith(".toml"):
         check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
     else:
-        check_applicable(options, ("preset", *ROBOT_OPTIONS), "a task with a policy in Python that sees")
+        check_applicable(
+            options, ("preset", *ROBOT_OPTIONS), "a task with a policy in Python that sees"
+        )
     policy, version = options["policy"], options.get("version")
     if isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(f"`cameras` are those of a policy in Python; {os.fspath(policy)} says itself what it sees: leave them out")
+        raise InvalidTypeError(
+            f"`cameras` are those of a policy in Python; {os.fspath(policy)} says itself what it "
+            "sees: leave them out"
+        )
     cameras = checked_cameras(options.get("cameras", ()))
     if "image_size" in options and not cameras:
-        raise InvalidTypeError("the argument `image_size` has no effect without `cameras`; leave it out")
+        raise InvalidTypeError(
+            "the argument `image_size` has no effect without `cameras`; leave it out"
+        )
     size = checked_size("image_size", options.get("image_size", (64, 64)))
     images = [(camera, *size) for camera in cameras]
     system = CoreSystem(target, policy, options.get("batched_policy", False), images)
@@ -489,14 +573,26 @@ def _in_core(
 
     native, _ = make(True)
     nominal = [axis[5] for axis in native.axes]
-    first, second = (_native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0] for _ in range(2))
+    first, second = (
+        _native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0]
+        for _ in range(2)
+    )
     if system.exceptions:
-        raise InvalidStateError(f"the nominal scenario raised an exception:\n{system.exceptions[0]}")
-    _warn_of_nominal([name for name, _ in native.signals], dict(zip([axis[0] for axis in native.axes], nominal)), first["samples"], first["end"])
-    is_deterministic = first["end"] == second["end"] and np.array_equal(first["samples"], second["samples"], equal_nan=True)
+        raise InvalidStateError(
+            f"the nominal scenario raised an exception:\n{system.exceptions[0]}"
+        )
+    _warn_of_nominal(
+        [name for name, _ in native.signals], dict(zip([axis[0] for axis in native.axes], nominal)),
+        first["samples"], first["end"]
+    )
+    is_deterministic = (
+        first["end"] == second["end"]
+        and np.array_equal(first["samples"], second["samples"], equal_nan=True)
+    )
     if not is_deterministic:
         warnings.warn(
-            "the policy is not deterministic: two simulations of the same scenario and seed differ; replays are not bit-identical",
+            "the policy is not deterministic: two simulations of the same scenario and seed "
+            "differ; replays are not bit-identical",
             stacklevel=4,
         )
     # What the simulations changed is a state of the policy.
@@ -514,19 +610,29 @@ def _task_in_space(
     check: Callable[[Sequence[Axis]], object],
     folder: str | None = None,
 ) -> Target:
-    """Returns a task with one of our controllers, which the Rust core simulates: only it has the axes of all spaces. ``folder`` is the
-    working folder of a simulator, which the Rust core asks."""
-    check_applicable(options, ("policy", "preset", "axes", "requirements", *NATIVE_OPTIONS), f"a task in the space {space!r}")
+    """Returns a task with one of our controllers, which the Rust core simulates: only it has the
+    axes of all spaces. ``folder`` is the working folder of a simulator, which the Rust core
+    asks."""
+    check_applicable(
+        options, ("policy", "preset", "axes", "requirements", *NATIVE_OPTIONS),
+        f"a task in the space {space!r}"
+    )
     policy = options.get("policy")
     if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
-            f"the space {space!r} of a task needs the name or path of a controller, not a {type(policy).__name__}; leave out the "
-            "space to test another policy from the initial states, or give a policy that sees its `cameras`"
+            f"the space {space!r} of a task needs the name or path of a controller, not a "
+            f"{type(policy).__name__}; leave out the space to test another policy from the initial "
+            "states, or give a policy that sees its `cameras`"
         )
-    noise = (options.get("stochastic", False), options.get("action_noise", 0.0), options.get("observation_noise", 0.0))
+    noise = (
+        options.get("stochastic", False), options.get("action_noise", 0.0),
+        options.get("observation_noise", 0.0)
+    )
     preset = options.get("preset", "paper")
     guard = guard_text(options.get("guard"))
-    native = _native.Target.of_task(task, os.fspath(policy), preset, space, axis_settings(options), noise, folder, guard)
+    native = _native.Target.of_task(
+        task, os.fspath(policy), preset, space, axis_settings(options), noise, folder, guard
+    )
     return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
 
 
@@ -542,10 +648,14 @@ def _in_named_space(
     """Returns a target that the Rust core simulates in a space that it knows by name."""
     system.signals = native.signals
     if formula is not None and not isinstance(formula, (str, Formula)):
-        raise InvalidTypeError(f"formulas by name are not possible in the space {space!r} of a task; pass one formula")
+        raise InvalidTypeError(
+            f"formulas by name are not possible in the space {space!r} of a task; pass one formula"
+        )
     requirement = None if formula is None else str(formula)
     if requirement is not None:
-        named = task_formulas(requirement, dict(native.formulas), [name for name, _ in native.signals])
+        named = task_formulas(
+            requirement, dict(native.formulas), [name for name, _ in native.signals]
+        )
         Formula(requirement if isinstance(named, str) else dict(native.formulas)[requirement])
     axes = [Axis.from_native(axis) for axis in native.axes]
     check(axes)
@@ -556,7 +666,10 @@ def _in_named_space(
 
 def axis_settings(options: TargetOptions) -> dict[str, Any]:
     """Returns the settings of axes as the native code takes them."""
-    return {name: tuple(setting) if isinstance(setting, list) else setting for name, setting in options.get("axes", {}).items()}
+    return {
+        name: tuple(setting) if isinstance(setting, list) else setting
+        for name, setting in options.get("axes", {}).items()
+    }
 
 
 def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:
@@ -590,29 +703,43 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
             frame=options.get("frame"),
         )
     raise InvalidTypeError(
-        f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment or the name of a task"
+        f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment "
+        "or the name of a task"
     )
 
 
 NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise", "guard")
-COMMON_OPTIONS = ("time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files")
+COMMON_OPTIONS = (
+    "time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files"
+)
 FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
-ENVIRONMENT_OPTIONS = ("policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid", *COMMON_OPTIONS)
+ENVIRONMENT_OPTIONS = (
+    "policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid",
+    *COMMON_OPTIONS
+)
 ROBOT_OPTIONS = (
-    *("policy", "batched_policy", "cameras", "image_size", "axes", "requirements", "name", "version", "files"),
+    *(
+        "policy", "batched_policy", "cameras", "image_size", "axes", "requirements", "name",
+        "version", "files"
+    ),
     *("action_noise", "observation_noise"),
 )
 TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
 
 
 def _probe(system: System, other: System, nominal: Scenario) -> float:
-    """Returns the largest difference between the nominal scenario in two systems; infinity if it ends differently."""
+    """Returns the largest difference between the nominal scenario in two systems; infinity if it
+    ends differently."""
     first, second = (each.simulate([Request(nominal, 0)])[0] for each in (system, other))
     for each in (system, other):
         if each.exceptions:
-            raise InvalidStateError(f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}")
+            raise InvalidStateError(
+                f"the nominal scenario {nominal} raised an exception:\n{each.exceptions[0]}"
+            )
     _warn_of_nominal([name for name, _ in system.signals], nominal, first.samples, first.end)
-    if (first.end, first.steps, first.samples.shape) != (second.end, second.steps, second.samples.shape):
+    if (first.end, first.steps, first.samples.shape) != (
+        second.end, second.steps, second.samples.shape
+    ):
         return float("inf")
     if first.samples.size == 0 or np.array_equal(first.samples, second.samples, equal_nan=True):
         return 0.0
@@ -621,7 +748,9 @@ def _probe(system: System, other: System, nominal: Scenario) -> float:
     return float(np.nanmax(np.abs(first.samples - second.samples)))
 
 
-def _warn_of_nominal(signals: Sequence[str], nominal: Mapping[str, Any], samples: NDArray[np.float64], end: str) -> None:
+def _warn_of_nominal(
+    signals: Sequence[str], nominal: Mapping[str, Any], samples: NDArray[np.float64], end: str
+) -> None:
     """Warns of a nominal scenario without a verdict: probably most scenarios will have none."""
     bad = np.argwhere(~np.isfinite(samples))
     if len(bad) > 0:

@@ -19,8 +19,8 @@ from mishandle.scenarios.axes import (
 
 
 class Applications:
-    """What the values of some axes change in an environment, apart from faults and its policy: attributes to set before the reset, options of the
-    reset, and functions to call after it."""
+    """What the values of some axes change in an environment, apart from faults and its policy:
+    attributes to set before the reset, options of the reset, and functions to call after it."""
 
     def __init__(self, space: Mapping[str, Axis], scenario: Mapping[str, Value]) -> None:
         self.attributes: list[tuple[str, Value]] = []
@@ -47,7 +47,9 @@ class Applications:
             _set_option(options, name, value)
         return options
 
-    def reset(self, environment: Any, seed: int | None, others: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, environment: Any, seed: int | None, others: Mapping[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         """Resets an environment, whose attributes are set already."""
         observation, info = environment.reset(seed=seed, options=self.options(others) or None)
         for function, value in self._functions:
@@ -61,7 +63,10 @@ class PolicyArguments:
 
     def __init__(self, space: Iterable[Axis]) -> None:
         self.space = {axis.name: axis for axis in space}
-        self.axes = {axis.apply.name: axis for axis in self.space.values() if isinstance(axis.apply, PolicyArgument)}
+        self.axes = {
+            axis.apply.name: axis for axis in self.space.values()
+            if isinstance(axis.apply, PolicyArgument)
+        }
         """Axes by the name of the argument."""
 
     def __bool__(self) -> bool:
@@ -70,7 +75,9 @@ class PolicyArguments:
     def of(self, scenario: Mapping[str, Value]) -> dict[str, Value]:
         """Returns the arguments in a scenario.
 
-        >>> PolicyArguments([Axis("estimate_bias", -1, 1, apply=PolicyArgument("bias"))]).of({"estimate_bias": 0.5, "mass": 2.0})
+        >>> PolicyArguments([Axis("estimate_bias", -1, 1, apply=PolicyArgument("bias"))]).of({
+        ...     "estimate_bias": 0.5, "mass": 2.0
+        ... })
         {'bias': 0.5}
         """
         return {argument: scenario[axis.name] for argument, axis in self.axes.items()}
@@ -84,10 +91,13 @@ class PolicyArguments:
         if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
             return
         for argument, axis in self.axes.items():
-            if argument not in parameters or parameters[argument].kind is inspect.Parameter.POSITIONAL_ONLY:
+            if (
+                argument not in parameters
+                or parameters[argument].kind is inspect.Parameter.POSITIONAL_ONLY
+            ):
                 raise InvalidTypeError(
-                    f"the policy has no keyword argument `{argument}`, which the axis `{axis.name}` sets; its arguments: "
-                    f"{', '.join(parameters) or 'none'}"
+                    f"the policy has no keyword argument `{argument}`, which the axis "
+                    f"`{axis.name}` sets; its arguments: {', '.join(parameters) or 'none'}"
                 )
 
 

@@ -23,8 +23,8 @@ _DERIVED = (*_CONSTANTS, "cam_", "light_")
 class Attributes:
     """Sets attributes of one environment, and restores them.
 
-    Fields of a MuJoCo model change together with what MuJoCo's compiler derives of them: the inertia of a body is scaled with its mass,
-    and ``mj_setConst`` computes the constants again.
+    Fields of a MuJoCo model change together with what MuJoCo's compiler derives of them: the
+    inertia of a body is scaled with its mass, and ``mj_setConst`` computes the constants again.
 
     >>> car = {"speeds": [20.0, 30.0]}
     >>> attributes = Attributes()
@@ -74,9 +74,11 @@ class Attributes:
 
 
 def _place(start: Any, path: str) -> tuple[Any, Any, bool]:
-    """Returns the object that has the value of a path, its attribute or key, and whether it is a key.
+    """Returns the object that has the value of a path, its attribute or key, and whether it is a
+    key.
 
-    Raises if there is no such value: setting a new attribute would have no effect on the environment.
+    Raises if there is no such value: setting a new attribute would have no effect on the
+    environment.
     """
     *parents, (name, indexes) = parse_path(path)
     for parent, parent_indexes in parents:
@@ -126,7 +128,10 @@ def _model_of(start: Any, path: str) -> tuple[Any, str] | None:
             start = start[index]
         # robosuite wraps the model.
         for model in (start, getattr(start, "_model", None)):
-            if type(model).__name__ == "MjModel" and type(model).__module__.partition(".")[0] == "mujoco":
+            if (
+                type(model).__name__ == "MjModel"
+                and type(model).__module__.partition(".")[0] == "mujoco"
+            ):
                 return model, field
     return None
 
@@ -159,8 +164,9 @@ def _check_field(field: str) -> None:
     """Warns of a field whose consequences only MuJoCo's compiler computes."""
     if field in ("geom_size", "geom_type", "mesh_vert"):
         warnings.warn(
-            f"an axis sets {field} of a MuJoCo model, which leaves the masses and the bounding spheres of its geometries behind; make a "
-            "new model for each scenario instead, in a function of the axis or in the reset",
+            f"an axis sets {field} of a MuJoCo model, which leaves the masses and the bounding "
+            "spheres of its geometries behind; make a new model for each scenario instead, in a "
+            "function of the axis or in the reset",
             stacklevel=2,
         )
 
@@ -170,7 +176,9 @@ def _arrays(model: Any) -> dict[str, NDArray[Any]]:
     names = _names.get(type(model))
     if names is None:
         found = [name for name in dir(model) if name.startswith(_DERIVED)]
-        names = _names[type(model)] = [name for name in found if isinstance(getattr(model, name), np.ndarray)]
+        names = _names[type(model)] = [
+            name for name in found if isinstance(getattr(model, name), np.ndarray)
+        ]
     return {name: getattr(model, name) for name in names}
 
 

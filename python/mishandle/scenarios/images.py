@@ -21,7 +21,8 @@ _CHANNELS = 3
 
 @dataclass(frozen=True)
 class Image:
-    """An image in an observation: its place, as names in dictionaries and places in tuples, and its size in pixels."""
+    """An image in an observation: its place, as names in dictionaries and places in tuples, and its
+    size in pixels."""
 
     path: tuple[str | int, ...]
     width: int
@@ -34,17 +35,26 @@ class Image:
 
 
 def images_of(space: Any, path: tuple[str | int, ...] = ()) -> tuple[Image, ...]:
-    """Returns the images in the observations of a space: arrays of bytes of the shape (height, width, 3).
+    """Returns the images in the observations of a space: arrays of bytes of the shape (height,
+    width, 3).
 
     >>> camera = gymnasium_spaces.Box(0, 255, (48, 64, 3), np.uint8)
     >>> images_of(gymnasium_spaces.Dict({"speed": gymnasium_spaces.Box(0.0, 1.0), "front": camera}))
     (Image(path=('front',), width=64, height=48),)
     """
     if isinstance(space, gymnasium_spaces.Dict):
-        return tuple(image for name, part in space.spaces.items() for image in images_of(part, (*path, name)))
+        return tuple(
+            image for name, part in space.spaces.items() for image in images_of(part, (*path, name))
+        )
     if isinstance(space, gymnasium_spaces.Tuple):
-        return tuple(image for place, part in enumerate(space.spaces) for image in images_of(part, (*path, place)))
-    if not isinstance(space, gymnasium_spaces.Box) or space.dtype != np.uint8 or len(space.shape) != _CHANNELS:
+        return tuple(
+            image for place, part in enumerate(space.spaces)
+            for image in images_of(part, (*path, place))
+        )
+    if (
+        not isinstance(space, gymnasium_spaces.Box) or space.dtype != np.uint8
+        or len(space.shape) != _CHANNELS
+    ):
         return ()
     height, width, channels = space.shape
     is_image = channels == _CHANNELS and 1 <= width <= _LARGEST and 1 <= height <= _LARGEST
@@ -73,8 +83,11 @@ class SeenImages:
         self._images = images
 
     def observe(self, step: int, observation: Any) -> Any:
-        """Returns what the policy sees of an observation. Other parts than images are those of the observation."""
-        taken = [np.array(_at(observation, image), dtype=np.uint8, order="C") for image in self._images]
+        """Returns what the policy sees of an observation. Other parts than images are those of the
+        observation."""
+        taken = [
+            np.array(_at(observation, image), dtype=np.uint8, order="C") for image in self._images
+        ]
         self._active.observe(step, taken)
         for image, seen in zip(self._images, taken):
             observation = _replaced(image.path, observation, seen)
@@ -88,7 +101,9 @@ def _at(observation: Any, image: Image) -> Any:
         value = value[name]
     expected = (image.height, image.width, _CHANNELS)
     if np.shape(value) != expected:
-        raise InvalidValueError(f"the image `{image.name}` has the shape {np.shape(value)}; its space has {expected}")
+        raise InvalidValueError(
+            f"the image `{image.name}` has the shape {np.shape(value)}; its space has {expected}"
+        )
     return value
 
 

@@ -18,12 +18,16 @@ from mishandle.scenarios.values import numbers_of, parts_of, with_changes
 
 
 class FaultLine:
-    """The faults and the effects on images between the environment and the policy of a system. Without their axes it does nothing.
+    """The faults and the effects on images between the environment and the policy of a system.
+    Without their axes it does nothing.
 
-    ``steps`` and ``control_dt`` are those of the system, ``spaces`` the spaces of its observations and actions.
+    ``steps`` and ``control_dt`` are those of the system, ``spaces`` the spaces of its observations
+    and actions.
     """
 
-    def __init__(self, space: Sequence[Axis], control_dt: float, steps: int, spaces: tuple[Any, Any]) -> None:
+    def __init__(
+        self, space: Sequence[Axis], control_dt: float, steps: int, spaces: tuple[Any, Any]
+    ) -> None:
         self._axes: dict[str, Axis] = {}
         self._image_axes: dict[str, Axis] = {}
         faults: set[FaultSettings] = set()
@@ -40,7 +44,10 @@ class FaultLine:
                 faults.add(settings)
         for function, found in (("faults", faults), ("sight", images)):
             if len(found) > 1:
-                raise InvalidValueError(f"the axes of mishandle.{function} come from different calls; use those of one call")
+                raise InvalidValueError(
+                    f"the axes of mishandle.{function} come from different calls; use those of "
+                    "one call"
+                )
         self._settings = next(iter(faults), None)
         self._image_settings = next(iter(images), None)
         if self._settings is not None:
@@ -60,7 +67,10 @@ class FaultLine:
 
     def __getstate__(self) -> dict[str, Any]:
         # The objects of the extension module cannot be sent to other processes.
-        return {name: self.__dict__[name] for name in ("_axes", "_image_axes", "_settings", "_image_settings")}
+        return {
+            name: self.__dict__[name]
+            for name in ("_axes", "_image_axes", "_settings", "_image_settings")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -76,7 +86,9 @@ class FaultLine:
         """Names of the axes that make an episode depend on its seed."""
         faults = [] if self._native is None else self._native.random_axes
         images = [] if self._native_images is None else self._native_images.random_axes
-        return [name for name in faults if name in self._axes] + [name for name in images if name in self._image_axes]
+        return [name for name in faults if name in self._axes] + [
+            name for name in images if name in self._image_axes
+        ]
 
     def start(self, scenario: Mapping[str, Any], seed: int) -> Disturbed | None:
         """Starts an episode; ``None`` if its scenario has no fault and no effect on images."""
@@ -90,9 +102,11 @@ class FaultLine:
             return None
         return Disturbed(active, seen, self._settings, self._bounds)
 
-    def start_all(self, chunk: Sequence[Request]) -> list[tuple[Sequence[Request], list[Disturbed | None]]]:
-        """Starts the episodes of a chunk. If a fault pauses the policy in one of them, each is a chunk of its own: a policy cannot be
-        paused for one row and act for another one."""
+    def start_all(
+        self, chunk: Sequence[Request]
+    ) -> list[tuple[Sequence[Request], list[Disturbed | None]]]:
+        """Starts the episodes of a chunk. If a fault pauses the policy in one of them, each is a
+        chunk of its own: a policy cannot be paused for one row and act for another one."""
         started = [self.start(request.scenario, request.seed) for request in chunk]
         if any(each is not None and each.has_pause for each in started):
             return [([request], [each]) for request, each in zip(chunk, started)]
@@ -105,19 +119,24 @@ def _numbers(axes: Mapping[str, Axis], scenario: Mapping[str, Any]) -> dict[str,
 
 def _check(settings: FaultSettings, spaces: tuple[Any, Any]) -> None:
     """Checks that faults were made for the spaces of a system."""
-    for what, layout, space in zip(("observation", "action"), (settings.observation, settings.action), spaces):
+    for what, layout, space in zip(
+        ("observation", "action"), (settings.observation, settings.action), spaces
+    ):
         if layout is None:
             continue
         parts = parts_of(space)
         size = sum(part.size for part in parts)
         if size != len(layout.ranges):
             problem = f"{what} has {len(layout.ranges)} numbers, but that of the system has {size}"
-        elif [(part.path, part.size) for part in parts] != [(part.path, part.size) for part in layout.parts]:
+        elif [(part.path, part.size) for part in parts] != [
+            (part.path, part.size) for part in layout.parts
+        ]:
             problem = f"{what} has other parts than that of the system"
         else:
             continue
         raise InvalidValueError(
-            f"the faults were made for an environment whose {problem}; pass the same environment to mishandle.faults and to the question"
+            f"the faults were made for an environment whose {problem}; pass the same environment "
+            "to mishandle.faults and to the question"
         )
 
 
@@ -125,23 +144,28 @@ def _check_images(settings: ImageSettings, space: Any) -> None:
     """Checks that axes of images were made for the observations of a system."""
     if images_of(space) != settings.images:
         raise InvalidValueError(
-            "the axes of images were made for an environment with other images; pass the same environment to mishandle.sight and to the "
-            "question"
+            "the axes of images were made for an environment with other images; pass the same "
+            "environment to mishandle.sight and to the question"
         )
 
 
-def _check_times(what: str, function: str, settings: FaultSettings | ImageSettings, times: tuple[float, int]) -> None:
-    """Checks that what a function of this package made has the control period and the control steps of a system."""
+def _check_times(
+    what: str, function: str, settings: FaultSettings | ImageSettings, times: tuple[float, int]
+) -> None:
+    """Checks that what a function of this package made has the control period and the control steps
+    of a system."""
     control_dt, steps = times
     if settings.control_dt != control_dt:
         raise InvalidValueError(
-            f"{what} were made for a control period of {settings.control_dt:g} s, but that of the system is "
-            f"{control_dt:g} s, so their times would be wrong; pass the same `control_dt` to mishandle.{function} and to the question"
+            f"{what} were made for a control period of {settings.control_dt:g} s, but that of the "
+            f"system is {control_dt:g} s, so their times would be wrong; pass the same "
+            f"`control_dt` to mishandle.{function} and to the question"
         )
     if settings.steps != steps:
         raise InvalidValueError(
-            f"{what} were made for episodes of {settings.steps} control steps, but those of the system have "
-            f"{steps}, so the bounds of their times would be wrong; pass the same `steps` to mishandle.{function} and to the question"
+            f"{what} were made for episodes of {settings.steps} control steps, but those of the "
+            f"system have {steps}, so the bounds of their times would be wrong; pass the same "
+            f"`steps` to mishandle.{function} and to the question"
         )
 
 
@@ -165,7 +189,8 @@ class Disturbed:
         self.has_pause = active is not None and active.has_pause()
 
     def observe(self, step: int, observation: Any) -> Any:
-        """Returns what the policy sees of an observation. Numbers that no fault changes are those of the observation."""
+        """Returns what the policy sees of an observation. Numbers that no fault changes are those
+        of the observation."""
         if self._images is not None:
             observation = self._images.observe(step, observation)
         if self._active is None or not self._observed:
@@ -189,8 +214,8 @@ class Disturbed:
         return action
 
     def act(self, step: int, action: Any) -> Any:
-        """Returns the action that the environment gets. Numbers that no fault changes are those of the action, also outside of the
-        space; faults see it clipped to its range."""
+        """Returns the action that the environment gets. Numbers that no fault changes are those of
+        the action, also outside of the space; faults see it clipped to its range."""
         if self._active is None or self._bounds is None:
             return action
         low, high = self._bounds

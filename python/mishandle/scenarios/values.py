@@ -18,8 +18,8 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 class Part:
     """The numbers of one array in an observation or action.
 
-    ``path`` has its names in dictionaries and its places in tuples, ``first`` is its first number in the flat array, and ``kind``
-    says whether it has real or whole numbers.
+    ``path`` has its names in dictionaries and its places in tuples, ``first`` is its first number
+    in the flat array, and ``kind`` says whether it has real or whole numbers.
     """
 
     path: tuple[str | int, ...]
@@ -34,7 +34,9 @@ class Part:
         return slice(self.first, self.first + self.size)
 
 
-def leaves(space: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+def leaves(
+    space: Any, path: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], Any]]:
     """Yields the path and the space of each array in the values of a space."""
     if isinstance(space, gymnasium_spaces.Dict):
         for name, part in space.spaces.items():
@@ -42,11 +44,14 @@ def leaves(space: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple
     elif isinstance(space, gymnasium_spaces.Tuple):
         for place, part in enumerate(space.spaces):
             yield from leaves(part, (*path, place))
-    elif isinstance(space, (gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete)):
+    elif isinstance(
+        space, (gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete)
+    ):
         yield path, space
     else:
         raise InvalidTypeError(
-            f"faults of a {type(space).__name__} are not known: only of Box, Discrete, MultiDiscrete, and a Dict or Tuple of them"
+            f"faults of a {type(space).__name__} are not known: only of Box, Discrete, "
+            "MultiDiscrete, and a Dict or Tuple of them"
         )
 
 
@@ -54,7 +59,10 @@ def parts_of(space: Any) -> tuple[Part, ...]:
     """Returns the parts of the values of a space.
 
     >>> speed, gear = gymnasium_spaces.Box(0.0, 1.0, (2,)), gymnasium_spaces.Discrete(3)
-    >>> [(part.path, part.first) for part in parts_of(gymnasium_spaces.Dict({"speed": speed, "gear": gear}))]
+    >>> [
+    ...     (part.path, part.first)
+    ...     for part in parts_of(gymnasium_spaces.Dict({"speed": speed, "gear": gear}))
+    ... ]
     [(('gear',), 0), (('speed',), 1)]
     """
     found: list[Part] = []
@@ -69,7 +77,9 @@ def parts_of(space: Any) -> tuple[Part, ...]:
 def numbers_of(parts: Sequence[Part], value: Any) -> NDArray[np.float64]:
     """Returns the numbers of a value in a new array. Names count, not the order of a dictionary.
 
-    >>> pair = gymnasium_spaces.Dict({"a": gymnasium_spaces.Discrete(5), "b": gymnasium_spaces.Discrete(5)})
+    >>> pair = gymnasium_spaces.Dict({
+    ...     "a": gymnasium_spaces.Discrete(5), "b": gymnasium_spaces.Discrete(5)
+    ... })
     >>> numbers_of(parts_of(pair), {"b": 2, "a": 1})
     array([1., 2.])
     """
@@ -83,20 +93,30 @@ def _numbers(part: Part, value: Any) -> NDArray[np.float64]:
         try:
             value = value[name]
         except (LookupError, TypeError):
-            raise InvalidValueError(f"an observation or action lacks the part {name!r} of its space") from None
+            raise InvalidValueError(
+                f"an observation or action lacks the part {name!r} of its space"
+            ) from None
     numbers = np.array(value, dtype=np.float64).reshape(-1)
     if len(numbers) != part.size:
         where = "".join(f"[{name!r}]" for name in part.path)
-        raise InvalidValueError(f"an observation or action{where} has {len(numbers)} numbers; its space has {part.size}")
+        raise InvalidValueError(
+            f"an observation or action{where} has {len(numbers)} numbers; its space has {part.size}"
+        )
     return numbers
 
 
-def with_changes(parts: Sequence[Part], value: Any, before: NDArray[np.float64], after: NDArray[np.float64]) -> Any:
-    """Returns a value whose numbers that differ between two flat arrays are those of the second one. It shares the parts without
-    a change with ``value``, and is ``value`` if no number differs.
+def with_changes(
+    parts: Sequence[Part], value: Any, before: NDArray[np.float64], after: NDArray[np.float64]
+) -> Any:
+    """Returns a value whose numbers that differ between two flat arrays are those of the second
+    one. It shares the parts without a change with ``value``, and is ``value`` if no number differs.
 
-    >>> pair = gymnasium_spaces.Dict({"a": gymnasium_spaces.Discrete(5), "b": gymnasium_spaces.Discrete(5)})
-    >>> with_changes(parts_of(pair), {"b": 2, "a": 1}, np.array([1.0, 2.0]), np.array([4.0, 2.0]))["a"]
+    >>> pair = gymnasium_spaces.Dict({
+    ...     "a": gymnasium_spaces.Discrete(5), "b": gymnasium_spaces.Discrete(5)
+    ... })
+    >>> with_changes(
+    ...     parts_of(pair), {"b": 2, "a": 1}, np.array([1.0, 2.0]), np.array([4.0, 2.0])
+    ... )["a"]
     np.int64(4)
     """
     # The fastest comparison of short arrays. Equal NaNs are equal.
@@ -112,7 +132,8 @@ def with_changes(parts: Sequence[Part], value: Any, before: NDArray[np.float64],
 
 
 def _replaced(
-    part: Part, path: tuple[str | int, ...], value: Any, before: NDArray[np.float64], after: NDArray[np.float64]
+    part: Part, path: tuple[str | int, ...], value: Any, before: NDArray[np.float64],
+    after: NDArray[np.float64]
 ) -> Any:
     if path:
         made = _replaced(part, path[1:], value[path[0]], before, after)
@@ -130,7 +151,8 @@ def _replaced(
 
 
 def all_numbers(value: Any) -> NDArray[Any]:
-    """Returns all numbers of an observation or action of any space, those of a dictionary in the order of its names."""
+    """Returns all numbers of an observation or action of any space, those of a dictionary in the
+    order of its names."""
     if isinstance(value, Mapping):
         return np.concatenate([all_numbers(value[key]) for key in sorted(value)])
     if isinstance(value, tuple):
@@ -139,7 +161,8 @@ def all_numbers(value: Any) -> NDArray[Any]:
 
 
 def idle_action(space: Any) -> Any:
-    """Returns the action before the first one of a policy: 0, or the value of the space that is nearest to it.
+    """Returns the action before the first one of a policy: 0, or the value of the space that is
+    nearest to it.
 
     >>> idle_action(gymnasium_spaces.Box(0.5, 1.0, (2,)))
     array([0.5, 0.5], dtype=float32)
@@ -155,7 +178,9 @@ def idle_action(space: Any) -> Any:
     if isinstance(space, gymnasium_spaces.Discrete):
         return np.clip(np.int64(0), space.start, space.start + space.n - 1)
     if isinstance(space, gymnasium_spaces.MultiDiscrete):
-        return np.clip(np.zeros_like(space.nvec), space.start, space.start + space.nvec - 1).astype(space.dtype)
+        return np.clip(
+            np.zeros_like(space.nvec), space.start, space.start + space.nvec - 1
+        ).astype(space.dtype)
     # Other spaces have a value of zeros in Gymnasium.
     one = batch_space(space, 1)
     return next(iter(iterate(one, create_empty_array(space, 1, np.zeros))))

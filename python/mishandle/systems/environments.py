@@ -68,7 +68,10 @@ class PolicySystem(System):
         self.name = spec_name(environment)
         self.starts = Starts(settle, invalid, spaces[1])
         # A time limit of the environment counts the control steps in which it settles.
-        self.steps = episode_steps(environment, steps) if steps is not None else episode_steps(environment, None) - self.starts.steps
+        self.steps = (
+            episode_steps(environment, steps) if steps is not None
+            else episode_steps(environment, None) - self.starts.steps
+        )
         self.control_dt = control_dt if control_dt is not None else control_period(environment)
         self.knows_control_dt = control_dt is not None or states_control_dt(environment)
         self.faults = FaultLine(space, self.control_dt, self.steps, (spaces[0], spaces[1]))
@@ -80,9 +83,11 @@ class PolicySystem(System):
         applications = [axis.apply for axis in self.space.values()]
         return [self._environment.unwrapped, self._policy_source, self.sources, applications]
 
-    def first_sample(self, unwrapped: Any, observation: Any, info: Mapping[str, Any]) -> tuple[list[float], list[int]]:
-        """Returns the signals after a reset, and the columns of values that only the ``info`` of a step contains; they are NaN
-        until :func:`complete` sets them."""
+    def first_sample(
+        self, unwrapped: Any, observation: Any, info: Mapping[str, Any]
+    ) -> tuple[list[float], list[int]]:
+        """Returns the signals after a reset, and the columns of values that only the ``info`` of a
+        step contains; they are NaN until :func:`complete` sets them."""
         late = []
         for column, (source, read) in enumerate(zip(self.sources, self._readers)):
             source = source.source if isinstance(source, Reduced) else source
@@ -98,7 +103,9 @@ class PolicySystem(System):
             values.append(math.nan if column in late else read(unwrapped, observation, info, 0.0))
         return values, late
 
-    def sample(self, unwrapped: Any, observation: Any, info: Mapping[str, Any], reward: float) -> list[float]:
+    def sample(
+        self, unwrapped: Any, observation: Any, info: Mapping[str, Any], reward: float
+    ) -> list[float]:
         """Returns the signals at one sample of an environment without its wrappers."""
         try:
             return [read(unwrapped, observation, info, reward) for read in self._readers]
@@ -109,12 +116,16 @@ class PolicySystem(System):
                 except (LookupError, AttributeError, TypeError, ValueError) as error:
                     text = source if isinstance(source, (str, Reduced)) else "a function"
                     raise InvalidValueError(
-                        f"the signal `{name}` has no value: its source is {text}, and {type(error).__name__}: {error}"
+                        f"the signal `{name}` has no value: its source is {text}, and "
+                        f"{type(error).__name__}: {error}"
                     ) from error
             raise
 
-    def act(self, observations: list[Any], times: Sequence[Time]) -> tuple[tuple[str, str] | None, Any]:
-        """Returns the end of the simulations and its reason if the policy fails, and its actions. The simulations share its time."""
+    def act(
+        self, observations: list[Any], times: Sequence[Time]
+    ) -> tuple[tuple[str, str] | None, Any]:
+        """Returns the end of the simulations and its reason if the policy fails, and its actions.
+        The simulations share its time."""
         try:
             if self.time_limit is None:
                 return None, self._actions(observations)
@@ -135,26 +146,35 @@ class PolicySystem(System):
     def _actions(self, observations: list[Any]) -> Any:
         actions = self.policy.act(observations, len(observations))
         if len(actions) != len(observations):
-            raise InvalidValueError(f"the policy returned {len(actions)} actions for {len(observations)} observations")
+            raise InvalidValueError(
+                f"the policy returned {len(actions)} actions for {len(observations)} observations"
+            )
         return actions
 
 
 class EnvironmentSystem(PolicySystem):
-    """A Gymnasium environment with a policy. The sub-environments of a ``SyncVectorEnv`` are stepped together."""
+    """A Gymnasium environment with a policy. The sub-environments of a ``SyncVectorEnv`` are
+    stepped together."""
 
-    def __init__(self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> None:
+    def __init__(
+        self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any
+    ) -> None:
         self._environments: list[Any] = list(getattr(environment, "envs", None) or [environment])
         first = self._environments[0]
         if not isinstance(first, gymnasium.Env):
-            raise InvalidTypeError(f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them")
+            raise InvalidTypeError(
+                f"a {type(environment).__name__} is not a Gymnasium environment or a vector of them"
+            )
         if any(each.has_wrapper_attr("draws_scenarios") for each in self._environments):
             raise InvalidTypeError(
-                "a ScenarioEnv draws scenarios of its own, so it cannot be given one: pass the environment without this wrapper"
+                "a ScenarioEnv draws scenarios of its own, so it cannot be given one: pass the "
+                "environment without this wrapper"
             )
         if len({id(each.unwrapped) for each in self._environments}) < len(self._environments):
             raise InvalidValueError(
-                "two sub-environments of the vector environment are the same object, so they cannot have scenarios of their own; each "
-                "function of the vector environment must make a new one"
+                "two sub-environments of the vector environment are the same object, so they "
+                "cannot have scenarios of their own; each function of the vector environment must "
+                "make a new one"
             )
         super().__init__(first, policy, space, **options)
         self.has_pictures = first.render_mode == "rgb_array"
@@ -177,12 +197,17 @@ class EnvironmentSystem(PolicySystem):
         size = len(self._environments)
         chunks = [batch[first : first + size] for first in range(0, len(batch), size)]
         return [
-            outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
+            outcome for chunk in chunks for part in self.faults.start_all(chunk)
+            for outcome in self._together(*part)
         ]
 
-    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(
+        self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]
+    ) -> list[Outcome]:
         given = zip(self._environments, chunk, faults)
-        rows = [_Row(self, environment, request, disturbed) for environment, request, disturbed in given]
+        rows = [
+            _Row(self, environment, request, disturbed) for environment, request, disturbed in given
+        ]
         try:
             return self._run(rows)
         finally:
@@ -196,7 +221,10 @@ class EnvironmentSystem(PolicySystem):
             row.check_own()
         for row in rows:
             row.reset()
-        batch = Rows([row.scenario for row in rows], lambda: [row.draw() for row in rows], lambda row: rows[row].outcome is None)
+        batch = Rows(
+            [row.scenario for row in rows], lambda: [row.draw() for row in rows],
+            lambda row: rows[row].outcome is None
+        )
         start(self.policy, self.arguments, batch)
         for step in range(1, self.steps + 1):
             running = [row for row in rows if row.outcome is None]
@@ -211,7 +239,9 @@ class EnvironmentSystem(PolicySystem):
                     row.step(None, step)
                 continue
             observations = [running[0].seen if row.seen is None else row.seen for row in rows]
-            failure, actions = self.act(observations, [] if self.time_limit is None else [row.time for row in running])
+            failure, actions = self.act(
+                observations, [] if self.time_limit is None else [row.time for row in running]
+            )
             if failure is not None:
                 end, reason = failure
                 for row in rows:
@@ -225,7 +255,10 @@ class EnvironmentSystem(PolicySystem):
 class _Row:
     """One simulation in one environment."""
 
-    def __init__(self, system: EnvironmentSystem, environment: Any, request: Request, faults: Disturbed | None) -> None:
+    def __init__(
+        self, system: EnvironmentSystem, environment: Any, request: Request,
+        faults: Disturbed | None
+    ) -> None:
         self._system = system
         self.scenario = request.scenario
         self._applications = Applications(system.space, request.scenario)
@@ -255,11 +288,15 @@ class _Row:
 
     def check_own(self) -> None:
         """Checks that no other row has set the same attributes since."""
-        if self.outcome is None and not all(map(np.array_equal, self.attributes.values(), self._own)):
+        if (
+            self.outcome is None
+            and not all(map(np.array_equal, self.attributes.values(), self._own))
+        ):
             paths = ", ".join(path for path, _ in self._applications.attributes)
             raise InvalidValueError(
-                f"the sub-environments of the vector environment share what the axes set ({paths}), so they cannot have scenarios of "
-                "their own; each sub-environment needs objects of its own"
+                "the sub-environments of the vector environment share what the axes set "
+                f"({paths}), so they cannot have scenarios of their own; each sub-environment "
+                "needs objects of its own"
             )
 
     def reset(self) -> None:
@@ -288,10 +325,14 @@ class _Row:
 
     def see(self, step: int) -> None:
         """Sets what the policy sees in a control step, counted from 0."""
-        self.seen = self.observation if self._faults is None else self._faults.observe(step, self.observation)
+        self.seen = (
+            self.observation if self._faults is None
+            else self._faults.observe(step, self.observation)
+        )
 
     def is_paused(self, step: int) -> bool:
-        """Returns whether a fault keeps the policy from acting in a control step, counted from 0."""
+        """Returns whether a fault keeps the policy from acting in a control step, counted from
+        0."""
         return self._faults is not None and self._faults.is_paused(step)
 
     def step(self, action: Any, step: int) -> None:
@@ -353,7 +394,9 @@ class _Row:
     def finish(self) -> Outcome:
         outcome = self.outcome or Outcome("completed", np.zeros((0, 0)), self._steps)
         # Without a step, the first sample lacks values.
-        outcome.samples = np.asarray([] if self._late else self._samples, dtype=np.float64).reshape(-1, len(self._system.signals))
+        outcome.samples = np.asarray([] if self._late else self._samples, dtype=np.float64).reshape(
+            -1, len(self._system.signals)
+        )
         outcome.total_reward = self._total_reward
         return outcome
 
@@ -377,11 +420,16 @@ _FEW = 32
 def first_not_finite(action: Any) -> int | None:
     """Returns the index of the first number of an action that is NaN or infinite.
 
-    >>> first_not_finite(np.array([0.5, np.nan])), first_not_finite([0.5, 1.0]), first_not_finite({"gear": 1, "force": np.inf})
+    >>> first_not_finite(np.array([0.5, np.nan])), first_not_finite([0.5, 1.0]), first_not_finite({
+    ...     "gear": 1, "force": np.inf
+    ... })
     (1, None, 0)
     """
     # Most actions are short arrays, which Python checks faster than NumPy.
-    if type(action) is np.ndarray and action.ndim == 1 and action.dtype.kind == "f" and len(action) <= _FEW:
+    if (
+        type(action) is np.ndarray and action.ndim == 1 and action.dtype.kind == "f"
+        and len(action) <= _FEW
+    ):
         if all(map(math.isfinite, action.tolist())):
             return None
     elif isinstance(action, (int, np.integer)):
@@ -398,22 +446,33 @@ Reader = Callable[[Any, Any, Mapping[str, Any], float], float]
 
 
 def _reader(source: Source, physics_steps: PhysicsSteps) -> Reader:
-    """Returns the function from unwrapped environment, observation, info and reward to the value of a signal."""
+    """Returns the function from unwrapped environment, observation, info and reward to the value of
+    a signal."""
     if not isinstance(source, Reduced):
         read = _values(source)
-        return lambda environment, observation, info, reward: float(read(environment, observation, info, reward))
+        return lambda environment, observation, info, reward: float(
+            read(environment, observation, info, reward)
+        )
     several = _values(source.source)
     reduced = source
     if not reduced.reads_physics_steps:
-        return lambda environment, observation, info, reward: reduced.reduce(several(environment, observation, info, reward))
+        return lambda environment, observation, info, reward: reduced.reduce(
+            several(environment, observation, info, reward)
+        )
     if callable(source.source) and _positional_parameters(source.source) >= 2:
-        raise InvalidTypeError("a source that is read after each physics step is a function of the environment; it has no observation there")
+        raise InvalidTypeError(
+            "a source that is read after each physics step is a function of the environment; it "
+            "has no observation there"
+        )
     number = physics_steps.add(reduced, lambda environment: several(environment, None, {}, 0.0))
     return lambda environment, observation, info, reward: number(environment)
 
 
-def _values(source: str | Callable[..., Any]) -> Callable[[Any, Any, Mapping[str, Any], float], Any]:
-    """Returns the function from unwrapped environment, observation, info and reward to the value of a source."""
+def _values(
+    source: str | Callable[..., Any]
+) -> Callable[[Any, Any, Mapping[str, Any], float], Any]:
+    """Returns the function from unwrapped environment, observation, info and reward to the value of
+    a source."""
     if callable(source):
         function = source
         if _positional_parameters(function) >= 2:
@@ -447,7 +506,9 @@ def _positional_parameters(function: Callable[..., Any]) -> int:
     except (TypeError, ValueError):
         return 1
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(parameter.kind in kinds and parameter.default is parameter.empty for parameter in parameters)
+    return sum(
+        parameter.kind in kinds and parameter.default is parameter.empty for parameter in parameters
+    )
 
 
 @dataclass
@@ -466,14 +527,24 @@ def sources_and_signals(
 ) -> tuple[list[Source], list[tuple[str, str]]]:
     """Returns the source of each signal, and its name and unit."""
     if not signals:
-        raise InvalidValueError('an environment needs signals, for instance signals={"x": "obs[0]"}')
-    pairs = {name: source if isinstance(source, tuple) else (source, "") for name, source in signals.items()}
-    return [source for source, _ in pairs.values()], [(name, unit) for name, (_, unit) in pairs.items()]
+        raise InvalidValueError(
+            'an environment needs signals, for instance signals={"x": "obs[0]"}'
+        )
+    pairs = {
+        name: source if isinstance(source, tuple) else (source, "")
+        for name, source in signals.items()
+    }
+    return [source for source, _ in pairs.values()], [
+        (name, unit) for name, (_, unit) in pairs.items()
+    ]
 
 
 def spec_name(environment: Any) -> str:
     """Returns the name of an environment: that of its registration or of its class."""
-    return str(environment.spec.id) if environment.spec is not None else type(environment.unwrapped).__name__
+    return (
+        str(environment.spec.id) if environment.spec is not None
+        else type(environment.unwrapped).__name__
+    )
 
 
 def episode_steps(environment: Any, steps: int | None) -> int:
@@ -482,12 +553,15 @@ def episode_steps(environment: Any, steps: int | None) -> int:
     if limit is None:
         limit = getattr(environment.unwrapped, "max_episode_steps", None)
     if steps is None and limit is None:
-        raise InvalidValueError("the environment has no time limit; pass the number of control steps as `steps`")
+        raise InvalidValueError(
+            "the environment has no time limit; pass the number of control steps as `steps`"
+        )
     return int(steps if steps is not None else limit or 0)
 
 
 def states_control_dt(environment: Any) -> bool:
-    """Returns whether the environment has the attribute ``dt``. The frame rate of its videos can differ from its control rate."""
+    """Returns whether the environment has the attribute ``dt``. The frame rate of its videos can
+    differ from its control rate."""
     dt = getattr(environment.unwrapped, "dt", None)
     return isinstance(dt, (int, float)) and dt > 0
 

@@ -33,7 +33,10 @@ class FunctionSystem(System):
         frame: Frames | None = None,
     ) -> None:
         if frame is not None and not callable(frame):
-            raise InvalidTypeError(f"frame is a {type(frame).__name__}; expected a function frame(scenario, trace, samples)")
+            raise InvalidTypeError(
+                f"frame is a {type(frame).__name__}; expected a function frame(scenario, trace, "
+                "samples)"
+            )
         self._frame = frame
         self.has_pictures = frame is not None
         self._function = function
@@ -55,11 +58,15 @@ class FunctionSystem(System):
             with limited(time_limit):
                 trace = self._call(nominal, 0)
         except TimeLimitExceeded:
-            raise InvalidValueError(f"the nominal scenario takes longer than the time limit of {time_limit} s") from None
+            raise InvalidValueError(
+                f"the nominal scenario takes longer than the time limit of {time_limit} s"
+            ) from None
         first = columns_of(trace)
         samples = len(next(iter(first.values()), []))
         if samples < 2:
-            raise InvalidValueError(f"the trace of the nominal scenario has {samples} samples; expected at least 2")
+            raise InvalidValueError(
+                f"the trace of the nominal scenario has {samples} samples; expected at least 2"
+            )
         self.steps = samples - 1 if steps is None else steps
         self.signals = [(name, units.get(name, "")) for name in first]
 
@@ -94,7 +101,9 @@ class FunctionSystem(System):
             self._warn_of_cut(scenario, len(samples))
             samples = samples[: self.steps + 1]
         if len(samples) == 0:
-            self.exceptions += [f"the trace of scenario {scenario} has no samples"][: 10 - len(self.exceptions)]
+            self.exceptions += [f"the trace of scenario {scenario} has no samples"][
+                : 10 - len(self.exceptions)
+            ]
             return Outcome("crashed", nothing, 0, reason="the trace has no samples")
         steps = len(samples) - 1
         if steps < self.steps:
@@ -102,25 +111,29 @@ class FunctionSystem(System):
         return Outcome("completed", samples, steps)
 
     def _warn_of_processes(self) -> None:
-        """Warns of processes that live on after a time-out: the next scenario can get their late answers."""
+        """Warns of processes that live on after a time-out: the next scenario can get their late
+        answers."""
         if self._has_process:
             return
         for process in walk(self._function).processes:
             if process.poll() is None:
                 self._has_process = True
                 warnings.warn(
-                    f"a simulation timed out, and the process {process.pid} that the function talks to still runs: unless its answers "
-                    "say to which scenario they belong, the next scenario gets the late one. Kill and restart the process when a "
-                    "mishandle.errors.TimeLimitExceeded passes the function, or use mishandle.Process",
+                    f"a simulation timed out, and the process {process.pid} that the function "
+                    "talks to still runs: unless its answers say to which scenario they belong, "
+                    "the next scenario gets the late one. Kill and restart the process when a "
+                    "mishandle.errors.TimeLimitExceeded passes the function, or use "
+                    "mishandle.Process",
                     stacklevel=2,
                 )
 
     def _warn_of_cut(self, scenario: Scenario, samples: int) -> None:
         if not self._has_cut:
             warnings.warn(
-                f"the trace of scenario {scenario} has {samples} samples, but an episode has {self.steps} control steps: later "
-                "samples are left out, here and in other long traces; if they matter, pass the number of control steps of the "
-                "longest trace as `steps`",
+                f"the trace of scenario {scenario} has {samples} samples, but an episode has "
+                f"{self.steps} control steps: later samples are left out, here and in other long "
+                "traces; if they matter, pass the number of control steps of the longest trace "
+                "as `steps`",
                 stacklevel=2,
             )
         self._has_cut = True

@@ -20,15 +20,16 @@ from mishandle.scenarios.requests import Request, Scenario
 from mishandle.systems.reductions import Reduced
 
 Source = Union[str, Callable[..., float], Reduced]
-"""Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``, ``"data.qpos[2]"`` or
-``"reward"``, or a function of the unwrapped environment, or of it and the observation. ``data`` and other names are attributes
-of the unwrapped environment; names after a dictionary are its keys. :class:`mishandle.systems.Reduced` reduces several values of a control
+"""Source of a signal: a path such as ``"obs[3]"``, ``"obs.achieved_goal[0]"``, ``"info.speed"``,
+``"data.qpos[2]"`` or ``"reward"``, or a function of the unwrapped environment, or of it and the
+observation. ``data`` and other names are attributes of the unwrapped environment; names after a
+dictionary are its keys. :class:`mishandle.systems.Reduced` reduces several values of a control
 step."""
 
 
 Frames = Callable[[Scenario, Any, list[int]], Sequence[Any]]
-"""Draws samples of a simulation: a function of the scenario, the trace and the samples that returns one array (height, width, 3) of bytes
-for each sample."""
+"""Draws samples of a simulation: a function of the scenario, the trace and the samples that returns
+one array (height, width, 3) of bytes for each sample."""
 
 
 @dataclass
@@ -49,7 +50,10 @@ class Outcome:
 
     def to_native(self) -> _native.Outcome:
         """Returns the outcome as the extension module takes it."""
-        return self.end, self.step, self.index, self.samples, self.steps, self.total_reward, self.reason
+        return (
+            self.end, self.step, self.index, self.samples, self.steps, self.total_reward,
+            self.reason
+        )
 
 
 class System:
@@ -84,13 +88,15 @@ class System:
         raise NotImplementedError
 
     def keep_exception(self) -> str:
-        """Keeps the exception that is handled now. Returns it without its traceback, which differs between machines."""
+        """Keeps the exception that is handled now. Returns it without its traceback, which differs
+        between machines."""
         if len(self.exceptions) < 10:
             self.exceptions.append(traceback.format_exc())
         return "".join(traceback.format_exception_only(*sys.exc_info()[:2])).strip()
 
     def keep_reason(self, error: TimeLimitExceeded) -> str:
-        """Keeps and returns the exception of a time limit that is handled now, if it says more than that the time is over."""
+        """Keeps and returns the exception of a time limit that is handled now, if it says more than
+        that the time is over."""
         return self.keep_exception() if error.args else ""
 
 

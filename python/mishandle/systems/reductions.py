@@ -1,4 +1,5 @@
-"""Signals that reduce several values of a control step to one number, such as contact forces between two control steps."""
+"""Signals that reduce several values of a control step to one number, such as contact forces
+between two control steps."""
 
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ import numpy as np
 
 from mishandle.errors import InvalidTypeError, InvalidValueError
 
-_REDUCTIONS: Mapping[str, Callable[[Any], Any]] = {"max": np.max, "min": np.min, "mean": np.mean, "sum": np.sum}
+_REDUCTIONS: Mapping[str, Callable[[Any], Any]] = {
+    "max": np.max, "min": np.min, "mean": np.mean, "sum": np.sum
+}
 
 _STEPS = ("mj_step", "mj_step2")
 """Functions of MuJoCo that end a physics step."""
@@ -22,8 +25,9 @@ _STEPS = ("mj_step", "mj_step2")
 class Reduced:
     """The largest, smallest or mean value, or the sum, of a source over a control step.
 
-    A source from ``obs`` or ``info`` returns all values of the control step, as a list. Any other source is read after each physics step
-    of MuJoCo (``mujoco.mj_step``) that the environment takes in the control step; after a reset it is read once.
+    A source from ``obs`` or ``info`` returns all values of the control step, as a list. Any other
+    source is read after each physics step of MuJoCo (``mujoco.mj_step``) that the environment takes
+    in the control step; after a reset it is read once.
 
     Parameters
     ----------
@@ -43,20 +47,29 @@ class Reduced:
 
     def __post_init__(self) -> None:
         if self.over not in _REDUCTIONS:
-            raise InvalidValueError(f"over is {self.over!r}; it must be one of {', '.join(_REDUCTIONS)}")
+            raise InvalidValueError(
+                f"over is {self.over!r}; it must be one of {', '.join(_REDUCTIONS)}"
+            )
         if not (isinstance(self.source, str) or callable(self.source)) or self.source == "reward":
-            raise InvalidTypeError(f"{self.source!r} does not have several values in a control step")
+            raise InvalidTypeError(
+                f"{self.source!r} does not have several values in a control step"
+            )
 
     @property
     def reads_physics_steps(self) -> bool:
         """Whether the source is read after each physics step."""
-        return not (isinstance(self.source, str) and self.source.partition(".")[0].partition("[")[0] in ("obs", "info"))
+        return not (
+            isinstance(self.source, str)
+            and self.source.partition(".")[0].partition("[")[0] in ("obs", "info")
+        )
 
     def reduce(self, values: Any) -> float:
         """Returns the number for the values of a control step."""
         array = np.asarray(values, dtype=np.float64)
         if array.ndim == 0 or array.size == 0:
-            raise ValueError(f"it returned {values!r}; expected a list of the values in the control step")
+            raise ValueError(
+                f"it returned {values!r}; expected a list of the values in the control step"
+            )
         return float(_REDUCTIONS[self.over](array))
 
 
@@ -78,8 +91,10 @@ class PhysicsSteps:
                 return reduced.reduce([read(environment)])
             if not self._values[place]:
                 raise ValueError(
-                    "the environment called neither mujoco.mj_step nor mujoco.mj_step2 in the control step; let it return the values of its "
-                    'physics steps as a list in `info`, and reduce those: Reduced("max", "info.forces")'
+                    "the environment called neither mujoco.mj_step nor mujoco.mj_step2 in the "
+                    "control step; let it return the values of its "
+                    'physics steps as a list in `info`, and reduce those: Reduced("max", '
+                    '"info.forces")'
                 )
             return reduced.reduce(self._values[place])
 

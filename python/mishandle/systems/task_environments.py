@@ -54,18 +54,24 @@ class _Simulations:
             return values
         if not isinstance(given, Mapping):
             if len(given) != len(self.axes):
-                raise InvalidValueError(f"the scenario has {len(given)} values; expected {len(self.axes)}: {', '.join(self.axes)}")
+                raise InvalidValueError(
+                    f"the scenario has {len(given)} values; expected {len(self.axes)}: "
+                    f"{', '.join(self.axes)}"
+                )
             values[:] = given
             return values
         for name, value in given.items():
             if name not in self.axes:
-                raise InvalidValueError(f"there is no axis `{name}`; the axes are {', '.join(self.axes)}")
+                raise InvalidValueError(
+                    f"there is no axis `{name}`; the axes are {', '.join(self.axes)}"
+                )
             values[self.axes.index(name)] = value
         return values
 
 
 _OF_SCENES = ("light", "camera", "appearance", "clutter")
-"""Spaces of sight that change what cameras take. Those of images and camera faults act between environment and policy."""
+"""Spaces of sight that change what cameras take. Those of images and camera faults act between
+environment and policy."""
 
 
 class _Eyes:
@@ -76,14 +82,20 @@ class _Eyes:
         width, height = checked_size("image_size", size)
         self._native = _native.TaskCameras(task, self._names, width, height)
         self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}
-        self.axes = [(space, axis) for space, axis in _native.task_sight_axes(task) if space in _OF_SCENES]
+        self.axes = [
+            (space, axis) for space, axis in _native.task_sight_axes(task) if space in _OF_SCENES
+        ]
         self._known = {axis[1]: Axis.from_native(axis) for _, axis in self.axes}
 
     def start(self, state: NDArray[np.float64], given: Mapping[str, Any], seed: int) -> None:
         for name in given:
             if name not in self._known:
-                raise InvalidValueError(f"there is no axis of sight `{name}`; the axes are {', '.join(self._known)}")
-        self._native.start(state, {name: self._known[name].number(value) for name, value in given.items()}, seed)
+                raise InvalidValueError(
+                    f"there is no axis of sight `{name}`; the axes are {', '.join(self._known)}"
+                )
+        self._native.start(
+            state, {name: self._known[name].number(value) for name, value in given.items()}, seed
+        )
 
     def images(self, state: NDArray[np.float64]) -> dict[str, NDArray[np.uint8]]:
         return dict(zip(self._names, self._native.images(state)))
@@ -101,22 +113,25 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
     reward : str
         ``"shaped"`` or ``"original"``.
     render_mode : str, optional
-        ``"rgb_array"``: :meth:`render` returns a picture. It needs EGL (on Debian and Ubuntu: ``apt install libegl1
-        libgl1-mesa-dri``), but no display and no GPU.
+        ``"rgb_array"``: :meth:`render` returns a picture. It needs EGL (on Debian and Ubuntu: ``apt
+        install libegl1 libgl1-mesa-dri``), but no display and no GPU.
     width, height : int
         Size of a picture in pixels, both even.
     cameras : sequence of str
-        Cameras in the observation: ``"over"`` the table, ``"wrist"``. The observation is then a dictionary with ``"state"`` and an image
-        of each camera, bytes of the shape (height, width, 3). They need no EGL and have the same bytes on every machine.
+        Cameras in the observation: ``"over"`` the table, ``"wrist"``. The observation is then a
+        dictionary with ``"state"`` and an image of each camera, bytes of the shape (height, width,
+        3). They need no EGL and have the same bytes on every machine.
     image_size : tuple of int
         Width and height of these images, pixels.
 
     Notes
     -----
-    ``options={"sight": {"lamp_strength": 0.3}}`` of a reset sets axes of the spaces ``light``, ``camera``, ``appearance`` and ``clutter``;
-    :func:`mishandle.sight` returns them. Actions change the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the initial state
-    with ``seed``; ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its axes. ``info`` contains the dictionaries
-    ``signals`` and ``reward_terms``. Gymnasium's wrapper ``TimeLimit`` truncates the episode.
+    ``options={"sight": {"lamp_strength": 0.3}}`` of a reset sets axes of the spaces ``light``,
+    ``camera``, ``appearance`` and ``clutter``; :func:`mishandle.sight` returns them. Actions change
+    the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the
+    initial state with ``seed``; ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its
+    axes. ``info`` contains the dictionaries ``signals`` and ``reward_terms``. Gymnasium's wrapper
+    ``TimeLimit`` truncates the episode.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60}
@@ -144,7 +159,8 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
 
     @property
     def sight_axes(self) -> list[tuple[str, Any]]:
-        """The axes of sight that a reset sets by the option ``"sight"``, each with the name of its space; none without cameras."""
+        """The axes of sight that a reset sets by the option ``"sight"``, each with the name of its
+        space; none without cameras."""
         return [] if self._eyes is None else self._eyes.axes
 
     @property
@@ -159,7 +175,8 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
 
     @property
     def fault_layouts(self) -> list[_native.Layout]:
-        """The channels of observation and action that :func:`mishandle.faults` uses, and their ranges."""
+        """The channels of observation and action that :func:`mishandle.faults` uses, and their
+        ranges."""
         return self._simulations.native.fault_layouts
 
     def reset(
@@ -173,20 +190,29 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
         if self._eyes is not None:
             self._eyes.start(self._simulations.native.state(0), given, int(seeds[0]))
         elif given:
-            raise InvalidValueError("the option `sight` has no effect without cameras; make the environment with cameras=['over', 'wrist']")
+            raise InvalidValueError(
+                "the option `sight` has no effect without cameras; make the environment with "
+                "cameras=['over', 'wrist']"
+            )
         return self._observation(samples), self._info(samples)
 
     def _observation(self, samples: _native.Samples) -> Any:
         state = samples[0][0]
-        return state if self._eyes is None else {"state": state, **self._eyes.images(self._simulations.native.state(0))}
+        return (
+            state if self._eyes is None
+            else {"state": state, **self._eyes.images(self._simulations.native.state(0))}
+        )
 
     def step(self, action: Floats) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         actions = np.asarray(action, dtype=np.float32).reshape(1, -1)
         samples = self._simulations.native.step(actions)
-        return self._observation(samples), float(samples[1][0].sum()), bool(samples[3][0]), False, self._info(samples)
+        return self._observation(samples), float(samples[1][0].sum()), bool(
+            samples[3][0]
+        ), False, self._info(samples)
 
     def render(self) -> Any:
-        """Returns a picture of the current state: bytes of the shape (height, width, 3). The camera does not move."""
+        """Returns a picture of the current state: bytes of the shape (height, width, 3). The camera
+        does not move."""
         _check_rendering(self.render_mode)
         return self._simulations.native.render([0], *self._size)[0]
 
@@ -213,8 +239,9 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
     autoreset_mode : AutoresetMode
         ``NEXT_STEP`` (the default) or ``SAME_STEP``.
     copy : bool
-        Whether each step and each reset returns new arrays, as in Gymnasium's vector environments. With ``False``, all return
-        the same arrays with new contents, so that no memory is allocated; copy what must survive the next step.
+        Whether each step and each reset returns new arrays, as in Gymnasium's vector environments.
+        With ``False``, all return the same arrays with new contents, so that no memory is
+        allocated; copy what must survive the next step.
     threads : int, optional
         Number of threads, by default the number of cores. Results do not depend on it.
     render_mode, width, height
@@ -222,9 +249,10 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
 
     Notes
     -----
-    ``reset`` takes one seed, or one per environment, and ``options`` with ``"scenario"`` (one, or one per environment) and
-    Gymnasium's ``"reset_mask"``. ``info["signals"]`` and ``info["reward_terms"]`` contain an array per name. Rust writes all
-    results straight into the memory of the arrays, with and without ``copy``.
+    ``reset`` takes one seed, or one per environment, and ``options`` with ``"scenario"`` (one, or
+    one per environment) and Gymnasium's ``"reset_mask"``. ``info["signals"]`` and
+    ``info["reward_terms"]`` contain an array per name. Rust writes all results straight into the
+    memory of the arrays, with and without ``copy``.
 
     Examples
     --------
@@ -235,7 +263,9 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
     (True, (4,))
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"], "render_fps": 60, "autoreset_mode": AutoresetMode.NEXT_STEP
+    }
 
     def __init__(
         self,
@@ -289,28 +319,37 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
 
     @property
     def fault_layouts(self) -> list[_native.Layout]:
-        """The channels of observation and action of one environment that :func:`mishandle.faults` uses, and their ranges."""
+        """The channels of observation and action of one environment that :func:`mishandle.faults`
+        uses, and their ranges."""
         return self._simulations.native.fault_layouts
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
         options = options or {}
         # A copy, because the mask can be an array that the reset writes.
         mask = np.array(options.get("reset_mask", np.ones(self.num_envs, dtype=bool)), dtype=bool)
         if seed is None or isinstance(seed, (int, np.integer)):
-            seeds: list[int | None] = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
+            seeds: list[int | None] = [
+                None if seed is None else int(seed) + row for row in range(self.num_envs)
+            ]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise InvalidValueError(f"there are {len(seeds)} seeds for {self.num_envs} environments")
+            raise InvalidValueError(
+                f"there are {len(seeds)} seeds for {self.num_envs} environments"
+            )
         for row, value in enumerate(seeds):
             if value is not None and mask[row]:
                 self._generators[row], _ = np_random(value)
         scenarios = self._scenarios(options.get("scenario"))
         if self._copy:
             observations, terms, signals, terminated, diverged = self._samples
-            self._samples = observations.copy(), terms.copy(), signals.copy(), terminated.copy(), diverged.copy()
+            self._samples = (
+                observations.copy(), terms.copy(), signals.copy(), terminated.copy(),
+                diverged.copy()
+            )
         self._ended[mask] = False
         self._start(mask, scenarios)
         return self._samples[0], self._info(self._samples)
@@ -322,7 +361,9 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         if given and not isinstance(given[0], (Mapping, Sequence, np.ndarray, type(None))):
             return np.tile(self._simulations.scenario(given), (self.num_envs, 1))
         if len(given) != self.num_envs:
-            raise InvalidValueError(f"there are {len(given)} scenarios for {self.num_envs} environments")
+            raise InvalidValueError(
+                f"there are {len(given)} scenarios for {self.num_envs} environments"
+            )
         return np.stack([self._simulations.scenario(one) for one in given])
 
     def _start(self, mask: NDArray[np.bool_], scenarios: NDArray[np.float64]) -> None:
@@ -340,11 +381,15 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
         samples = native.step(actions, native.arrays() if self._copy else before)
         observations, terms, signals, terminated, diverged = samples
         if self._copy:
-            self._rewards, self._truncated = np.empty(self.num_envs), np.empty(self.num_envs, dtype=bool)
+            self._rewards, self._truncated = np.empty(self.num_envs), np.empty(
+                self.num_envs, dtype=bool
+            )
             if diverged.any():
                 # The others were written by the step.
                 observations[diverged], signals[diverged] = before[0][diverged], before[2][diverged]
-        self._samples, rewards, truncated, restarted = samples, self._rewards, self._truncated, self._ended
+        self._samples, rewards, truncated, restarted = (
+            samples, self._rewards, self._truncated, self._ended
+        )
         np.add.reduce(terms, axis=1, out=rewards)
         self._elapsed += 1
         np.greater_equal(self._elapsed, self._limit, out=truncated)
@@ -389,13 +434,17 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
 
 def _checked_render_mode(mode: str | None) -> str | None:
     if mode not in (None, "rgb_array"):
-        raise InvalidValueError(f"the render mode {mode!r} is not supported; it must be 'rgb_array' or None")
+        raise InvalidValueError(
+            f"the render mode {mode!r} is not supported; it must be 'rgb_array' or None"
+        )
     return mode
 
 
 def _check_rendering(mode: str | None) -> None:
     if mode is None:
-        raise InvalidStateError("the environment does not render; make it with render_mode='rgb_array'")
+        raise InvalidStateError(
+            "the environment does not render; make it with render_mode='rgb_array'"
+        )
 
 
 def register() -> None:

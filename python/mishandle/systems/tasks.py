@@ -25,38 +25,54 @@ from mishandle.systems.interface import Outcome, System
 
 
 class CoreSystem(System):
-    """A task, or a robot that a file describes, with a policy in Python that may see. The Rust core simulates it and requests the
-    actions of up to 16 simulations at once. ``images`` are names of cameras, widths and heights."""
+    """A task, or a robot that a file describes, with a policy in Python that may see. The Rust core
+    simulates it and requests the actions of up to 16 simulations at once. ``images`` are names of
+    cameras, widths and heights."""
 
-    def __init__(self, target: str, policy: Any, batched_policy: bool, images: Sequence[tuple[str, int, int]]) -> None:
+    def __init__(
+        self, target: str, policy: Any, batched_policy: bool, images: Sequence[tuple[str, int, int]]
+    ) -> None:
         self.name, observation_size, self._action_size = _native.policy_interface(target)
         self.images = images
         if any(camera == "state" for camera, *_ in images):
-            raise InvalidValueError("a policy in Python cannot see through a camera `state`: this is the key of the other observations")
+            raise InvalidValueError(
+                "a policy in Python cannot see through a camera `state`: this is the key of the "
+                "other observations"
+            )
         if isinstance(policy, Controller):
             _check_sees(policy, images)
-        seen = {camera: Box(0, 255, (height, width, 3), np.uint8) for camera, width, height in images}
+        seen = {
+            camera: Box(0, 255, (height, width, 3), np.uint8) for camera, width, height in images
+        }
         state = Box(-np.inf, np.inf, (observation_size,))
-        spaces = (Dict({"state": state, **seen}) if seen else state, Box(-np.inf, np.inf, (self._action_size,)))
+        spaces = (
+            Dict({"state": state, **seen}) if seen else state,
+            Box(-np.inf, np.inf, (self._action_size,))
+        )
         self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces)
         self.has_timed_out = False
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
     def act(
-        self, observations: NDArray[np.float32], images: Sequence[NDArray[np.uint8]], rows: int, is_start: bool
+        self, observations: NDArray[np.float32], images: Sequence[NDArray[np.uint8]], rows: int,
+        is_start: bool
     ) -> NDArray[np.float32] | None:
         """Returns one action per row; ``None`` after an exception."""
         names = [camera for camera, *_ in self.images]
-        seen: Any = [{"state": row[0], **dict(zip(names, row[1:]))} for row in zip(observations, *images)] if names else observations
+        seen: Any = (
+            [{"state": row[0], **dict(zip(names, row[1:]))} for row in zip(observations, *images)]
+            if names else observations
+        )
         try:
             if is_start:
                 self._policy.reset(rows)
             actions = _one_per_row(self._policy.act(seen, rows), rows)
             if actions.size != rows * self._action_size:
                 raise InvalidValueError(
-                    f"the policy returned {actions.size} numbers for {rows} observation{'s' if rows > 1 else ''}; {self.name} takes "
-                    f"{self._action_size} for each"
+                    f"the policy returned {actions.size} numbers for {rows} "
+                    f"observation{'s' if rows > 1 else ''}; {self.name} takes {self._action_size} "
+                    "for each"
                 )
             return actions
         except (Exception, TimeLimitExceeded) as error:
@@ -66,7 +82,8 @@ class CoreSystem(System):
 
 
 class TaskSystem(System):
-    """One of the tasks with a policy. A whole batch is stepped together, with the bits of the command line."""
+    """One of the tasks with a policy. A whole batch is stepped together, with the bits of the
+    command line."""
 
     def __init__(
         self,
@@ -90,7 +107,9 @@ class TaskSystem(System):
         observations = Box(-np.inf, np.inf, (native.observation_size,))
         spaces = (observations, Box(-1, 1, (native.action_size,)))
         self.arguments = PolicyArguments(space)
-        self._policy: Policy = as_policy(policy, batched_policy, spaces=spaces, task=task, arguments=self.arguments)
+        self._policy: Policy = as_policy(
+            policy, batched_policy, spaces=spaces, task=task, arguments=self.arguments
+        )
         self.policy_source = policy
         self.facts = [task, preset]
         self.name = task
@@ -106,7 +125,9 @@ class TaskSystem(System):
 
     def _simulate(self, manner: bool) -> _native.Simulator:
         task, _, preset, rows, *_ = self._arguments
-        self._native = _native.Simulator(task, rows, preset=preset, reward="shaped", threads=None, manner=manner)
+        self._native = _native.Simulator(
+            task, rows, preset=preset, reward="shaped", threads=None, manner=manner
+        )
         self.signals = self._native.signals
         return self._native
 
@@ -129,7 +150,8 @@ class TaskSystem(System):
     def space(self) -> list[Axis]:
         """The initial box."""
         return [
-            Axis(name, low, high, unit, meaning=meaning) for name, unit, low, high, meaning in self._native.axes
+            Axis(name, low, high, unit, meaning=meaning)
+            for name, unit, low, high, meaning in self._native.axes
         ]
 
     def code(self) -> list[Any]:
@@ -138,17 +160,25 @@ class TaskSystem(System):
     def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
         return [
-            outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._together(*part)
+            outcome for chunk in chunks for part in self.faults.start_all(chunk)
+            for outcome in self._together(*part)
         ]
 
-    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(
+        self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]
+    ) -> list[Outcome]:
         count, rows = len(chunk), self._rows
         # The other rows repeat the last scenario; their results are dropped.
         padded = [*chunk, *[chunk[-1]] * (rows - count)]
         nominal = {axis.name: axis.nominal_number for axis in self.space}
-        scenarios = np.array([[float(each.scenario.get(name, value)) for name, value in nominal.items()] for each in padded])
+        scenarios = np.array([
+            [float(each.scenario.get(name, value)) for name, value in nominal.items()]
+            for each in padded
+        ])
         seeds = np.array([each.seed for each in padded], dtype=np.uint64)
-        observations, _, signals, _, _ = self._native.reset(np.ones(rows, dtype=bool), seeds, scenarios)
+        observations, _, signals, _, _ = self._native.reset(
+            np.ones(rows, dtype=bool), seeds, scenarios
+        )
         returns = np.zeros(rows)
         ends: list[tuple[str, int, int] | None] = [None] * rows
         reasons = [""] * rows
@@ -157,7 +187,10 @@ class TaskSystem(System):
         start(
             self._policy,
             self.arguments,
-            Rows([each.scenario for each in padded], is_running=lambda row: row < count and ends[row] is None),
+            Rows(
+                [each.scenario for each in padded],
+                is_running=lambda row: row < count and ends[row] is None
+            ),
         )
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
@@ -209,7 +242,11 @@ class TaskSystem(System):
         for row in range(count):
             end, step, index = ends[row] or ("completed", 0, 0)
             samples = np.array(traces[row])
-            outcomes.append(Outcome(end, samples, len(samples) - 1, step, index, float(returns[row]), reasons[row]))
+            outcomes.append(
+                Outcome(
+                    end, samples, len(samples) - 1, step, index, float(returns[row]), reasons[row]
+                )
+            )
         return outcomes
 
 
@@ -224,7 +261,8 @@ def _task_system(
     manner: bool,
 ) -> TaskSystem:
     system = TaskSystem(
-        task, policy, preset=preset, rows=rows, batched_policy=batched_policy, time_limit=time_limit, space=space
+        task, policy, preset=preset, rows=rows, batched_policy=batched_policy,
+        time_limit=time_limit, space=space
     )
     if manner:
         system.compute_manner()
@@ -232,10 +270,14 @@ def _task_system(
 
 
 def _one_per_row(given: Any, rows: int) -> NDArray[np.float32]:
-    """Returns the actions of a batch. Rows in another dimension are an error: they would be another policy."""
+    """Returns the actions of a batch. Rows in another dimension are an error: they would be another
+    policy."""
     actions = np.array(given, dtype=np.float32)
     if len(np.atleast_1d(actions)) != rows and (rows > 1 or actions.ndim > 1):
-        raise InvalidValueError(f"the policy returned the shape {actions.shape} for a batch of {rows}; expected one action per row")
+        raise InvalidValueError(
+            f"the policy returned the shape {actions.shape} for a batch of {rows}; expected one "
+            "action per row"
+        )
     return actions.reshape(rows, -1)
 
 

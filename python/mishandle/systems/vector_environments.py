@@ -1,4 +1,5 @@
-"""Vector environments without access to their sub-environments as systems: ``AsyncVectorEnv`` and native ones."""
+"""Vector environments without access to their sub-environments as systems: ``AsyncVectorEnv`` and
+native ones."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ _MOVES = 10
 """Largest number of control steps until the observations of all rows have changed."""
 
 
-def environment_system(environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> System:
+def environment_system(
+    environment: Any, policy: Any, space: Sequence[Axis], **options: Any
+) -> System:
     """Returns the system of an environment or a vector environment."""
     if isinstance(environment, VectorEnv) and not isinstance(environment, SyncVectorEnv):
         return VectorSystem(environment, policy, space, **options)
@@ -39,17 +42,24 @@ def environment_system(environment: Any, policy: Any, space: Sequence[Axis], **o
 class VectorSystem(PolicySystem):
     """A vector environment whose sub-environments are in other processes or in native code.
 
-    Scenarios pass through the options of one reset per sub-environment, with Gymnasium's option ``"reset_mask"``. Attributes of
-    an ``AsyncVectorEnv`` are set by ``set_attr``. Signals come from observations, ``info`` and the reward.
+    Scenarios pass through the options of one reset per sub-environment, with Gymnasium's option
+    ``"reset_mask"``. Attributes of an ``AsyncVectorEnv`` are set by ``set_attr``. Signals come from
+    observations, ``info`` and the reward.
     """
 
-    def __init__(self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any) -> None:
+    def __init__(
+        self, environment: Any, policy: Any, space: Sequence[Axis], **options: Any
+    ) -> None:
         super().__init__(environment, policy, space, **options)
         self._rows: int = environment.num_envs
         self.idle = idle_action(environment.single_action_space)
-        self._mode = AutoresetMode(environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
+        self._mode = AutoresetMode(
+            environment.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        )
         # After a reset in the same step, the last state of an episode cannot be drawn.
-        self.has_pictures = environment.render_mode == "rgb_array" and self._mode is not AutoresetMode.SAME_STEP
+        self.has_pictures = (
+            environment.render_mode == "rgb_array" and self._mode is not AutoresetMode.SAME_STEP
+        )
         # A row that ended in the last step would restart in the next one, also after a reset in
         # some versions of Gymnasium.
         self._restarts = False
@@ -61,7 +71,8 @@ class VectorSystem(PolicySystem):
 
     def __getstate__(self) -> Any:
         raise InvalidTypeError(
-            "a vector environment cannot be sent to a cluster, which runs many environments itself; pass a single environment"
+            "a vector environment cannot be sent to a cluster, which runs many environments "
+            "itself; pass a single environment"
         )
 
     def _check_sources(self) -> None:
@@ -71,8 +82,9 @@ class VectorSystem(PolicySystem):
             if callable(source) or not (source == "reward" or source.startswith(("obs", "info."))):
                 text = "a function" if callable(source) else repr(source)
                 raise InvalidValueError(
-                    f"the source of the signal `{name}` is {text}, but the sub-environments of a {kind} are out of reach; use "
-                    "'obs[...]', 'info....' or 'reward', or a SyncVectorEnv"
+                    f"the source of the signal `{name}` is {text}, but the sub-environments of a "
+                    f"{kind} are out of reach; use 'obs[...]', 'info....' or 'reward', or a "
+                    "SyncVectorEnv"
                 )
 
     def _check_axes(self) -> None:
@@ -81,32 +93,41 @@ class VectorSystem(PolicySystem):
         vector = self._environment.unwrapped
         one = vector.env_fns[0]() if isinstance(vector, AsyncVectorEnv) else None
         for axis in self.space.values():
-            if axis.apply is None or isinstance(axis.apply, (ResetOption, FaultParameter, PolicyArgument)):
+            if (
+                axis.apply is None
+                or isinstance(axis.apply, (ResetOption, FaultParameter, PolicyArgument))
+            ):
                 continue
             if not isinstance(axis.apply, Attribute) or one is None:
                 text = "an attribute" if isinstance(axis.apply, Attribute) else "a function"
                 raise InvalidValueError(
-                    f"the axis `{axis.name}` is applied by {text}, but the sub-environments of a {kind} are out of reach; use a "
-                    "reset option, or a SyncVectorEnv"
+                    f"the axis `{axis.name}` is applied by {text}, but the sub-environments of a "
+                    f"{kind} are out of reach; use a reset option, or a SyncVectorEnv"
                 )
             if not axis.apply.path.isidentifier():
                 raise InvalidValueError(
-                    f"the axis `{axis.name}` sets {axis.apply.path!r}, but a {kind} can set whole attributes only; use a reset "
-                    "option, or a SyncVectorEnv"
+                    f"the axis `{axis.name}` sets {axis.apply.path!r}, but a {kind} can set whole "
+                    "attributes only; use a reset option, or a SyncVectorEnv"
                 )
             if not one.has_wrapper_attr(axis.apply.path):
-                raise InvalidValueError(f"the environment has no attribute {axis.apply.path!r}, which the axis `{axis.name}` sets")
+                raise InvalidValueError(
+                    f"the environment has no attribute {axis.apply.path!r}, which the axis "
+                    f"`{axis.name}` sets"
+                )
         if one is not None:
             one.close()
 
     def _check_masks(self) -> None:
-        """Checks that a reset with a mask leaves the other rows alone. Otherwise scenarios would be mixed up silently."""
+        """Checks that a reset with a mask leaves the other rows alone. Otherwise scenarios would be
+        mixed up silently."""
         if self._rows == 1:
             return
         environment = self._environment
 
         def rows(batched: Any) -> list[NDArray[Any]]:
-            return [np.copy(all_numbers(row)) for row in iterate(environment.observation_space, batched)]
+            return [
+                np.copy(all_numbers(row)) for row in iterate(environment.observation_space, batched)
+            ]
 
         def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
             return np.array_equal(one, other, equal_nan=True)
@@ -120,23 +141,28 @@ class VectorSystem(PolicySystem):
         after = rows(environment.reset(options={"reset_mask": np.arange(self._rows) == 0})[0])
         if not all(map(same, before[1:], after[1:])):
             raise InvalidTypeError(
-                f"{type(environment).__name__} ignores the option 'reset_mask' of reset, so its sub-environments cannot get "
-                "different scenarios; use num_envs=1, a SyncVectorEnv or an AsyncVectorEnv"
+                f"{type(environment).__name__} ignores the option 'reset_mask' of reset, so its "
+                "sub-environments cannot get different scenarios; use num_envs=1, a SyncVectorEnv "
+                "or an AsyncVectorEnv"
             )
 
     def simulate(self, batch: Sequence[Request]) -> list[Outcome]:
         chunks = [batch[first : first + self._rows] for first in range(0, len(batch), self._rows)]
-        paths = [axis.apply.path for axis in self.space.values() if isinstance(axis.apply, Attribute)]
+        paths = [
+            axis.apply.path for axis in self.space.values() if isinstance(axis.apply, Attribute)
+        ]
         before = {path: self._environment.unwrapped.get_attr(path) for path in paths}
         try:
             return [
-                outcome for chunk in chunks for part in self.faults.start_all(chunk) for outcome in self._guarded(*part)
+                outcome for chunk in chunks for part in self.faults.start_all(chunk)
+                for outcome in self._guarded(*part)
             ]
         finally:
             self._restore(before)
 
     def _restore(self, attributes: Mapping[str, Sequence[Any]]) -> None:
-        """Sets attributes to what they were. A call that Ctrl-C interrupted leaves processes that take no others."""
+        """Sets attributes to what they were. A call that Ctrl-C interrupted leaves processes that
+        take no others."""
         try:
             for path, values in attributes.items():
                 self._environment.unwrapped.set_attr(path, list(values))
@@ -145,8 +171,11 @@ class VectorSystem(PolicySystem):
             for path, values in attributes.items():
                 self._environment.unwrapped.set_attr(path, list(values))
 
-    def _guarded(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
-        """Simulates together, or one by one if that fails, so that one scenario cannot spoil the others."""
+    def _guarded(
+        self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]
+    ) -> list[Outcome]:
+        """Simulates together, or one by one if that fails, so that one scenario cannot spoil the
+        others."""
         reason = ""
         try:
             return self._together(chunk, faults)
@@ -160,11 +189,15 @@ class VectorSystem(PolicySystem):
                 reason = self.keep_exception()
         self._revive()
         if len(chunk) > 1:
-            return [outcome for one in chunk for outcome in self._guarded([one], [self.faults.start(one.scenario, one.seed)])]
+            return [
+                outcome for one in chunk
+                for outcome in self._guarded([one], [self.faults.start(one.scenario, one.seed)])
+            ]
         return [Outcome(end, np.zeros((0, len(self.signals))), 0, reason=reason)]
 
     def _revive(self) -> None:
-        """Starts new processes: an exception or a time limit leaves those of an ``AsyncVectorEnv`` unusable."""
+        """Starts new processes: an exception or a time limit leaves those of an ``AsyncVectorEnv``
+        unusable."""
         old = self._environment.unwrapped
         if not isinstance(old, AsyncVectorEnv):
             return
@@ -183,7 +216,9 @@ class VectorSystem(PolicySystem):
         old.__dict__, fresh.__dict__ = fresh.__dict__, {}
         self._restarts, self._is_new = False, True
 
-    def _together(self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]) -> list[Outcome]:
+    def _together(
+        self, chunk: Sequence[Request], faults: Sequence[Disturbed | None]
+    ) -> list[Outcome]:
         count = len(chunk)
         clock = Time()
         rollout = _Rollout(self, chunk)
@@ -198,7 +233,10 @@ class VectorSystem(PolicySystem):
             if ended[row] or self.starts.is_invalid(rows[row], row_info(info[row], row)):
                 rollout.end(row, "invalid scenario", 0)
         self._draw(0)
-        batch = Rows([each.scenario for each in padded], self._environment.render, lambda row: row in rollout.running())
+        batch = Rows(
+            [each.scenario for each in padded], self._environment.render,
+            lambda row: row in rollout.running()
+        )
         start(self.policy, self.arguments, batch)
         space = self._environment.single_action_space
         disturbed = [*faults, *[None] * (self._rows - count)]
@@ -207,7 +245,10 @@ class VectorSystem(PolicySystem):
             running = rollout.running()
             if not running:
                 break
-            seen = [row if each is None else each.observe(step - 1, row) for row, each in zip(rows, disturbed)]
+            seen = [
+                row if each is None else each.observe(step - 1, row)
+                for row, each in zip(rows, disturbed)
+            ]
             if all(each is not None and each.is_paused(step - 1) for each in faults):
                 actions: list[Any] = [idle] * self._rows
             else:
@@ -219,7 +260,9 @@ class VectorSystem(PolicySystem):
             for row, each in enumerate(disturbed):
                 if each is not None:
                     actions[row] = each.answer(step - 1, actions[row], idle)
-                bad = np.flatnonzero(~np.isfinite(np.asarray(all_numbers(actions[row]), dtype=np.float64)))
+                bad = np.flatnonzero(
+                    ~np.isfinite(np.asarray(all_numbers(actions[row]), dtype=np.float64))
+                )
                 if len(bad) > 0:
                     actions[row] = idle
                     rollout.end(row, "invalid action", step, int(bad[0]))
@@ -250,10 +293,13 @@ class VectorSystem(PolicySystem):
 
     def _timed(self, clock: Time, rows: int) -> Any:
         """Limits a call to the rest of the time of ``rows`` simulations together."""
-        return _Timed(clock, None if self.time_limit is None else clock.left(self.time_limit) * rows, rows)
+        return _Timed(
+            clock, None if self.time_limit is None else clock.left(self.time_limit) * rows, rows
+        )
 
     def _reset(self, requests: Sequence[Request]) -> tuple[Any, list[Mapping[str, Any]]]:
-        """Resets each row to its scenario; returns the observations and the ``info`` of each row's own reset."""
+        """Resets each row to its scenario; returns the observations and the ``info`` of each row's
+        own reset."""
         environment = self._environment
         if self._is_new:
             environment.reset(seed=0)
@@ -263,7 +309,9 @@ class VectorSystem(PolicySystem):
         self._restarts = False
         for axis in self.space.values():
             if isinstance(axis.apply, Attribute):
-                environment.unwrapped.set_attr(axis.apply.path, [each.scenario[axis.name] for each in requests])
+                environment.unwrapped.set_attr(
+                    axis.apply.path, [each.scenario[axis.name] for each in requests]
+                )
         observations: Any = None
         infos: list[Mapping[str, Any]] = []
         for row, request in enumerate(requests):
@@ -280,7 +328,8 @@ class VectorSystem(PolicySystem):
     def _settled(
         self, observations: Any, infos: list[Mapping[str, Any]]
     ) -> tuple[Any, list[Mapping[str, Any]], NDArray[np.bool_]]:
-        """Lets all rows settle after their resets. Returns observations, the ``info`` of each row, and whether its episode ended."""
+        """Lets all rows settle after their resets. Returns observations, the ``info`` of each row,
+        and whether its episode ended."""
         ended = np.zeros(self._rows, dtype=bool)
         if self.starts.steps == 0:
             return observations, infos, ended
@@ -321,7 +370,9 @@ class _Rollout:
     def __init__(self, system: VectorSystem, chunk: Sequence[Request]) -> None:
         count = len(chunk)
         self._system = system
-        self._stops = [EarlyStop(each.stop, system.signals, system.control_dt, system.steps) for each in chunk]
+        self._stops = [
+            EarlyStop(each.stop, system.signals, system.control_dt, system.steps) for each in chunk
+        ]
         self._samples: list[list[list[float]]] = [[] for _ in range(count)]
         self._late: list[list[int]] = [[] for _ in range(count)]
         self._ends: list[Outcome | None] = [None] * count
@@ -333,7 +384,9 @@ class _Rollout:
 
     def end(self, row: int, end: str, step: int, index: int = 0, reason: str = "") -> None:
         if row < len(self._ends) and self._ends[row] is None:
-            self._ends[row] = Outcome(end, np.zeros((0, 0)), self._steps[row], step, index, reason=reason)
+            self._ends[row] = Outcome(
+                end, np.zeros((0, 0)), self._steps[row], step, index, reason=reason
+            )
 
     def end_all(self, end: str, reason: str, step: int) -> None:
         for row in self.running():
@@ -342,12 +395,16 @@ class _Rollout:
     def start(self, observations: Sequence[Any], infos: Sequence[Mapping[str, Any]]) -> None:
         """Adds the first sample of each row, with the ``info`` of its reset."""
         for row, samples in enumerate(self._samples):
-            sample, self._late[row] = self._system.first_sample(None, observations[row], row_info(infos[row], row))
+            sample, self._late[row] = self._system.first_sample(
+                None, observations[row], row_info(infos[row], row)
+            )
             samples.append(sample)
 
     def add(self, observation: Any, info: Mapping[str, Any], reward: float, row: int) -> None:
         """Adds a sample of a row after a step."""
-        self._samples[row].append(self._system.sample(None, observation, row_info(info, row), reward))
+        self._samples[row].append(
+            self._system.sample(None, observation, row_info(info, row), reward)
+        )
         if self._late[row]:
             complete(self._samples[row], self._late[row])
             self._late[row] = []
@@ -381,16 +438,22 @@ class _Rollout:
         for row, end in enumerate(self._ends):
             outcome = end or Outcome("completed", np.zeros((0, 0)), self._steps[row])
             # Without a step, the first sample lacks values.
-            outcome.samples = np.asarray([] if self._late[row] else self._samples[row], dtype=np.float64).reshape(-1, len(self._system.signals))
+            outcome.samples = np.asarray(
+                [] if self._late[row] else self._samples[row], dtype=np.float64
+            ).reshape(-1, len(self._system.signals))
             outcome.total_reward = self._returns[row]
             found.append(outcome)
         return found
 
 
 def row_info(info: Mapping[str, Any], row: int) -> dict[str, Any]:
-    """Returns the ``info`` of one sub-environment. Gymnasium marks present values in an array with an underscore.
+    """Returns the ``info`` of one sub-environment. Gymnasium marks present values in an array with
+    an underscore.
 
-    >>> info = {"speed": np.array([1.0, 2.0]), "_speed": np.array([False, True]), "part": {"x": np.array([3, 4])}}
+    >>> info = {
+    ...     "speed": np.array([1.0, 2.0]), "_speed": np.array([False, True]),
+    ...     "part": {"x": np.array([3, 4])}
+    ... }
     >>> row_info(info, 0), row_info(info, 1)
     ({'part': {'x': 3}}, {'speed': 2.0, 'part': {'x': 4}})
     """

@@ -1,5 +1,5 @@
-"""Kernels of :mod:`mishandle.gpu.cameras.renderer`: what lens, sensor and processing do, as ``develop.rs`` and ``compression.rs`` of the crate
-``mishandle-camera``."""
+"""Kernels of :mod:`mishandle.gpu.cameras.renderer`: what lens, sensor and processing do, as
+``develop.rs`` and ``compression.rs`` of the crate ``mishandle-camera``."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -58,11 +58,18 @@ def cover(
     y = float(2 * row + 1) / float(height) - 1.0
     # The square of the distance from the center is 2 at the corners.
     color = color * wp.max(1.0 - cameras[sight, camera, VIGNETTE] * 0.5 * (x * x + y * y), 0.0)
-    if column >= int(cameras[sight, camera, PATCH]) and column < int(cameras[sight, camera, PATCH + 1]):
-        if row >= int(cameras[sight, camera, PATCH + 2]) and row < int(cameras[sight, camera, PATCH + 3]):
+    if (
+        column >= int(cameras[sight, camera, PATCH])
+        and column < int(cameras[sight, camera, PATCH + 1])
+    ):
+        if (
+            row >= int(cameras[sight, camera, PATCH + 2])
+            and row < int(cameras[sight, camera, PATCH + 3])
+        ):
             first = PATCH_COLOR
             color = wp.vec3(
-                cameras[sight, camera, first], cameras[sight, camera, first + 1], cameras[sight, camera, first + 2]
+                cameras[sight, camera, first], cameras[sight, camera, first + 1],
+                cameras[sight, camera, first + 2]
             )
     light[image, pixel] = color
 
@@ -104,9 +111,11 @@ def byte_sum(word: wp.uint32):
 
 @wp.func
 def with_noise(
-    value: float, number: int, step: wp.uint64, low: wp.uint32, high: wp.uint32, read: float, shot: float
+    value: float, number: int, step: wp.uint64, low: wp.uint32, high: wp.uint32, read: float,
+    shot: float
 ):
-    """Adds the noise of a number of an image: one of two of its block, with mean 0 and variance 1 for a factor of 1."""
+    """Adds the noise of a number of an image: one of two of its block, with mean 0 and variance 1
+    for a factor of 1."""
     a, b = wp.uint32(step & LOW_HALF), wp.uint32(step >> wp.uint64(32))
     words = philox(wp.uint32(number // 2), wp.uint32(CAMERA_NOISE), a, b, low, high)
     sum = byte_sum(words[0]) + byte_sum(words[1])
@@ -151,14 +160,20 @@ def sense(
             with_noise(color[2], 2 * pixels + pixel, steps[state], key[0], key[1], read, shot),
         )
     row = pixel // width
-    if row >= int(cameras[sight, camera, DEAD_ROWS]) and row < int(cameras[sight, camera, DEAD_ROWS + 1]):
+    if (
+        row >= int(cameras[sight, camera, DEAD_ROWS])
+        and row < int(cameras[sight, camera, DEAD_ROWS + 1])
+    ):
         color = wp.vec3(0.0, 0.0, 0.0)
     light[image, pixel] = color
 
 
 @wp.kernel
-def separate(light: wp.array2d(dtype=wp.vec3), width: int, height: int, planes: wp.array4d(dtype=float)) -> None:
-    """Writes brightness and colors in planes of whole blocks. Pixels beyond the image repeat those at its edge."""
+def separate(
+    light: wp.array2d(dtype=wp.vec3), width: int, height: int, planes: wp.array4d(dtype=float)
+) -> None:
+    """Writes brightness and colors in planes of whole blocks. Pixels beyond the image repeat those
+    at its edge."""
     image, row, column = wp.tid()
     color = light[image, edge(row, height) * width + edge(column, width)]
     r = 255.0 * wp.clamp(color[0], 0.0, 1.0)
@@ -172,7 +187,8 @@ def separate(light: wp.array2d(dtype=wp.vec3), width: int, height: int, planes: 
 
 @wp.kernel
 def transform(
-    table: wp.array2d(dtype=float), planes: wp.array4d(dtype=float), columns: int, out: wp.array4d(dtype=float)
+    table: wp.array2d(dtype=float), planes: wp.array4d(dtype=float), columns: int,
+    out: wp.array4d(dtype=float)
 ) -> None:
     """Writes the transposed product of the rows of each block and those of a table."""
     image, plane, place = wp.tid()
@@ -199,7 +215,9 @@ def quantize(
     row, column = place // columns, place % columns
     own = steps[wp.min(plane, 1), row % 8, column % 8]
     step = wp.clamp(own * cameras[sight, camera, COARSENESS], 1.0, 255.0)
-    planes[image, plane, row, column] = wp.floor(planes[image, plane, row, column] / step + 0.5) * step
+    planes[image, plane, row, column] = wp.floor(
+        planes[image, plane, row, column] / step + 0.5
+    ) * step
 
 
 @wp.kernel
@@ -229,7 +247,9 @@ def byte(value: float):
 
 
 @wp.kernel
-def write(light: wp.array2d(dtype=wp.vec3), first_image: int, images: wp.array3d(dtype=wp.uint8)) -> None:
+def write(
+    light: wp.array2d(dtype=wp.vec3), first_image: int, images: wp.array3d(dtype=wp.uint8)
+) -> None:
     """Writes the bytes of the brightness of each pixel."""
     image, pixel = wp.tid()
     color = light[image, pixel]

@@ -1,5 +1,5 @@
-"""Where rays enter the forms of shapes, and their normals, in their frames: ``form.rs`` and ``mesh.rs`` of the crate ``mishandle-camera`` as
-functions of kernels."""
+"""Where rays enter the forms of shapes, and their normals, in their frames: ``form.rs`` and
+``mesh.rs`` of the crate ``mishandle-camera`` as functions of kernels."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -36,7 +36,10 @@ def unit(v: wp.vec3):
 @wp.func
 def enter_plane(size: wp.vec3, o: wp.vec3, d: wp.vec3):
     t = -o[2] / d[2]
-    if d[2] < 0.0 and 0.0 < o[2] and wp.abs(o[0] + t * d[0]) <= size[0] and wp.abs(o[1] + t * d[1]) <= size[1]:
+    if (
+        d[2] < 0.0 and 0.0 < o[2] and wp.abs(o[0] + t * d[0]) <= size[0]
+        and wp.abs(o[1] + t * d[1]) <= size[1]
+    ):
         return t
     return wp.inf
 
@@ -70,8 +73,8 @@ def enter_box(half: wp.vec3, o: wp.vec3, d: wp.vec3):
 
 @wp.func
 def across(radius: float, o: wp.vec3, d: wp.vec3):
-    """Returns where a ray meets the infinite cylinder around z: the middle, half the length inside, and the square of the radius minus
-    that of the distance from the axis."""
+    """Returns where a ray meets the infinite cylinder around z: the middle, half the length inside,
+    and the square of the radius minus that of the distance from the axis."""
     square = greater(d[0] * d[0] + d[1] * d[1], TINY)
     middle = -(o[0] * d[0] + o[1] * d[1]) / square
     x, y = o[0] + middle * d[0], o[1] + middle * d[1]
@@ -155,7 +158,9 @@ def normal_of(kind: int, size: wp.vec3, p: wp.vec3):
             normal = wp.vec3(p[0] / from_axis, p[1] / from_axis, 0.0)
     elif kind == 6:
         normal = unit(
-            wp.vec3(p[0] / (size[0] * size[0]), p[1] / (size[1] * size[1]), p[2] / (size[2] * size[2]))
+            wp.vec3(
+                p[0] / (size[0] * size[0]), p[1] / (size[1] * size[1]), p[2] / (size[2] * size[2])
+            )
         )
     return normal
 
@@ -197,7 +202,8 @@ def enter_cloth(
     triangles: wp.array2d(dtype=int),
     nodes: wp.array2d(dtype=int),
 ):
-    """Returns where a ray first meets a triangle of the nodes from ``size[0]`` to ``size[1]`` after ``least`` and before ``most``, and which."""
+    """Returns where a ray first meets a triangle of the nodes from ``size[0]`` to ``size[1]`` after
+    ``least`` and before ``most``, and which."""
     inverse = wp.vec3(1.0 / d[0], 1.0 / d[1], 1.0 / d[2])
     first, hit = float(most), int(0)
     node, end = int(size[0]), int(size[1])
@@ -287,7 +293,8 @@ def fit_normals(
     around: wp.array(dtype=int),
     normals: wp.array2d(dtype=wp.vec3),
 ) -> None:
-    """Adds up the normals of the triangles around each vertex, which ``around`` has from ``first_of[vertex]`` on."""
+    """Adds up the normals of the triangles around each vertex, which ``around`` has from
+    ``first_of[vertex]`` on."""
     image, vertex = wp.tid()
     sum = wp.vec3(0.0, 0.0, 0.0)
     for place in range(first_of[vertex], first_of[vertex + 1]):

@@ -1,5 +1,6 @@
-"""Kernels of :mod:`mishandle.gpu.cameras.renderer`: rays, shadows and colors of the crate ``mishandle-camera``. They repeat its arithmetic in the
-same order, without fused operations, so that both draw the same bytes. ``rows.rs`` has the columns of their inputs."""
+"""Kernels of :mod:`mishandle.gpu.cameras.renderer`: rays, shadows and colors of the crate
+``mishandle-camera``. They repeat its arithmetic in the same order, without fused operations, so
+that both draw the same bytes. ``rows.rs`` has the columns of their inputs."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -55,8 +56,8 @@ LOOSE = wp.constant(1e-5)
 NO_SHAPE = wp.constant(-1)
 
 BLOCK = 128
-"""Threads per block of :func:`shade`, of which a multiprocessor takes six: with fewer registers per thread, more of them hide the time of square
-roots and divisions."""
+"""Threads per block of :func:`shade`, of which a multiprocessor takes six: with fewer registers per
+thread, more of them hide the time of square roots and divisions."""
 
 
 @wp.struct
@@ -69,7 +70,8 @@ class Pose:
 
 @wp.struct
 class View:
-    """The rays of an image: those of pixel (x, y) start at ``eye`` and go along ``forward + u(x) right + v(y) up``."""
+    """The rays of an image: those of pixel (x, y) start at ``eye`` and go along ``forward + u(x)
+    right + v(y) up``."""
 
     eye: wp.vec3
     right: wp.vec3
@@ -125,7 +127,9 @@ def vector(numbers: wp.array2d(dtype=float), row: int, column: int):
 
 @wp.func
 def vector3(numbers: wp.array3d(dtype=float), row: int, item: int, column: int):
-    return wp.vec3(numbers[row, item, column], numbers[row, item, column + 1], numbers[row, item, column + 2])
+    return wp.vec3(
+        numbers[row, item, column], numbers[row, item, column + 1], numbers[row, item, column + 2]
+    )
 
 
 @wp.func
@@ -149,8 +153,11 @@ def pose2(numbers: wp.array2d(dtype=float), row: int, column: int):
 
 
 @wp.func
-def body_pose(now: wp.array2d(dtype=float), before: wp.array2d(dtype=float), row: int, body: int, ago: float):
-    """Returns the pose of a body some time before a state, as a fraction of the time since the state before."""
+def body_pose(
+    now: wp.array2d(dtype=float), before: wp.array2d(dtype=float), row: int, body: int, ago: float
+):
+    """Returns the pose of a body some time before a state, as a fraction of the time since the
+    state before."""
     pose = pose2(now, row, 12 * body)
     if ago > 0.0:
         old = pose2(before, row, 12 * body)
@@ -178,15 +185,22 @@ def aim(
     state, camera = first_state + image // count, image % count
     sight = sights[state]
     ray = RAYS + RAY_COLUMNS * sample
-    body = body_pose(now, before, state, int(cameras[sight, camera, CAMERA_BODY]), cameras[sight, camera, ray + AGO])
+    body = body_pose(
+        now, before, state, int(cameras[sight, camera, CAMERA_BODY]),
+        cameras[sight, camera, ray + AGO]
+    )
     pose = inside(body, pose3(cameras, sight, camera, CAMERA_POSE))
     view = View()
     lens = ray + LENS
-    view.eye = pose.position + (pose.x * cameras[sight, camera, lens] + pose.y * cameras[sight, camera, lens + 1])
+    view.eye = pose.position + (
+        pose.x * cameras[sight, camera, lens] + pose.y * cameras[sight, camera, lens + 1]
+    )
     view.right = pose.x
     view.up = pose.y
     view.forward = -pose.z
-    view.first = wp.vec2(cameras[sight, camera, ray + FIRST], cameras[sight, camera, ray + FIRST + 1])
+    view.first = wp.vec2(
+        cameras[sight, camera, ray + FIRST], cameras[sight, camera, ray + FIRST + 1]
+    )
     view.step = cameras[sight, camera, STEP]
     views[image] = view
 
@@ -205,7 +219,8 @@ def in_view(view: View, v: wp.vec3):
 
 @wp.func
 def bounds_of(view: View, pose: Pose, center: wp.vec3, half: wp.vec3, width: int, height: int):
-    """Returns the pixels that a box may cover: first and last column and row. None are -1 and -2."""
+    """Returns the pixels that a box may cover: first and last column and row. None are -1 and
+    -2."""
     whole = wp.vec4i(0, width - 1, 0, height - 1)
     none = wp.vec4i(-1, -2, -1, -2)
     if not (wp.max(half) < wp.inf):
@@ -251,7 +266,9 @@ def half_of(kind: int, size: wp.vec3):
     elif kind == 4:
         half, radius = wp.vec3(size[0], size[0], size[1] + size[0]), size[0] + size[1]
     elif kind == 5:
-        half, radius = wp.vec3(size[0], size[0], size[1]), wp.sqrt(size[0] * size[0] + size[1] * size[1])
+        half, radius = wp.vec3(size[0], size[0], size[1]), wp.sqrt(
+            size[0] * size[0] + size[1] * size[1]
+        )
     elif kind == 6:
         radius = wp.max(size)
     return half, radius
@@ -311,7 +328,9 @@ def place(
     bounds[image, index] = bounds_of(view, own.pose, center, half, width, height)
     square = radius * radius * 1.001 + LOOSE
     # Only opaque shapes cast shadows.
-    spheres[image, index] = wp.vec4(middle[0], middle[1], middle[2], wp.where(own.is_opaque == 1, square, -1.0))
+    spheres[image, index] = wp.vec4(
+        middle[0], middle[1], middle[2], wp.where(own.is_opaque == 1, square, -1.0)
+    )
     distances[image, index] = wp.dot(middle - view.eye, view.forward)
 
 
@@ -346,7 +365,8 @@ def is_shaded(
                 t = float(wp.inf)
                 if kind == CLOTH:
                     found, which = enter_cloth(
-                        size, o, d, CLOSE, wp.inf, image, cloth_vertices, lows, highs, triangles, nodes
+                        size, o, d, CLOSE, wp.inf, image, cloth_vertices, lows, highs, triangles,
+                        nodes
                     )
                     t = found
                 # Light that leaves a plane does not enter it.
@@ -376,7 +396,10 @@ def multiply(a: wp.vec3, b: wp.vec3):
 
 
 @wp.func
-def emitted(shapes: wp.array3d(dtype=float), sky: wp.array2d(dtype=float), sight: int, index: int, normal: wp.vec3):
+def emitted(
+    shapes: wp.array3d(dtype=float), sky: wp.array2d(dtype=float), sight: int, index: int,
+    normal: wp.vec3
+):
     """Returns the light of a white surface without lamps."""
     up = 0.5 + 0.5 * normal[2]
     above, below = vector(sky, sight, AMBIENT_ABOVE), vector(sky, sight, AMBIENT_BELOW)
@@ -387,7 +410,8 @@ def emitted(shapes: wp.array3d(dtype=float), sky: wp.array2d(dtype=float), sight
 
 @wp.func
 def highlight(
-    shapes: wp.array3d(dtype=float), sight: int, index: int, normal: wp.vec3, to_lamp: wp.vec3, to_eye: wp.vec3
+    shapes: wp.array3d(dtype=float), sight: int, index: int, normal: wp.vec3, to_lamp: wp.vec3,
+    to_eye: wp.vec3
 ):
     specular = shapes[sight, index, SPECULAR]
     if specular > 0.0:
@@ -474,7 +498,9 @@ def shade(
         kind = placed[image, shape].kind
         normal = wp.vec3(0.0, 0.0, 0.0)
         if kind == CLOTH:
-            normal = direction_of(pose, of_cloth(image, triangle, at, cloth_vertices, cloth_normals, triangles))
+            normal = direction_of(
+                pose, of_cloth(image, triangle, at, cloth_vertices, cloth_normals, triangles)
+            )
             if wp.dot(normal, direction) > 0.0:
                 normal = -normal
         else:
@@ -492,7 +518,8 @@ def shade(
                         shaded = int(0)
                         if lamps[sight, lamp, CASTS_SHADOWS] > 0.0:
                             shaded = is_shaded(
-                                p, toward, shape, image, placed, spheres, cloth_vertices, lows, highs, triangles, nodes
+                                p, toward, shape, image, placed, spheres, cloth_vertices, lows,
+                                highs, triangles, nodes
                             )
                         if shaded == 0:
                             lit += 1.0
@@ -502,7 +529,9 @@ def shade(
                 if cosine > 0.0:
                     lamp_color = vector3(lamps, sight, lamp, LAMP_COLOR)
                     diffuse = diffuse + lamp_color * cosine
-                    shine = shine + lamp_color * (highlight(shapes, sight, shape, normal, to_lamp, to_eye) * lit)
+                    shine = shine + lamp_color * (
+                        highlight(shapes, sight, shape, normal, to_lamp, to_eye) * lit
+                    )
         color = multiply(color_at(shapes, sight, shape, at), diffuse) + shine
     # Shapes that are not opaque are drawn over the others, the farthest one first.
     last, last_place = float(wp.inf), int(-1)
@@ -527,7 +556,8 @@ def shade(
                 which = int(0)
                 if kind == CLOTH:
                     found, hit = enter_cloth(
-                        size, o, d, 0.0, wp.inf, image, cloth_vertices, lows, highs, triangles, nodes
+                        size, o, d, 0.0, wp.inf, image, cloth_vertices, lows, highs, triangles,
+                        nodes
                     )
                     t, which = found, hit
                 else:
@@ -538,19 +568,26 @@ def shade(
                     at = local_point(pose, p)
                     normal = wp.vec3(0.0, 0.0, 0.0)
                     if kind == CLOTH:
-                        normal = direction_of(pose, of_cloth(image, which, at, cloth_vertices, cloth_normals, triangles))
+                        normal = direction_of(
+                            pose,
+                            of_cloth(image, which, at, cloth_vertices, cloth_normals, triangles)
+                        )
                         if wp.dot(normal, direction) > 0.0:
                             normal = -normal
                     else:
                         normal = direction_of(pose, normal_of(kind, size, at))
-                    diffuse, shine = emitted(shapes, sky, sight, index, normal), wp.vec3(0.0, 0.0, 0.0)
+                    diffuse, shine = emitted(shapes, sky, sight, index, normal), wp.vec3(
+                        0.0, 0.0, 0.0
+                    )
                     for lamp in range(lamps.shape[1]):
                         to_lamp = vector3(lamps, sight, lamp, TO_LAMP)
                         cosine = wp.dot(normal, to_lamp)
                         if cosine > 0.0 and lamps[sight, lamp, SHADOW_RAYS] > 0.0:
                             lamp_color = vector3(lamps, sight, lamp, LAMP_COLOR)
                             diffuse = diffuse + lamp_color * cosine
-                            shine = shine + lamp_color * highlight(shapes, sight, index, normal, to_lamp, to_eye)
+                            shine = shine + lamp_color * highlight(
+                                shapes, sight, index, normal, to_lamp, to_eye
+                            )
                     front = multiply(color_at(shapes, sight, index, at), diffuse) + shine
                     color = color + (front - color) * shapes[sight, index, OPACITY]
     pixel = row * width + column
@@ -562,7 +599,8 @@ def shade(
 
 @wp.kernel
 def read_bodies(
-    positions: wp.array2d(dtype=wp.vec3), quaternions: wp.array2d(dtype=wp.quat), bodies: wp.array2d(dtype=float)
+    positions: wp.array2d(dtype=wp.vec3), quaternions: wp.array2d(dtype=wp.quat),
+    bodies: wp.array2d(dtype=float)
 ) -> None:
     """Writes the pose of each body of MuJoCo Warp, whose quaternions have their real part first."""
     row, body = wp.tid()

@@ -1,5 +1,5 @@
-"""Colors of materials and random numbers as functions of kernels: ``material.rs`` of the crate ``mishandle-camera`` and ``philox.rs`` of
-``mishandle-random``."""
+"""Colors of materials and random numbers as functions of kernels: ``material.rs`` of the crate
+``mishandle-camera`` and ``philox.rs`` of ``mishandle-random``."""
 
 # The annotations of kernels are calls, which type checkers reject.
 # mypy: ignore-errors
@@ -11,8 +11,12 @@ from mishandle.gpu.cameras.columns import COLORS, PATTERN, SCALE, SEED
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-FIRST_MULTIPLIER, SECOND_MULTIPLIER = wp.constant(wp.uint64(0xD2511F53)), wp.constant(wp.uint64(0xCD9E8D57))
-FIRST_INCREMENT, SECOND_INCREMENT = wp.constant(wp.uint32(0x9E3779B9)), wp.constant(wp.uint32(0xBB67AE85))
+FIRST_MULTIPLIER, SECOND_MULTIPLIER = wp.constant(wp.uint64(0xD2511F53)), wp.constant(
+    wp.uint64(0xCD9E8D57)
+)
+FIRST_INCREMENT, SECOND_INCREMENT = wp.constant(wp.uint32(0x9E3779B9)), wp.constant(
+    wp.uint32(0xBB67AE85)
+)
 LOW_HALF = wp.constant(wp.uint64(0xFFFFFFFF))
 
 Words = wp.types.vector(length=4, dtype=wp.uint32)
@@ -90,7 +94,10 @@ def wood(x: float, y: float, z: float, seed: wp.uint32):
 @wp.func
 def color_at(shapes: wp.array3d(dtype=float), sight: int, shape: int, p: wp.vec3):
     """Returns the color of a shape at a point in its frame, m."""
-    first = wp.vec3(shapes[sight, shape, COLORS], shapes[sight, shape, COLORS + 1], shapes[sight, shape, COLORS + 2])
+    first = wp.vec3(
+        shapes[sight, shape, COLORS], shapes[sight, shape, COLORS + 1],
+        shapes[sight, shape, COLORS + 2]
+    )
     pattern = int(shapes[sight, shape, PATTERN])
     if pattern == 0:
         return first
@@ -106,5 +113,8 @@ def color_at(shapes: wp.array3d(dtype=float), sight: int, shape: int, p: wp.vec3
         share = spots(x, y, z, seed)
     else:
         share = wood(x, y, z, seed)
-    second = wp.vec3(shapes[sight, shape, COLORS + 3], shapes[sight, shape, COLORS + 4], shapes[sight, shape, COLORS + 5])
+    second = wp.vec3(
+        shapes[sight, shape, COLORS + 3], shapes[sight, shape, COLORS + 4],
+        shapes[sight, shape, COLORS + 5]
+    )
     return first + (second - first) * share

@@ -1,4 +1,5 @@
-"""Images of cameras by ray casting on a GPU: launches the kernels of the crate ``mishandle-camera``'s arithmetic. It knows arrays and no task;
+"""Images of cameras by ray casting on a GPU: launches the kernels of the crate
+``mishandle-camera``'s arithmetic. It knows arrays and no task;
 :class:`mishandle.gpu.cameras.task_cameras.Cameras` gives it those of a task."""
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ try:
     kernels: Any = importlib.import_module("mishandle.gpu.cameras.kernels")
     effects: Any = importlib.import_module("mishandle.gpu.cameras.effects")
 except ImportError as error:
-    raise ImportError(f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})") from error
+    raise ImportError(
+        f"the device gpu needs an extra: pip install 'mishandle[gpu]' ({error})"
+    ) from error
 
 PIXELS = 1 << 25
 """Pixels that are rendered at a time: 4 bytes for each of three colors, twice."""
@@ -33,7 +36,8 @@ WARP_PIXELS = (8, 4)
 
 @dataclass(frozen=True)
 class Poses:
-    """Bodies of states on the device, 12 numbers each, and vertices of cloths, three numbers each: a row per state."""
+    """Bodies of states on the device, 12 numbers each, and vertices of cloths, three numbers each:
+    a row per state."""
 
     bodies: Any
     vertices: Any
@@ -44,8 +48,8 @@ class Poses:
 
 @dataclass(frozen=True)
 class Sights:
-    """What cameras see in scenarios, on the device: a row per scenario. ``over`` are the shapes that are not opaque; the numbers say what must be
-    launched."""
+    """What cameras see in scenarios, on the device: a row per scenario. ``over`` are the shapes
+    that are not opaque; the numbers say what must be launched."""
 
     shapes: Any
     lamps: Any
@@ -70,15 +74,18 @@ class _Buffers:
 
 
 class Renderer:
-    """Renders images of the cameras with these numbers, which choose the noise of each, at a size (width, height) in pixels. ``cloths`` are
-    triangles, nodes, and bodies and places of vertices; ``tables`` are those of the compression."""
+    """Renders images of the cameras with these numbers, which choose the noise of each, at a size
+    (width, height) in pixels. ``cloths`` are triangles, nodes, and bodies and places of vertices;
+    ``tables`` are those of the compression."""
 
     def __init__(
         self,
         device: Any,
         size: tuple[int, int],
         camera_numbers: list[int],
-        cloths: tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float32]],
+        cloths: tuple[
+            NDArray[np.uint32], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float32]
+        ],
         tables: NDArray[np.float32],
         pixels: int = PIXELS,
     ) -> None:
@@ -104,22 +111,34 @@ class Renderer:
     def poses(self, bodies: NDArray[np.float32], vertices: NDArray[np.float32]) -> Poses:
         """Copies poses to the device."""
         with wp.ScopedDevice(self.device):
-            return Poses(wp.array(bodies, dtype=float, ndim=2), wp.array(vertices, dtype=float, ndim=2))
+            return Poses(
+                wp.array(bodies, dtype=float, ndim=2), wp.array(vertices, dtype=float, ndim=2)
+            )
 
     def poses_of_worlds(self, positions: Any, quaternions: Any) -> Poses:
-        """Returns the poses of bodies on the device, as MuJoCo Warp has them (``xpos`` and ``xquat`` of its data)."""
+        """Returns the poses of bodies on the device, as MuJoCo Warp has them (``xpos`` and
+        ``xquat`` of its data)."""
         rows, count = positions.shape
         vertices = self._places.shape[0]
         with wp.ScopedDevice(self.device):
-            poses = Poses(wp.empty((rows, 12 * count), dtype=float), wp.empty((rows, 3 * vertices), dtype=float))
-            wp.launch(kernels.read_bodies, (rows, count), inputs=[positions, quaternions], outputs=[poses.bodies])
+            poses = Poses(
+                wp.empty((rows, 12 * count), dtype=float),
+                wp.empty((rows, 3 * vertices), dtype=float)
+            )
+            wp.launch(
+                kernels.read_bodies, (rows, count), inputs=[positions, quaternions],
+                outputs=[poses.bodies]
+            )
             if vertices > 0:
                 inputs = [poses.bodies, self._vertex_bodies, self._places]
-                wp.launch(kernels.read_vertices, (rows, vertices), inputs=inputs, outputs=[poses.vertices])
+                wp.launch(
+                    kernels.read_vertices, (rows, vertices), inputs=inputs, outputs=[poses.vertices]
+                )
         return poses
 
     def sights(self, rows: Mapping[str, NDArray[np.float32]]) -> Sights:
-        """Copies rows of scenarios to the device: ``shapes``, ``lamps``, ``sky`` and ``cameras``."""
+        """Copies rows of scenarios to the device: ``shapes``, ``lamps``, ``sky`` and
+        ``cameras``."""
         count = len(rows["sky"])
         shapes = rows["shapes"].reshape(count, -1, columns.SHAPE_COLUMNS)
         lamps = rows["lamps"].reshape(count, -1, columns.LAMP_COLUMNS)
@@ -144,10 +163,14 @@ class Renderer:
                 needs_before=bool((cameras[:, :, columns.SHUTTER] > 0).any()),
             )
 
-    def render(self, poses: Poses, sights: Sights, rows: Any, seeds: Any, steps: Any, before: Poses | None = None) -> Any:
-        """Renders each camera of each state: bytes of the shape (states * cameras, height, width, 3) on the device, the cameras
-        of a state one after the other. ``rows`` are the rows of
-        ``sights`` of the states, ``seeds`` and ``steps`` choose the noise, and ``before`` are the states one control step ago."""
+    def render(
+        self, poses: Poses, sights: Sights, rows: Any, seeds: Any, steps: Any,
+        before: Poses | None = None
+    ) -> Any:
+        """Renders each camera of each state: bytes of the shape (states * cameras, height, width,
+        3) on the device, the cameras of a state one after the other. ``rows`` are the rows of
+        ``sights`` of the states, ``seeds`` and ``steps`` choose the noise, and ``before`` are the
+        states one control step ago."""
         states, pixels = len(poses), self.width * self.height
         with wp.ScopedDevice(self.device):
             out = wp.empty((states * self.cameras, pixels, 3), dtype=wp.uint8)
@@ -156,14 +179,19 @@ class Renderer:
                 arrays = self._arrays(min(self._chunk, states) * self.cameras, sights)
                 self._cast(arrays, first, count, poses, before or poses, sights, rows)
                 light = self._develop(arrays, first, count, sights, rows, seeds, steps)
-                wp.launch(effects.write, (count, pixels), inputs=[light, first * self.cameras], outputs=[out])
+                wp.launch(
+                    effects.write, (count, pixels), inputs=[light, first * self.cameras],
+                    outputs=[out]
+                )
         return out.reshape((states * self.cameras, self.height, self.width, 3))
 
     def _arrays(self, images: int, sights: Sights) -> dict[str, Any]:
         """Returns arrays for this many images, which stay for the next call."""
         if self._buffers.images < images:
             self._buffers = _Buffers(images)
-        images, pixels, shapes = self._buffers.images, self.width * self.height, sights.shapes.shape[1]
+        images, pixels, shapes = (
+            self._buffers.images, self.width * self.height, sights.shapes.shape[1]
+        )
         vertices, nodes = self._places.shape[0], self._nodes.shape[0]
         blocks = (images, 3, _whole_blocks(self.height), _whole_blocks(self.width))
         required: dict[str, tuple[tuple[int, ...], Any, bool]] = {
@@ -188,7 +216,8 @@ class Renderer:
         return arrays
 
     def _cast(
-        self, arrays: dict[str, Any], first: int, count: int, poses: Poses, before: Poses, sights: Sights, rows: Any
+        self, arrays: dict[str, Any], first: int, count: int, poses: Poses, before: Poses,
+        sights: Sights, rows: Any
     ) -> None:
         """Computes the light of each pixel."""
         lows, highs = arrays["lows"], arrays["highs"]
@@ -200,36 +229,55 @@ class Renderer:
             self._move_cloths(arrays, first, count, sample, poses, before, sights, rows)
             inputs = [poses.bodies, before.bodies, sights.cameras, rows, first, sample]
             wp.launch(kernels.aim, count, inputs=inputs, outputs=[arrays["views"]])
-            inputs = [poses.bodies, before.bodies, sights.shapes, sights.cameras, rows, lows, highs, arrays["views"], first, sample, *size]
+            inputs = [
+                poses.bodies, before.bodies, sights.shapes, sights.cameras, rows, lows, highs,
+                arrays["views"], first, sample, *size
+            ]
             placed = [arrays[name] for name in ("placed", "bounds", "spheres", "distances")]
             wp.launch(kernels.place, (count, sights.shapes.shape[1]), inputs=inputs, outputs=placed)
-            inputs = [sights.shapes, sights.lamps, sights.sky, sights.cameras, rows, arrays["views"], *placed, sights.over, *cloth]
+            inputs = [
+                sights.shapes, sights.lamps, sights.sky, sights.cameras, rows, arrays["views"],
+                *placed, sights.over, *cloth
+            ]
             inputs += [first, sample, *size]
-            wp.launch(kernels.shade, (count, threads), inputs=inputs, outputs=[arrays["light"]], block_dim=kernels.BLOCK)
+            wp.launch(
+                kernels.shade, (count, threads), inputs=inputs, outputs=[arrays["light"]],
+                block_dim=kernels.BLOCK
+            )
 
     def _move_cloths(
-        self, arrays: dict[str, Any], first: int, count: int, sample: int, poses: Poses, before: Poses, sights: Sights, rows: Any
+        self, arrays: dict[str, Any], first: int, count: int, sample: int, poses: Poses,
+        before: Poses, sights: Sights, rows: Any
     ) -> None:
         vertices, nodes = self._places.shape[0], self._nodes.shape[0]
         if vertices == 0:
             return
         column = columns.RAYS + columns.RAY_COLUMNS * sample + columns.AGO
         inputs = [poses.vertices, before.vertices, sights.cameras, rows, first, column]
-        wp.launch(forms.move_vertices, (count, vertices), inputs=inputs, outputs=[arrays["vertices"]])
+        wp.launch(
+            forms.move_vertices, (count, vertices), inputs=inputs, outputs=[arrays["vertices"]]
+        )
         inputs = [arrays["vertices"], self._triangles, self._nodes]
-        wp.launch(forms.fit_boxes, (count, nodes), inputs=inputs, outputs=[arrays["lows"], arrays["highs"]])
+        wp.launch(
+            forms.fit_boxes, (count, nodes), inputs=inputs,
+            outputs=[arrays["lows"], arrays["highs"]]
+        )
         inputs = [arrays["vertices"], self._triangles, self._first, self._around]
         wp.launch(forms.fit_normals, (count, vertices), inputs=inputs, outputs=[arrays["normals"]])
 
     def _develop(
-        self, arrays: dict[str, Any], first: int, count: int, sights: Sights, rows: Any, seeds: Any, steps: Any
+        self, arrays: dict[str, Any], first: int, count: int, sights: Sights, rows: Any, seeds: Any,
+        steps: Any
     ) -> Any:
-        """Applies the effects to the light of each pixel, and returns the array that has it then."""
+        """Applies the effects to the light of each pixel, and returns the array that has it
+        then."""
         light, of_images = arrays["light"], [sights.cameras, rows]
         dim = (count, self.width * self.height)
         wp.launch(effects.cover, dim, inputs=[*of_images, first, self.width, self.height, light])
         for done in range(sights.passes):
-            for is_vertical, source, target in ((0, light, arrays["blurred"]), (1, arrays["blurred"], light)):
+            for is_vertical, source, target in (
+                (0, light, arrays["blurred"]), (1, arrays["blurred"], light)
+            ):
                 inputs = [*of_images, first, self.width, self.height, done, is_vertical, source]
                 wp.launch(effects.blur, dim, inputs=inputs, outputs=[target])
         inputs = [*of_images, self._camera_numbers, seeds, steps, first, self.width, light]
@@ -238,10 +286,15 @@ class Renderer:
             self._compress(arrays, first, count, sights, rows)
         return light
 
-    def _compress(self, arrays: dict[str, Any], first: int, count: int, sights: Sights, rows: Any) -> None:
+    def _compress(
+        self, arrays: dict[str, Any], first: int, count: int, sights: Sights, rows: Any
+    ) -> None:
         light, planes, other = arrays["light"], arrays["planes"], arrays["coefficients"]
         down, across = planes.shape[2:]
-        wp.launch(effects.separate, (count, down, across), inputs=[light, self.width, self.height], outputs=[planes])
+        wp.launch(
+            effects.separate, (count, down, across), inputs=[light, self.width, self.height],
+            outputs=[planes]
+        )
         dim = (count, 3, down * across)
         for table in (self._cosines, self._back):
             wp.launch(effects.transform, dim, inputs=[table, planes, across], outputs=[other])
@@ -257,8 +310,11 @@ def _whole_blocks(side: int) -> int:
     return -(-side // 8) * 8
 
 
-def _triangles_around(triangles: NDArray[np.uint32], vertices: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Returns the triangles around each vertex in their order, one vertex after the other, and where those of each vertex begin."""
+def _triangles_around(
+    triangles: NDArray[np.uint32], vertices: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Returns the triangles around each vertex in their order, one vertex after the other, and
+    where those of each vertex begin."""
     corners = triangles.reshape(-1).astype(np.int64)
     order = np.argsort(corners, kind="stable")
     first = np.searchsorted(corners[order], np.arange(vertices + 1))
