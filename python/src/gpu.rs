@@ -1,5 +1,5 @@
-//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu.batches`, and
-//! networks, through `mishandle.gpu.networks`.
+//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module
+//! `mishandle.gpu.batches`, and networks, through `mishandle.gpu.networks`.
 
 use std::collections::HashMap;
 use std::sync::Arc;
