@@ -6,7 +6,7 @@ import os
 import pathlib
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from typing_extensions import Unpack
@@ -14,14 +14,14 @@ from typing_extensions import Unpack
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.files import PathLike, write_text
-from mishandle.base.interruption import Progress, deliver
+from mishandle.base.interruption import deliver
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.results import Trial
-from mishandle.runs.documents import RunResult, read, warn_all
+from mishandle.runs.documents import RunFile, RunOptions, RunResult, answer, read
 from mishandle.runs.explanations import Explanation
 from mishandle.runs.run_files import open_run
-from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number, check_out
+from mishandle.runs.targets import Formulas, Space, make_target
+from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Axis
 
 
@@ -43,13 +43,6 @@ class Exports(results.Exports):
 @dataclass(frozen=True, kw_only=True)
 class Falsification(RunResult, results.Falsification):
     """Counterexamples that the trials of a search found."""
-
-    largest_difference: float = 0.0
-    """Largest difference between two simulations of the nominal scenario with the same seed."""
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of exceptions of the system."""
-    not_covered: tuple[str, ...] = ()
-    """Parts of the system that its hash does not cover."""
 
     @property
     def counterexamples(self) -> list[Trial]:
@@ -107,13 +100,6 @@ class Falsification(RunResult, results.Falsification):
 class Evaluation(RunResult, results.Evaluation):
     """Success rate, dangerous behavior rate and completion time of a controller."""
 
-    largest_difference: float = 0.0
-    """Largest difference between two simulations of the nominal scenario with the same seed."""
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of exceptions of the system."""
-    not_covered: tuple[str, ...] = ()
-    """Parts of the system that its hash does not cover."""
-
 
 def falsify(
     system: Any,
@@ -132,12 +118,7 @@ def falsify(
     new_mode_rate: float = 0.01,
     repeats: int | None = None,
     seed: int = 0,
-    out: PathLike | None = None,
-    resume: bool = False,
-    any_build: bool = False,
-    durable: bool = False,
-    progress: Progress | None = None,
-    **target: Unpack[TargetOptions],
+    **settings: Unpack[RunOptions],
 ) -> Falsification:
     """Searches for scenarios in which a system violates a formula.
 
@@ -183,26 +164,10 @@ def falsify(
         seed; by default 100. In total, they are at most as many as the run has. 0 skips them.
     seed : int
         Random seed of the falsification.
-    out : path, optional
-        Run file; by default the first free name in the folder ``runs``.
-    resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
-        for the first one of a system that is deterministic: if it differs, the system is not that
-        of the run.
-    any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
-        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
-    durable : bool
-        Whether each batch is synced to the disk, so that a power failure loses none.
-    progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch.
-    **target
-        Arguments that describe the system, the same for all functions: ``policy``,
-        ``batched_policy``, ``signals``, ``units`` (of the signals of a function), ``steps``
-        (control steps of an episode), ``control_dt`` (seconds), ``termination``, ``time_limit``
-        (seconds), ``axes``, ``preset``, ``stochastic``, ``action_noise``, ``observation_noise``,
-        ``guard`` and ``rows`` (of a task), ``name``, ``version``, ``files`` and ``executor``. See
-        :class:`mishandle.runs.targets.TargetOptions`.
+    **settings
+        Run file: ``out``, ``resume``, ``any_build``, ``durable`` and ``progress``, see
+        :class:`mishandle.runs.RunOptions`. System: ``policy``, ``signals``, ``steps``,
+        ``control_dt`` and others, see :class:`mishandle.runs.TargetOptions`.
 
     Returns
     -------
@@ -229,7 +194,7 @@ def falsify(
     >>> found.counterexamples[0].scenario["speed"] > 8
     True
     """
-    check_out(out, resume, any_build)
+    run = RunFile(settings)
     check_number("seed", seed, 0)
     for name, value in [("trials", trials), ("budget", budget), ("batch", batch)]:
         check_number(name, value, 1)
@@ -246,7 +211,7 @@ def falsify(
             axes, search=search, options=search_options, new_mode_rate=new_mode_rate, **numbers
         )
 
-    found = make_target(system, formula, space, target, check)
+    found = make_target(system, formula, space, run.target, check)
     text, interruption, notes = _native.falsify(
         found.native,
         formula=found.formula,
@@ -262,12 +227,10 @@ def falsify(
         new_mode_rate=new_mode_rate,
         repeats=repeats,
         seed=seed,
-        out=(None if out is None else os.fspath(out), resume, durable, any_build),
-        progress=progress,
+        out=run.native,
+        progress=run.progress,
     )
-    warn_all(notes)
-    result = deliver(read(Falsification, text, **found.facts), interruption)
-    result.remember(found.native)
+    result = deliver(answer(Falsification, found, text, notes), interruption)
     undecided = sum(trial.undecided for trial in result.trials)
     if undecided > 0:
         warnings.warn(
@@ -298,12 +261,7 @@ def evaluate(
     control: bool = True,
     batch: int = 64,
     seed: int = 0,
-    out: PathLike | None = None,
-    resume: bool = False,
-    any_build: bool = False,
-    durable: bool = False,
-    progress: Progress | None = None,
-    **target: Unpack[TargetOptions],
+    **settings: Unpack[RunOptions],
 ) -> Evaluation:
     """Measures how often a system satisfies its formulas in random scenarios and at the corners of
     the space.
@@ -335,7 +293,7 @@ def evaluate(
     >>> (found.success_rate.value, [point.successes for point in found.corners.points])
     (1.0, [1, 1, 1])
     """
-    check_out(out, resume, any_build)
+    run = RunFile(settings)
     check_number("seed", seed, 0)
     check_number("episodes", episodes, 1)
     check_number("batch", batch, 1)
@@ -349,7 +307,7 @@ def evaluate(
             f"an evaluation in the space {space!r} of a task uses the formulas of the task; leave "
             "out `formula`"
         )
-    found = make_target(system, formula, space, target, check, has_metrics=True)
+    found = make_target(system, formula, space, run.target, check, has_metrics=True)
     text, interruption, notes = _native.evaluate(
         found.native,
         episodes=episodes,
@@ -358,10 +316,7 @@ def evaluate(
         rate=rate,
         control=control,
         seed=seed,
-        out=(None if out is None else os.fspath(out), resume, durable, any_build),
-        progress=progress,
+        out=run.native,
+        progress=run.progress,
     )
-    warn_all(notes)
-    result = deliver(read(Evaluation, text, **found.facts), interruption)
-    result.remember(found.native)
-    return result
+    return deliver(answer(Evaluation, found, text, notes), interruption)

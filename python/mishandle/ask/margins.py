@@ -6,7 +6,7 @@ import os
 import pathlib
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from typing_extensions import Unpack
@@ -14,24 +14,17 @@ from typing_extensions import Unpack
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.files import PathLike
-from mishandle.base.interruption import Progress, after_the_batch, deliver
+from mishandle.base.interruption import after_the_batch, deliver
 from mishandle.errors import MishandleError
-from mishandle.runs.documents import RunResult, read, warn_all, write_counterexample
-from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number, check_out
+from mishandle.runs.documents import RunFile, RunOptions, RunResult, answer, write_counterexample
+from mishandle.runs.targets import Formulas, Space, make_target
+from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Axis
 
 
 @dataclass(frozen=True, kw_only=True)
 class Margin(RunResult, results.Margin):
     """The smallest disturbance that violates a requirement."""
-
-    largest_difference: float = 0.0
-    """Largest difference between two simulations of the nominal scenario with the same seed."""
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of exceptions of the system."""
-    not_covered: tuple[str, ...] = ()
-    """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike) -> pathlib.Path:
         """Writes the witness as a counterexample file (``.json``), for :func:`replay` and
@@ -54,12 +47,7 @@ def margin(
     budget: int = 3000,
     each_category: bool = False,
     seed: int = 0,
-    out: PathLike | None = None,
-    resume: bool = False,
-    any_build: bool = False,
-    durable: bool = False,
-    progress: Progress | None = None,
-    **target: Unpack[TargetOptions],
+    **settings: Unpack[RunOptions],
 ) -> Margin:
     """Searches for the smallest disturbance with which a system violates a formula.
 
@@ -70,7 +58,7 @@ def margin(
 
     Parameters
     ----------
-    system, formula, space, **target
+    system, formula, space, **settings
         See :func:`falsify`. The default space of a task with one of our controllers is
         ``"disturbance"``.
     budget : int
@@ -83,21 +71,6 @@ def margin(
     seed : int
         Seed of the search. A deterministic system is simulated with it, one that depends on its
         seed with many derived seeds.
-    out : path, optional
-        Run file; by default the first free name in the folder ``runs``.
-    resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
-        for the first one of a system that is deterministic: if it differs, the system is not that
-        of the run.
-    any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
-        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
-    durable : bool
-        Whether each batch is synced to the disk, so that a power failure loses none.
-    progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
-        Ctrl-C, end the search after the running batch. The exception has the result so far as its
-        attribute ``result``.
 
     Returns
     -------
@@ -108,8 +81,6 @@ def margin(
     MishandleError
         If a name, a number or a formula is invalid, the space has no disturbed axis, or no
         simulation has a verdict.
-    ValueError, TypeError
-        If the system, its trace or its signals do not have the stated form.
 
     Examples
     --------
@@ -124,28 +95,25 @@ def margin(
     >>> 0.8 < found.witness.amplitude < 0.82
     True
     """
-    check_out(out, resume, any_build)
+    run = RunFile(settings)
     check_number("seed", seed, 0)
     check_number("budget", budget, 1)
     if (
         isinstance(system, str) and space is None
-        and isinstance(target.get("policy", ""), (str, os.PathLike))
+        and isinstance(settings.get("policy", ""), (str, os.PathLike))
     ):
         space = "disturbance"
 
     def check(space: Sequence[Axis]) -> None:
         _native.check_margin([axis.to_native() for axis in space], budget=budget)
 
-    made = make_target(system, formula, space, target, check)
-    run = (None if out is None else os.fspath(out), resume, durable, any_build)
-    with after_the_batch(progress) as report:
+    made = make_target(system, formula, space, run.target, check)
+    with after_the_batch(run.progress) as report:
         text, interruption, notes = _native.margin(
             made.native, formula=made.formula, budget=budget, each_category=each_category,
-            seed=seed, out=run, progress=report
+            seed=seed, out=run.native, progress=report
         )
-    warn_all(notes)
-    result = read(Margin, text, **made.facts)
-    result.remember(made.native)
+    result = answer(Margin, made, text, notes)
     if result.categories and not result.each_category:
         fixed = ", ".join(f"{name} = {category}" for name, category in result.categories.items())
         warnings.warn(

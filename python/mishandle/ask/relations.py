@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypedDict
 
 from typing_extensions import NotRequired, Unpack
@@ -14,11 +13,11 @@ import mishandle._native as _native
 import mishandle.results as results
 from mishandle.ask.margins import untested
 from mishandle.base.files import PathLike
-from mishandle.base.interruption import Progress, after_the_batch, deliver
+from mishandle.base.interruption import after_the_batch, deliver
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
-from mishandle.runs.documents import RunResult, read, warn_all, write_counterexample
-from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number, check_out
+from mishandle.runs.documents import RunFile, RunOptions, RunResult, answer, write_counterexample
+from mishandle.runs.targets import Formulas, Space, make_target
+from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Axis
 
 
@@ -37,13 +36,6 @@ class Relation(TypedDict):
 @dataclass(frozen=True, kw_only=True)
 class Metamorphic(RunResult, results.Metamorphic):
     """Relations between the results of pairs of scenarios."""
-
-    largest_difference: float = 0.0
-    """Largest difference between two simulations of the nominal scenario with the same seed."""
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of exceptions of the system."""
-    not_covered: tuple[str, ...] = ()
-    """Parts of the system that its hash does not cover."""
 
     @property
     def is_broken(self) -> bool:
@@ -71,12 +63,7 @@ def metamorphic(
     pairs: int = 100,
     batch: int = 64,
     seed: int = 0,
-    out: PathLike | None = None,
-    resume: bool = False,
-    any_build: bool = False,
-    durable: bool = False,
-    progress: Progress | None = None,
-    **target: Unpack[TargetOptions],
+    **settings: Unpack[RunOptions],
 ) -> Metamorphic:
     """Compares pairs of scenarios: what must hold if a scenario is changed.
 
@@ -86,7 +73,7 @@ def metamorphic(
 
     Parameters
     ----------
-    system, formula, space, **target
+    system, formula, space, **settings
         See :func:`falsify`.
     change : dict
         The change of each axis, of one relation: see :class:`Relation`.
@@ -100,21 +87,6 @@ def metamorphic(
         Number of simulations that run together. The result does not depend on it.
     seed : int
         Seed of the source cases.
-    out : path, optional
-        Run file; by default the first free name in the folder ``runs``.
-    resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
-        for the first one of a system that is deterministic: if it differs, the system is not that
-        of the run.
-    any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
-        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
-    durable : bool
-        Whether each batch is synced to the disk, so that a power failure loses none.
-    progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
-        Ctrl-C, end the test after the running batch. The exception has the result so far as its
-        attribute ``result``.
 
     Returns
     -------
@@ -125,8 +97,6 @@ def metamorphic(
     MishandleError
         If a name, a number or a formula is invalid, all follow-up cases are out of bounds, or no
         pair has two verdicts.
-    ValueError, TypeError
-        If the system, its trace or its signals do not have the stated form.
 
     Examples
     --------
@@ -144,7 +114,7 @@ def metamorphic(
     >>> found.is_broken
     False
     """
-    check_out(out, resume, any_build)
+    run = RunFile(settings)
     check_number("seed", seed, 0)
     check_number("pairs", pairs, 1)
     check_number("batch", batch, 1)
@@ -156,16 +126,13 @@ def metamorphic(
             seed=seed
         )
 
-    made = make_target(system, formula, space, target, check)
-    run = (None if out is None else os.fspath(out), resume, durable, any_build)
-    with after_the_batch(progress) as report:
+    made = make_target(system, formula, space, run.target, check)
+    with after_the_batch(run.progress) as report:
         text, interruption, notes = _native.metamorphic(
             made.native, formula=made.formula, relations=asked, pairs=pairs, batch=batch, seed=seed,
-            out=run, progress=report
+            out=run.native, progress=report
         )
-    warn_all(notes)
-    result = read(Metamorphic, text, **made.facts)
-    result.remember(made.native)
+    result = answer(Metamorphic, made, text, notes)
     if interruption is None and all(relation.broken_rate.n == 0 for relation in result.relations):
         raise untested(made.system.exceptions)
     return deliver(result, interruption)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from typing_extensions import Unpack
@@ -14,11 +13,11 @@ import mishandle._native as _native
 import mishandle.results as results
 from mishandle.ask.margins import untested
 from mishandle.base.files import PathLike
-from mishandle.base.interruption import Progress, after_the_batch, deliver
+from mishandle.base.interruption import after_the_batch, deliver
 from mishandle.errors import InvalidTypeError, InvalidValueError
-from mishandle.runs.documents import RunResult, read, warn_all, write_counterexample
-from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number, check_out
+from mishandle.runs.documents import RunFile, RunOptions, RunResult, answer, write_counterexample
+from mishandle.runs.targets import Formulas, Space, make_target
+from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Axis
 
 
@@ -26,13 +25,6 @@ from mishandle.scenarios.axes import Axis
 class Risk(RunResult, results.Risk):
     """The probability that a simulation violates the formula. A simulation is a scenario of the
     distribution and a random seed."""
-
-    largest_difference: float = 0.0
-    """Largest difference between two simulations of the nominal scenario with the same seed."""
-    exceptions: list[str] = field(default_factory=list)
-    """Tracebacks of exceptions of the system."""
-    not_covered: tuple[str, ...] = ()
-    """Parts of the system that its hash does not cover."""
 
     def export(self, path: PathLike, failure: int = 0) -> pathlib.Path:
         """Writes a failure as a counterexample file (``.json``), for :func:`replay` and
@@ -62,12 +54,7 @@ def risk(
     method: str = "auto",
     batch: int = 64,
     seed: int = 0,
-    out: PathLike | None = None,
-    resume: bool = False,
-    any_build: bool = False,
-    durable: bool = False,
-    progress: Progress | None = None,
-    **target: Unpack[TargetOptions],
+    **settings: Unpack[RunOptions],
 ) -> Risk:
     """Estimates the probability that a simulation of a system violates a formula.
 
@@ -75,7 +62,7 @@ def risk(
 
     Parameters
     ----------
-    system, formula, space, **target
+    system, formula, space, **settings
         See :func:`falsify`.
     distribution : dict of str, optional
         Distributions by axis, in the unit of the axis and truncated to its bounds: ``"uniform"``,
@@ -91,21 +78,6 @@ def risk(
         Number of simulations at once. The result does not depend on it.
     seed : int
         Random seed, of which scenarios and seeds of simulations are derived.
-    out : path, optional
-        Run file; by default the first free name in the folder ``runs``.
-    resume : bool
-        Whether to continue the run in ``out``. Its recorded simulations are not repeated, except
-        for the first one of a system that is deterministic: if it differs, the system is not that
-        of the run.
-    any_build : bool
-        With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
-        continue a run that another one started. Both are then in the run file (:attr:`Run.builds`).
-    durable : bool
-        Whether each batch is synced to the disk, so that a power failure loses none.
-    progress : callable, optional
-        Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
-        Ctrl-C, end the estimation after the running batch. The exception has the result so far as
-        its attribute ``result``.
 
     Returns
     -------
@@ -116,8 +88,6 @@ def risk(
     MishandleError
         If a name, a number, a distribution or a formula is invalid, nothing is random, or no
         simulation has a verdict.
-    ValueError, TypeError
-        If the system, its trace or its signals do not have the stated form.
 
     Examples
     --------
@@ -137,7 +107,7 @@ def risk(
     >>> found.failures[0].scenario["speed"] > 8
     True
     """
-    check_out(out, resume, any_build)
+    run = RunFile(settings)
     check_number("seed", seed, 0)
     check_number("simulations", simulations, 1)
     check_number("batch", batch, 1)
@@ -154,8 +124,8 @@ def risk(
             axes, simulations=simulations, method=method, batch=batch, distributions=distributions
         )
 
-    made = make_target(system, formula, space, target, check)
-    with after_the_batch(progress) as report:
+    made = make_target(system, formula, space, run.target, check)
+    with after_the_batch(run.progress) as report:
         text, interruption, notes = _native.risk(
             made.native,
             formula=made.formula,
@@ -164,12 +134,10 @@ def risk(
             batch=batch,
             distributions=distributions,
             seed=seed,
-            out=(None if out is None else os.fspath(out), resume, durable, any_build),
+            out=run.native,
             progress=report,
         )
-    warn_all(notes)
-    result = read(Risk, text, **made.facts)
-    result.remember(made.native)
+    result = answer(Risk, made, text, notes)
     if (
         interruption is None
         and result.monte_carlo.without_verdict == result.monte_carlo.simulations

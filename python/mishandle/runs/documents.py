@@ -7,21 +7,20 @@ import os
 import pathlib
 import warnings
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.files import PathLike, write_text
+from mishandle.base.interruption import Progress
 from mishandle.errors import MishandleError
 from mishandle.runs.run_files import open_run
+from mishandle.runs.targets import Target, TargetOptions
+from mishandle.scenarios.arguments import check_out
 
 Result = TypeVar("Result")
-
-
-def warn_all(notes: Sequence[str]) -> None:
-    """Warns the caller of the function that asked a question."""
-    for note in notes:
-        warnings.warn(note, stacklevel=3)
+Answer = TypeVar("Answer", bound="RunResult")
 
 
 def read(kind: type[Result], text: str, **others: Any) -> Result:
@@ -41,11 +40,64 @@ def write_counterexample(
     return write_text(file, _native.counterexample(os.fspath(run), trial, simulation))
 
 
+class RunOptions(TargetOptions, total=False):
+    """Keyword arguments of a question that writes a run file: where it writes, besides those that
+    describe the system."""
+
+    out: PathLike | None
+    """Run file; by default the first free name in the folder ``runs``."""
+    resume: bool
+    """Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for
+    the first one of a system that is deterministic: if it differs, the system is not that of the
+    run."""
+    any_build: bool
+    """With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
+    continue a run that another one started. Both are then in the run file (:attr:`Run.builds`)."""
+    durable: bool
+    """Whether each batch is synced to the disk, so that a power failure loses none."""
+    progress: Progress | None
+    """Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
+    Ctrl-C, end the question after the running batch. The exception has the result so far as its
+    attribute ``result``."""
+
+
+class RunFile:
+    """Where a question writes its simulations, and the rest of its options."""
+
+    def __init__(self, options: RunOptions) -> None:
+        out, resume = options.get("out"), options.get("resume", False)
+        any_build, durable = options.get("any_build", False), options.get("durable", False)
+        check_out(out, resume, any_build)
+        self.native = (None if out is None else os.fspath(out), resume, durable, any_build)
+        self.progress = options.get("progress")
+        own = RunOptions.__annotations__.keys() - TargetOptions.__annotations__.keys()
+        rest = {name: value for name, value in options.items() if name not in own}
+        self.target = cast(TargetOptions, rest)
+
+
+def answer(kind: type[Answer], target: Target, text: str, notes: Sequence[str]) -> Answer:
+    """Returns the result of a question, and warns its caller of the notes."""
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
+    result = read(kind, text, **target.facts)
+    result.remember(target.native)
+    return result
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunResult:
     """A result with a run file. It remembers its system, so that it can simulate more; a copy from
     pickle has forgotten it."""
 
-    run: str | None
+    largest_difference: float = 0.0
+    """Largest difference between two simulations of the nominal scenario with the same seed."""
+    exceptions: list[str] = field(default_factory=list)
+    """Tracebacks of exceptions of the system."""
+    not_covered: tuple[str, ...] = ()
+    """Parts of the system that its hash does not cover."""
+
+    if TYPE_CHECKING:
+        run: str | None
 
     @property
     def path(self) -> pathlib.Path:
