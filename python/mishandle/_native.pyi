@@ -91,50 +91,27 @@ Parameter = tuple[str, float, float, str | None, float | None]
 TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArray[np.float64]]]]
 
 def monitor(
-    formulas: list[tuple[str | None, str]],
-    logs: list[tuple[Log, list[int]]],
-    reading: Mapping[str, Any],
-    unit: str | None,
-    strict_horizon: bool,
-    values: bool,
+    formulas: list[tuple[str | None, str]], logs: list[tuple[Log, list[int]]],
+    reading: Mapping[str, Any], unit: str | None, strict_horizon: bool, values: bool
 ) -> tuple[str, str, list[str]]: ...
 def log_robustness(
     formula: Formula, log: Log, reading: Mapping[str, Any], decided_only: bool
 ) -> float | None: ...
 def describe_formula(
-    text: str,
-    logs: list[Log],
-    reading: Mapping[str, Any],
-    unit: str | None,
-    units: Mapping[str, str],
-    episode: float | None,
+    text: str, logs: list[Log], reading: Mapping[str, Any], unit: str | None,
+    units: Mapping[str, str], episode: float | None
 ) -> tuple[str, str]: ...
 def requirement_formulas(path: str) -> list[tuple[str, str]]: ...
 def check(
-    target: Target,
-    *,
-    requirements: str,
-    out: str,
-    episodes: int | None,
-    trials: int | None,
-    budget: int | None,
-    search: str,
-    batch: int,
-    fail_on: str,
-    allow_inapplicable: bool,
-    seed: int,
-    progress: Any,
+    target: Target, *, requirements: str, out: str, episodes: int | None, trials: int | None,
+    budget: int | None, search: str, batch: int, fail_on: str, allow_inapplicable: bool, seed: int,
+    progress: Any
 ) -> tuple[str, str, int]: ...
 def pattern_formula(name: str, settings: list[tuple[str, str]]) -> tuple[str, str]: ...
 def mined_signals(formula: str, parameters: list[Parameter]) -> list[str]: ...
 def mine(
-    formula: str,
-    parameters: list[Parameter],
-    logs: list[Log],
-    reading: Mapping[str, Any],
-    unit: str | None,
-    share: float,
-    points: int,
+    formula: str, parameters: list[Parameter], logs: list[Log], reading: Mapping[str, Any],
+    unit: str | None, share: float, points: int
 ) -> tuple[str, str]: ...
 def read_table(
     path: str, reading: Mapping[str, Any]
@@ -184,13 +161,8 @@ def evidence(
     target: str | None
 ) -> str: ...
 def recorded_states(
-    path: str,
-    *,
-    trial: int | None,
-    number: int | None,
-    controller: str | None,
-    target: str | None,
-    nominal: bool,
+    path: str, *, trial: int | None, number: int | None, controller: str | None, target: str | None,
+    nominal: bool
 ) -> dict[str, Any]: ...
 def verify_evidence(
     folder: str, *, allowed_signers: str | None, public_key: str | None, share: float,
@@ -204,14 +176,8 @@ Layout = tuple[list[tuple[str, list[int]]], list[tuple[float, float]], bool]
 
 class Faults:
     def __new__(
-        cls,
-        *,
-        observation: Layout | None,
-        action: Layout | None,
-        count: int,
-        has_delays: bool,
-        control_dt: float,
-        episode_steps: int,
+        cls, *, observation: Layout | None, action: Layout | None, count: int, has_delays: bool,
+        control_dt: float, episode_steps: int
     ) -> Faults: ...
     @property
     def axes(self) -> list[AxisTuple]: ...
@@ -289,14 +255,9 @@ class Sights:
     @staticmethod
     def compression_tables() -> NDArray[np.float32]: ...
     def images(
-        self,
-        states: NDArray[np.float64],
-        before: NDArray[np.float64] | None,
-        values: NDArray[np.float64],
-        starts: NDArray[np.float64],
-        sights: NDArray[np.int32],
-        seeds: NDArray[np.uint64],
-        steps: NDArray[np.uint64],
+        self, states: NDArray[np.float64], before: NDArray[np.float64] | None,
+        values: NDArray[np.float64], starts: NDArray[np.float64], sights: NDArray[np.int32],
+        seeds: NDArray[np.uint64], steps: NDArray[np.uint64]
     ) -> NDArray[np.uint8]: ...
 
 class Simulator:
@@ -326,11 +287,8 @@ class Simulator:
     def fault_layouts(self) -> list[Layout]: ...
     def arrays(self) -> Samples: ...
     def reset(
-        self,
-        mask: NDArray[np.bool_],
-        seeds: NDArray[np.uint64],
-        scenarios: NDArray[np.float64],
-        out: Samples | None = None,
+        self, mask: NDArray[np.bool_], seeds: NDArray[np.uint64], scenarios: NDArray[np.float64],
+        out: Samples | None = None
     ) -> Samples: ...
     def step(self, actions: NDArray[np.float32], out: Samples | None = None) -> Samples: ...
     def render(self, rows: list[int], width: int, height: int) -> NDArray[np.uint8]: ...
@@ -338,36 +296,19 @@ class Simulator:
 
 class Target:
     def __new__(
-        cls,
-        *,
-        name: str,
-        content: str,
-        axes: Sequence[AxisTuple],
-        signals: Sequence[tuple[str, str]],
-        formulas: Sequence[tuple[str, str]],
-        control_dt: float,
-        episode_steps: int,
-        is_deterministic: bool,
-        depends_on_seed: bool,
-        termination: str,
-        components: Sequence[tuple[str, str, str]],
-        not_covered: Sequence[str],
-        versions: Sequence[tuple[str, str]],
-        random_axes: Sequence[str],
-        simulate: Callable[[list[Request]], list[Outcome]],
-        painter: Any = None,
+        cls, *, name: str, content: str, axes: Sequence[AxisTuple],
+        signals: Sequence[tuple[str, str]], formulas: Sequence[tuple[str, str]], control_dt: float,
+        episode_steps: int, is_deterministic: bool, depends_on_seed: bool, termination: str,
+        components: Sequence[tuple[str, str, str]], not_covered: Sequence[str],
+        versions: Sequence[tuple[str, str]], random_axes: Sequence[str],
+        simulate: Callable[[list[Request]], list[Outcome]], painter: Any = None
     ) -> Target: ...
     def with_requirements(self, requirements: dict[str, str]) -> Target: ...
     @staticmethod
     def of_task(
-        task: str,
-        controller: str,
-        preset: str,
-        space: str,
-        axes: Mapping[str, float | tuple[float, float] | str],
-        noise: tuple[bool, float, float],
-        folder: str | None = None,
-        guard: str | None = None,
+        task: str, controller: str, preset: str, space: str,
+        axes: Mapping[str, float | tuple[float, float] | str], noise: tuple[bool, float, float],
+        folder: str | None = None, guard: str | None = None
     ) -> Target: ...
     @property
     def axes(self) -> list[AxisTuple]: ...
@@ -380,18 +321,10 @@ class Target:
 
 def policy_interface(target: str) -> tuple[str, int, int]: ...
 def policy_target(
-    target: str,
-    policy: Any,
-    *,
-    images: Sequence[tuple[str, int, int]],
-    preset: str,
-    name: str,
-    identified: tuple[str, str, list[str]],
-    space: str,
-    axes: Mapping[str, float | tuple[float, float] | str],
-    noise: tuple[float, float],
-    versions: Sequence[tuple[str, str]],
-    is_deterministic: bool,
+    target: str, policy: Any, *, images: Sequence[tuple[str, int, int]], preset: str, name: str,
+    identified: tuple[str, str, list[str]], space: str,
+    axes: Mapping[str, float | tuple[float, float] | str], noise: tuple[float, float],
+    versions: Sequence[tuple[str, str]], is_deterministic: bool
 ) -> Target: ...
 
 RequestTuple = tuple[list[float | None], int, bool, float | None]
@@ -407,13 +340,8 @@ def complete_hardening(
     folder: str, name: str, *, threads: int, durable: bool, any_build: bool
 ) -> int: ...
 def complete_run(
-    folder: str,
-    name: str,
-    *,
-    simulate: Callable[[list[RequestTuple]], list[tuple[Any, ...]]],
-    durable: bool,
-    any_build: bool,
-    progress: Callable[[int, int], bool],
+    folder: str, name: str, *, simulate: Callable[[list[RequestTuple]], list[tuple[Any, ...]]],
+    durable: bool, any_build: bool, progress: Callable[[int, int], bool]
 ) -> bool: ...
 
 Out = tuple[str | None, bool, bool, bool]
@@ -427,75 +355,32 @@ def check_evaluate(
     axes: list[AxisTuple], *, episodes: int, batch: int, until: str | None, rate: float | None
 ) -> None: ...
 def falsify(
-    target: Target,
-    *,
-    formula: str | None,
-    search: str,
-    options: list[tuple[str, Any]],
-    trials: int,
-    budget: int,
-    batch: int,
-    fixed_seed: int | None,
-    early_stopping: bool,
-    keep_going: bool,
-    new_mode_rate: float,
-    isolate: bool | None,
-    repeats: int | None,
-    seed: int,
-    out: Out,
-    progress: Callable[[int, int], None] | None,
+    target: Target, *, formula: str | None, search: str, options: list[tuple[str, Any]],
+    trials: int, budget: int, batch: int, fixed_seed: int | None, early_stopping: bool,
+    keep_going: bool, new_mode_rate: float, isolate: bool | None, repeats: int | None, seed: int,
+    out: Out, progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def evaluate(
-    target: Target,
-    *,
-    episodes: int,
-    batch: int,
-    until: str | None,
-    rate: float | None,
-    control: bool,
-    seed: int,
-    out: Out,
-    progress: Callable[[int, int], None] | None,
+    target: Target, *, episodes: int, batch: int, until: str | None, rate: float | None,
+    control: bool, seed: int, out: Out, progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def evaluate_pairs(
-    first: Target,
-    second: Target,
-    *,
-    until: str,
-    margin: float | None,
-    measure: str,
-    robustness_bounds: tuple[float, float] | None,
-    episodes: int,
-    batch: int,
-    seed: int,
-    out: tuple[str, str] | None,
-    resume: bool,
-    durable: bool,
-    progress: Callable[[int, int], None] | None,
+    first: Target, second: Target, *, until: str, margin: float | None, measure: str,
+    robustness_bounds: tuple[float, float] | None, episodes: int, batch: int, seed: int,
+    out: tuple[str, str] | None, resume: bool, durable: bool,
+    progress: Callable[[int, int], None] | None
 ) -> tuple[tuple[str, str], bool]: ...
 def sample_size(
-    *,
-    expect: float | None,
-    pairs: tuple[float, float, float, float] | None,
-    until: str,
-    rate: float | None,
-    margin: float | None,
-    episodes: int,
-    batch: int,
-    replications: int,
-    seed: int,
+    *, expect: float | None, pairs: tuple[float, float, float, float] | None, until: str,
+    rate: float | None, margin: float | None, episodes: int, batch: int, replications: int,
+    seed: int
 ) -> str: ...
 def simulate(
     target: Target, *, formula: str | None, values: list[float | None], repeat: int, seed: int
 ) -> list[dict[str, Any]]: ...
 def repeat(
-    target: Target,
-    *,
-    formula: str | None,
-    values: list[float | None],
-    repeats: int | None,
-    scenarios: int | None,
-    seed: int,
+    target: Target, *, formula: str | None, values: list[float | None], repeats: int | None,
+    scenarios: int | None, seed: int
 ) -> str: ...
 
 Replayed = tuple[str, dict[str, Any], float | None, list[str]]
@@ -504,83 +389,36 @@ def replay(target: Target, *, path: str, trial: int | None, number: int | None) 
 def replay_counterexample(target: Target, path: str) -> Replayed: ...
 def check_margin(axes: list[AxisTuple], *, budget: int) -> None: ...
 def margin(
-    target: Target,
-    *,
-    formula: str | None,
-    budget: int,
-    each_category: bool,
-    seed: int,
-    out: Out,
-    progress: Callable[[int, int], None] | None,
+    target: Target, *, formula: str | None, budget: int, each_category: bool, seed: int, out: Out,
+    progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def check_metamorphic(
     axes: list[AxisTuple], *, relations: list[tuple[str, dict[str, str], str]], pairs: int,
     batch: int, seed: int
 ) -> None: ...
 def metamorphic(
-    target: Target,
-    *,
-    formula: str | None,
-    relations: list[tuple[str, dict[str, str], str]],
-    pairs: int,
-    batch: int,
-    seed: int,
-    out: Out,
-    progress: Callable[[int, int], None] | None,
+    target: Target, *, formula: str | None, relations: list[tuple[str, dict[str, str], str]],
+    pairs: int, batch: int, seed: int, out: Out, progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def check_risk(
     axes: list[AxisTuple], *, simulations: int, method: str, batch: int,
     distributions: dict[str, str]
 ) -> None: ...
 def risk(
-    target: Target,
-    *,
-    formula: str | None,
-    simulations: int,
-    method: str,
-    batch: int,
-    distributions: dict[str, str],
-    seed: int,
-    out: Out,
-    progress: Callable[[int, int], None] | None,
+    target: Target, *, formula: str | None, simulations: int, method: str, batch: int,
+    distributions: dict[str, str], seed: int, out: Out, progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def harden(
-    task: str,
-    controller: str,
-    *,
-    preset: str,
-    space: str,
-    axes: dict[str, Any],
-    noise: tuple[bool, float, float],
-    guard: str | None,
-    requirements: dict[str, str],
-    seed: int,
-    table: str,
-    out: str,
-    is_resumed: bool,
-    progress: Callable[[str, int, int], None] | None,
+    task: str, controller: str, *, preset: str, space: str, axes: dict[str, Any],
+    noise: tuple[bool, float, float], guard: str | None, requirements: dict[str, str], seed: int,
+    table: str, out: str, is_resumed: bool, progress: Callable[[str, int, int], None] | None
 ) -> str: ...
 def record(
-    target: str,
-    controller: str,
-    *,
-    preset: str,
-    space: str,
-    axes: dict[str, Any],
-    noise: tuple[bool, float, float],
-    guard: str | None,
-    requirements: dict[str, str],
-    seed: int,
-    episodes: int,
-    format: str,
-    relabel: str | None,
-    cameras: list[str],
-    size: list[int],
-    only_successful: bool,
-    archive: str | None,
-    archive_share: float,
-    out: str,
-    progress: Callable[[int, int], None] | None,
+    target: str, controller: str, *, preset: str, space: str, axes: dict[str, Any],
+    noise: tuple[bool, float, float], guard: str | None, requirements: dict[str, str], seed: int,
+    episodes: int, format: str, relabel: str | None, cameras: list[str], size: list[int],
+    only_successful: bool, archive: str | None, archive_share: float, out: str,
+    progress: Callable[[int, int], None] | None
 ) -> str: ...
 def hardening_report(folder: str, probes: int | None, sensitivity: int) -> str: ...
 def bisect(
@@ -598,17 +436,9 @@ class Scenarios:
 
 class TrainingEpisodes:
     def __new__(
-        cls,
-        task: str,
-        environments: int,
-        *,
-        preset: str = "paper",
-        reward: str = "shaped",
-        seed: int = 0,
-        time_limit: int | None = None,
-        action_noise: float = 0.0,
-        staggered: bool = False,
-        threads: int | None = None,
+        cls, task: str, environments: int, *, preset: str = "paper", reward: str = "shaped",
+        seed: int = 0, time_limit: int | None = None, action_noise: float = 0.0,
+        staggered: bool = False, threads: int | None = None
     ) -> TrainingEpisodes: ...
     @property
     def task(self) -> str: ...

@@ -87,13 +87,8 @@ class LeRobotPolicy:
 
 
 def policy(
-    source: Any,
-    *,
-    processors: tuple[Any, Any] | None = None,
-    device: str = "cpu",
-    instruction: str = "",
-    rename: Mapping[str, str] | None = None,
-    seed: int | None = None,
+    source: Any, *, processors: tuple[Any, Any] | None = None, device: str = "cpu",
+    instruction: str = "", rename: Mapping[str, str] | None = None, seed: int | None = None
 ) -> LeRobotPolicy:
     """Returns a policy of LeRobot for :func:`mishandle.evaluate`, :func:`mishandle.falsify` and all
     other questions.
@@ -197,13 +192,8 @@ class _Episode(NamedTuple):
 
 
 def read_evaluation(
-    path: PathLike,
-    formula: Formulas = None,
-    *,
-    task: str | None = None,
-    start_seed: int = 1000,
-    name: str | None = None,
-    out: PathLike | None = None,
+    path: PathLike, formula: Formulas = None, *, task: str | None = None, start_seed: int = 1000,
+    name: str | None = None, out: PathLike | None = None
 ) -> Evaluation:
     """Writes the results of LeRobot's ``lerobot-eval`` as a run file, with one simulation for each
     episode.

@@ -236,13 +236,9 @@ def plot_comparison(comparison: Comparison, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_trace(
-    trace: Any,
-    formula: str | Formula | None = None,
-    *,
-    signals: Sequence[str] | None = None,
-    units: Mapping[str, str] | None = None,
-    period: float | None = None,
-    axes: Sequence[Axes] | None = None,
+    trace: Any, formula: str | Formula | None = None, *, signals: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None, period: float | None = None,
+    axes: Sequence[Axes] | None = None
 ) -> list[Axes]:
     """Plots signals over time, with the thresholds of a formula. The samples that violate it are
     shaded.

@@ -78,12 +78,11 @@ def _setting(config: Any, name: str, least: int) -> int:
 
 def _limits(config: Any) -> Limits:
     return Limits(
-        budget=config.getoption("--mishandle-budget"),
-        seed=config.getoption("--mishandle-seed"),
+        budget=config.getoption("--mishandle-budget"), seed=config.getoption("--mishandle-seed"),
         default_budget=_setting(config, "mishandle_budget", 1),
         default_seed=_setting(config, "mishandle_seed", 0),
         use_cache=not config.getoption("--mishandle-no-cache"),
-        only_replay=config.getoption("--mishandle-replay"),
+        only_replay=config.getoption("--mishandle-replay")
     )
 
 

@@ -53,9 +53,7 @@ class ActionTests(unittest.TestCase):
                 ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
                 cwd=self.folder,
                 env={**os.environ, "PATH": path, "GITHUB_STEP_SUMMARY": summary, **environment},
-                capture_output=True,
-                text=True,
-                check=False,
+                capture_output=True, text=True, check=False
             )
             output += done.stdout + done.stderr
             if done.returncode != 0:
@@ -78,8 +76,7 @@ class ActionTests(unittest.TestCase):
         )
         code, output = self.run_action(
             controller="ppo", baseline="ppo", counterexamples="failures", target="point-reaching",
-            compare="5",
-            requirements="requirements.toml", budget="10",
+            compare="5", requirements="requirements.toml", budget="10"
         )
         # The same controller has no new failure.
         self.assertEqual(code, 0, output)

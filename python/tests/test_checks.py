@@ -87,8 +87,7 @@ class VerdictTest(unittest.TestCase):
                 lambda scenario: {"y": [0.0, scenario["a"]], "big": [0.0, 1000 * scenario["a"]]},
                 space=[Axis("a", 0, 1)],
                 requirements={"small": "always(y <= 0.5)", "large": "always(big <= 2000)"},
-                episodes=40,
-                out=f"{folder}/run.sqlite",
+                episodes=40, out=f"{folder}/run.sqlite"
             )
         counts = {
             requirement.name: requirement.violated for requirement in found.requirements or []
@@ -104,14 +103,8 @@ class AdaptiveTest(unittest.TestCase):
         out = f"{folder}/{search}.sqlite"
         axes = [Axis(name, 0, 1) for name in "abcdefghij"]
         mishandle.falsify(
-            lambda scenario: {"y": [0.5 - scenario["a"]] * 2},
-            "always(y >= 0)",
-            axes,
-            keep_going=True,
-            trials=2,
-            budget=80,
-            search=search,
-            out=out,
+            lambda scenario: {"y": [0.5 - scenario["a"]] * 2}, "always(y >= 0)", axes,
+            keep_going=True, trials=2, budget=80, search=search, out=out
         )
         return mishandle.open_run(out)
 

@@ -52,9 +52,8 @@ def falsified(environment, formula, early_stopping, **options):
     with tempfile.TemporaryDirectory() as folder:
         mishandle.falsify(
             environment, formula, SPACE, policy=policy, signals={"x": "obs[0]"}, steps=STEPS,
-            control_dt=0.1, early_stopping=early_stopping,
-            trials=2, budget=40, search="random", seed=4, isolate=False, repeats=0, name="drift",
-            out=f"{folder}/run.sqlite", **options,
+            control_dt=0.1, early_stopping=early_stopping, trials=2, budget=40, search="random",
+            seed=4, isolate=False, repeats=0, name="drift", out=f"{folder}/run.sqlite", **options
         )
         with sqlite3.connect(f"{folder}/run.sqlite") as run:
             rows = run.execute(
@@ -129,8 +128,7 @@ class Searches(unittest.TestCase):
             COUNT["steps"] = 0
             found = mishandle.falsify(
                 Drift(), formula, SPACE, early_stopping=True, trials=1, budget=60, search="random",
-                isolate=False, repeats=0,
-                out=f"{folder}/run.sqlite", **known,
+                isolate=False, repeats=0, out=f"{folder}/run.sqlite", **known
             )
             [worst] = found.counterexamples
             COUNT["steps"] = 0
@@ -150,9 +148,8 @@ class Searches(unittest.TestCase):
     def test_a_task_with_a_policy_in_python(self):
         run = lambda early: mishandle.falsify(
             "point-reaching", "eventually[0:20](finger_target_distance <= 10)",
-            policy=lambda observation: np.zeros(9), trials=1, budget=1,
-            early_stopping=early, search="random", isolate=False, repeats=0,
-            out=f"{self.folder}/{early}.sqlite",
+            policy=lambda observation: np.zeros(9), trials=1, budget=1, early_stopping=early,
+            search="random", isolate=False, repeats=0, out=f"{self.folder}/{early}.sqlite"
         )
         with tempfile.TemporaryDirectory() as self.folder:
             found = [run(early) for early in (False, True)]

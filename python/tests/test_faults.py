@@ -234,9 +234,8 @@ class ContractTest(unittest.TestCase):
         def outcomes(environment):
             system = environment_system(
                 environment, lambda observation: np.array([0.04 * observation[0]], np.float32),
-                space,
-                signals={"count": "obs[0]", "echo": "info.action"}, steps=STEPS, control_dt=0.1,
-                time_limit=None, batched_policy=False,
+                space, signals={"count": "obs[0]", "echo": "info.action"}, steps=STEPS,
+                control_dt=0.1, time_limit=None, batched_policy=False
             )
             return [
                 found.samples
@@ -258,8 +257,7 @@ class ContractTest(unittest.TestCase):
         with self.assertRaisesRegex(InvalidValueError, "nothing applies it"):
             simulate(
                 Recorder(), "always(count >= 0)", [Axis("broken", 0, 1, kind="fault")],
-                policy=Seen(), steps=STEPS,
-                signals={"count": "obs[0]"},
+                policy=Seen(), steps=STEPS, signals={"count": "obs[0]"}
             )
 
     def test_another_control_period_than_that_of_the_faults_is_refused(self):
@@ -320,16 +318,14 @@ class ContractTest(unittest.TestCase):
             with self.assertRaisesRegex(InvalidValueError, problem):
                 simulate(
                     Recorder(), "always(count >= 0)", mishandle.faults(other, steps=STEPS),
-                    policy=Seen(), steps=STEPS,
-                    signals={"count": "obs[0]"},
+                    policy=Seen(), steps=STEPS, signals={"count": "obs[0]"}
                 )
 
     def test_a_system_on_a_cluster_keeps_its_faults(self):
         env = Recorder()
         system = environment_system(
             env, Seen(), mishandle.faults(env, steps=STEPS), signals={"count": "obs[0]"},
-            steps=STEPS, control_dt=0.1,
-            time_limit=None, batched_policy=False,
+            steps=STEPS, control_dt=0.1, time_limit=None, batched_policy=False
         )
         copy = cloudpickle.loads(cloudpickle.dumps(system))
         at = {axis.name: axis.nominal_value for axis in system.space.values()} | LIFE | {
@@ -718,8 +714,7 @@ class ArgumentTest(unittest.TestCase):
         )
         numpy = mishandle.faults(
             Recorder(), steps=np.int64(STEPS), channels={"x": np.array([1]), "y": np.int64(0)},
-            ranges={"x": np.array([-2, 2])},
-            count=np.int8(2), control_dt=np.float32(0.5),
+            ranges={"x": np.array([-2, 2])}, count=np.int8(2), control_dt=np.float32(0.5)
         )
         self.assertEqual(plain, numpy)
 

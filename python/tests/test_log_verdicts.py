@@ -30,8 +30,7 @@ def command(*words):
             "import sys; from mishandle.command import main; sys.exit(main())", "monitor", "--json",
             *words
         ],
-        capture_output=True,
-        text=True,
+        capture_output=True, text=True
     )
     if done.returncode not in (0, 1):
         raise AssertionError(done.stderr)

@@ -304,15 +304,11 @@ class Bags(Files):
         self.assertEqual(log.signals[-1], "/joint_states/position[1]")
 
     def test_both_storages_and_compressions_give_the_same_table(self):
-        for number, (storage, compression) in enumerate(
-            [
-                (StoragePlugin.SQLITE3, None),
-                (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-                (StoragePlugin.SQLITE3, CompressionMode.FILE),
-                (StoragePlugin.MCAP, None),
-                (StoragePlugin.MCAP, CompressionMode.STORAGE),
-            ]
-        ):
+        for number, (storage, compression) in enumerate([
+            (StoragePlugin.SQLITE3, None), (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+            (StoragePlugin.SQLITE3, CompressionMode.FILE), (StoragePlugin.MCAP, None),
+            (StoragePlugin.MCAP, CompressionMode.STORAGE)
+        ]):
             path = self.bag(storage, compression, f"bag{number}")
             self.check(mishandle.read_log(path))
             if storage == StoragePlugin.MCAP:
@@ -384,22 +380,18 @@ class DataSets(Files):
                 pyarrow.array(np.arange(2.0 * length, dtype=np.float32)), 2
             )
             tables.append(
-                pyarrow.table(
-                    {
-                        "observation.state": state,
-                        "action": pyarrow.array(
-                            [[float(episode)]] * length, pyarrow.list_(pyarrow.float32())
-                        ),
-                        "observation.image": pyarrow.array(
-                            [{"bytes": b"png", "path": None}] * length
-                        ),
-                        "timestamp": pyarrow.array(
-                            (frames / fps + jitter * (frames % 2)).astype(np.float32)
-                        ),
-                        "frame_index": pyarrow.array(frames),
-                        "episode_index": pyarrow.array(np.full(length, episode)),
-                    }
-                )
+                pyarrow.table({
+                    "observation.state": state,
+                    "action": pyarrow.array(
+                        [[float(episode)]] * length, pyarrow.list_(pyarrow.float32())
+                    ),
+                    "observation.image": pyarrow.array([{"bytes": b"png", "path": None}] * length),
+                    "timestamp": pyarrow.array(
+                        (frames / fps + jitter * (frames % 2)).astype(np.float32)
+                    ),
+                    "frame_index": pyarrow.array(frames),
+                    "episode_index": pyarrow.array(np.full(length, episode))
+                })
             )
         if version.startswith("v3"):
             pyarrow.parquet.write_table(pyarrow.concat_tables(tables), chunk / "file-000.parquet")

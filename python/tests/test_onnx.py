@@ -136,8 +136,7 @@ class WithoutTask(unittest.TestCase):
         ]
         made = model(
             nodes, {"w": weights.astype(np.float32), "shape": np.array([-1, 3, 2])},
-            [("observation", ["N", 4])],
-            [("action", ["N", 3, 2])], chunk='{"execute": 2}',
+            [("observation", ["N", 4])], [("action", ["N", 3, 2])], chunk='{"execute": 2}'
         )
         onnx.save(made, self.path)
         policy = mishandle.load_controller(self.path)

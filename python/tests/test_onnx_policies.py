@@ -197,8 +197,7 @@ class Inputs(Case):
         self.load(made, parts)
         run = lambda names: mishandle.simulate(
             Line(names), "always(x <= 9)", [Axis("x0", -1, 1)], at={"x0": 0.5},
-            policy=str(self.path),
-            signals={"x": f"obs.{names[0]}[0]"}, steps=5,
+            policy=str(self.path), signals={"x": f"obs.{names[0]}[0]"}, steps=5
         )
         x, path = 0.5, [0.5]
         for step in range(5):

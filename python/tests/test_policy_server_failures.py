@@ -332,8 +332,7 @@ def deaf_server() -> Iterator[int]:
                 connection.sendall(
                     b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\n"
                     b"Connection: Upgrade\r\n"
-                    + f"Sec-WebSocket-Accept: {digest}\r\n\r\n".encode()
-                    + b"\x82\x01\x80"
+                    + f"Sec-WebSocket-Accept: {digest}\r\n\r\n".encode() + b"\x82\x01\x80"
                 )
 
     threading.Thread(target=accept, daemon=True).start()

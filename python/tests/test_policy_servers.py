@@ -112,12 +112,11 @@ class Sent(unittest.TestCase):
             policy = PolicyServer(
                 server.url,
                 observation={
-                    "state": "obs",
-                    "first": "obs[0]",
+                    "state": "obs", "first": "obs[0]",
                     "camera": {"small": Resized("render", 16, 16), "full": "render"},
-                    "double": lambda observation: 2 * observation,
+                    "double": lambda observation: 2 * observation
                 },
-                instruction=task,
+                instruction=task
             )
             simulate(
                 policy, space=[START, task, gain],

@@ -121,19 +121,13 @@ class RayTest(unittest.TestCase):
 
     def test_an_environment_is_made_again_on_each_worker(self) -> None:
         self.both(
-            gymnasium.make("CartPole-v1"),
-            "always(abs(angle) <= 0.15)",
+            gymnasium.make("CartPole-v1"), "always(abs(angle) <= 0.15)",
             [
                 Axis("low", -0.2, 0.0, nominal=-0.05),
                 Axis("length", 0.2, 1.5, nominal=0.5, apply=Attribute("length"))
             ],
             policy=lambda observation: int(observation[2] + 0.3 * observation[3] > 0),
-            signals={"angle": "obs[2]"},
-            steps=50,
-            search="random",
-            trials=2,
-            budget=10,
-            batch=4,
+            signals={"angle": "obs[2]"}, steps=50, search="random", trials=2, budget=10, batch=4
         )
 
     def test_a_task_has_the_rows_of_one_machine(self) -> None:
@@ -190,8 +184,7 @@ class RayTest(unittest.TestCase):
 
         found = mishandle.falsify(
             fragile, "always(gap >= 0)", SPACE, search="random", trials=1, budget=8, batch=8,
-            seed=1, out=self.folder / "run",
-            executor="ray",
+            seed=1, out=self.folder / "run", executor="ray"
         )
         speeds = mishandle.open_run(found.path).columns()
         crashed = [end for end, speed in zip(speeds["end"], speeds["speed"]) if speed > 8]

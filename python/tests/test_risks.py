@@ -74,13 +74,8 @@ class Risks(unittest.TestCase):
         # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails,
         # 45 %.
         found = mishandle.risk(
-            Push(),
-            "always(abs(x) <= 1)",
-            [Axis("push", -2, 2, kind="event")],
-            policy=lambda observation: -observation,
-            signals={"x": "x"},
-            steps=10,
-            simulations=400,
+            Push(), "always(abs(x) <= 1)", [Axis("push", -2, 2, kind="event")],
+            policy=lambda observation: -observation, signals={"x": "x"}, steps=10, simulations=400
         )
         self.assertTrue(found.bounds[0] < 0.45 < found.bounds[1], found.bounds)
 

@@ -80,14 +80,9 @@ class CompositeActions(unittest.TestCase):
         ]:
             with self.subTest(space=space):
                 [found] = mishandle.simulate(
-                    Composite(space),
-                    "always(y <= 2)",
-                    [Axis("x", 0, 1)],
-                    at=[0.5],
-                    policy=lambda observation, action=action: action,
-                    signals={"y": "obs[0]"},
-                    steps=2,
-                    control_dt=0.1,
+                    Composite(space), "always(y <= 2)", [Axis("x", 0, 1)], at=[0.5],
+                    policy=lambda observation, action=action: action, signals={"y": "obs[0]"},
+                    steps=2, control_dt=0.1
                 )
                 self.assertEqual(found.trace["y"].tolist(), [0.5, 1.75, 1.75])
                 self.assertEqual(found.robustness, 0.25)

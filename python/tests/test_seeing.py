@@ -155,8 +155,7 @@ class Seeing(unittest.TestCase):
         out = self.path.parent / "recorded"
         mishandle.record(
             "point-reaching", policy=self.path, space="starts+light+image+faults-camera", out=out,
-            episodes=2, seed=3, format="npz",
-            cameras=["over"], size=size,
+            episodes=2, seed=3, format="npz", cameras=["over"], size=size
         )
         with np.load(out / "data.npz") as arrays:
             starts = arrays["episode_starts"]

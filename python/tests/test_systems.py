@@ -223,11 +223,8 @@ class Functions(Folder):
 
     def test_an_evaluation_reports_rates_and_corners(self):
         found = mishandle.evaluate(
-            distance,
-            {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"},
-            SQUARE,
-            episodes=200,
-            out=self.path / "e.sqlite",
+            distance, {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"}, SQUARE,
+            episodes=200, out=self.path / "e.sqlite"
         )
         self.assertEqual(found.success_rate.n, 200)
         # The circle of violations has 0.8 % of the square.
@@ -551,11 +548,9 @@ class Environments(Folder):
             name, onnx.TensorProto.FLOAT, shape
         )
         graph = onnx.helper.make_graph(
-            [onnx.helper.make_node("MatMul", ["obs", "w"], ["action"])],
-            "policy",
-            [tensor("obs", ["n", 3])],
-            [tensor("action", ["n", 1])],
-            [onnx.numpy_helper.from_array(weights, "w")],
+            [onnx.helper.make_node("MatMul", ["obs", "w"], ["action"])], "policy",
+            [tensor("obs", ["n", 3])], [tensor("action", ["n", 1])],
+            [onnx.numpy_helper.from_array(weights, "w")]
         )
         model = onnx.helper.make_model(
             graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9

@@ -67,10 +67,9 @@ class Vectors(unittest.TestCase):
         options = dict(search="random", trials=2, budget=12, batch=5, termination="hold")
         runs = []
         for number, env in enumerate(
-            [small_cart()]
-            + [SyncVectorEnv([small_cart] * 3)]
-            + [self.vector([small_cart] * 3, autoreset_mode=mode) for mode in AutoresetMode]
-            + [self.vector([small_cart] * 2, shared_memory=False), self.vector([small_cart])]
+            [small_cart()] + [SyncVectorEnv([small_cart] * 3)] + [
+                self.vector([small_cart] * 3, autoreset_mode=mode) for mode in AutoresetMode
+            ] + [self.vector([small_cart] * 2, shared_memory=False), self.vector([small_cart])]
         ):
             path = self.path / f"{number}.sqlite"
             found = mishandle.falsify(env, "always(x <= 4)", SPACE, out=path, **options, **KINDS)

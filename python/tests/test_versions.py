@@ -46,13 +46,8 @@ class Versions(unittest.TestCase):
     def test_a_mean_robustness_needs_bounds(self):
         with self.assertRaisesRegex(MishandleError, "robustness-bounds"):
             compare_versions(
-                car(1.0),
-                FORMULA,
-                SPACE,
-                baseline=car(0.9),
-                measure="robustness",
-                name="car",
-                out=(self.path("a"), self.path("b")),
+                car(1.0), FORMULA, SPACE, baseline=car(0.9), measure="robustness", name="car",
+                out=(self.path("a"), self.path("b"))
             )
 
     def test_a_larger_difference_takes_fewer_pairs(self):

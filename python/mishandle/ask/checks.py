@@ -104,17 +104,8 @@ def check(
     formula = None if isinstance(system, (str, os.PathLike)) else stated[0][1]
     made = make_target(system, formula, space, target, lambda space: None)
     document, text, exit_code = _native.check(
-        made.native,
-        requirements=path,
-        out=os.fspath(out),
-        episodes=episodes,
-        trials=trials,
-        budget=budget,
-        search=search,
-        batch=batch,
-        fail_on=fail_on,
-        allow_inapplicable=allow_inapplicable,
-        seed=seed,
-        progress=progress,
+        made.native, requirements=path, out=os.fspath(out), episodes=episodes, trials=trials,
+        budget=budget, search=search, batch=batch, fail_on=fail_on,
+        allow_inapplicable=allow_inapplicable, seed=seed, progress=progress
     )
     return read(Check, document, shown=text, exit_code=exit_code)

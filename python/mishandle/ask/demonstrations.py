@@ -13,11 +13,7 @@ from mishandle.policies.guards import Guard, guard_text
 from mishandle.runs.documents import read
 from mishandle.runs.targets import TargetOptions, axis_settings, requirements as named_requirements
 from mishandle.scenarios.arguments import (
-    check_number,
-    check_settings,
-    checked_cameras,
-    checked_size,
-    is_real,
+    check_number, check_settings, checked_cameras, checked_size, is_real
 )
 
 RecordProgress = Callable[[int, int], None]
@@ -124,24 +120,12 @@ def record(
             f"archive_share is {archive_share!r}; it must be a number from 0 to 1"
         )
     text = _native.record(
-        os.fspath(system),
-        "" if policy is None else os.fspath(policy),
-        preset=preset,
-        space=space,
-        axes=axis_settings(options),
-        noise=(stochastic, action_noise, observation_noise),
-        guard=guard_text(guard),
-        requirements=named_requirements(options),
-        seed=int(seed),
-        episodes=int(episodes),
-        format=format,
-        relabel=None if relabel is None else os.fspath(relabel),
-        cameras=cameras,
-        size=list(sides),
-        only_successful=successful,
-        archive=None if archive is None else os.fspath(archive),
-        archive_share=float(archive_share),
-        out=os.fspath(out),
-        progress=progress,
+        os.fspath(system), "" if policy is None else os.fspath(policy), preset=preset, space=space,
+        axes=axis_settings(options), noise=(stochastic, action_noise, observation_noise),
+        guard=guard_text(guard), requirements=named_requirements(options), seed=int(seed),
+        episodes=int(episodes), format=format,
+        relabel=None if relabel is None else os.fspath(relabel), cameras=cameras, size=list(sides),
+        only_successful=successful, archive=None if archive is None else os.fspath(archive),
+        archive_share=float(archive_share), out=os.fspath(out), progress=progress
     )
     return read(results.Demonstrations, text)

@@ -213,22 +213,10 @@ def falsify(
 
     found = make_target(system, formula, space, run.target, check)
     text, interruption, notes = _native.falsify(
-        found.native,
-        formula=found.formula,
-        search=search,
-        options=search_options,
-        trials=trials,
-        budget=budget,
-        batch=batch,
-        fixed_seed=fixed_seed,
-        early_stopping=early_stopping,
-        keep_going=keep_going,
-        isolate=isolate,
-        new_mode_rate=new_mode_rate,
-        repeats=repeats,
-        seed=seed,
-        out=run.native,
-        progress=run.progress,
+        found.native, formula=found.formula, search=search, options=search_options, trials=trials,
+        budget=budget, batch=batch, fixed_seed=fixed_seed, early_stopping=early_stopping,
+        keep_going=keep_going, isolate=isolate, new_mode_rate=new_mode_rate, repeats=repeats,
+        seed=seed, out=run.native, progress=run.progress
     )
     result = deliver(answer(Falsification, found, text, notes), interruption)
     undecided = sum(trial.undecided for trial in result.trials)
@@ -309,14 +297,7 @@ def evaluate(
         )
     found = make_target(system, formula, space, run.target, check, has_metrics=True)
     text, interruption, notes = _native.evaluate(
-        found.native,
-        episodes=episodes,
-        batch=batch,
-        until=until,
-        rate=rate,
-        control=control,
-        seed=seed,
-        out=run.native,
-        progress=run.progress,
+        found.native, episodes=episodes, batch=batch, until=until, rate=rate, control=control,
+        seed=seed, out=run.native, progress=run.progress
     )
     return deliver(answer(Evaluation, found, text, notes), interruption)

@@ -203,19 +203,10 @@ def harden(
         **({} if trainer is None else {"trainer": trainer}),
     }
     text = _native.harden(
-        system,
-        os.fspath(policy),
-        preset=preset,
-        space=space,
-        axes=axis_settings(options),
-        noise=(stochastic, action_noise, observation_noise),
-        guard=guard_text(guard),
-        requirements=named_requirements(options),
-        seed=int(seed),
-        table=json.dumps(table),
-        out=os.fspath(out),
-        is_resumed=resume,
-        progress=progress,
+        system, os.fspath(policy), preset=preset, space=space, axes=axis_settings(options),
+        noise=(stochastic, action_noise, observation_noise), guard=guard_text(guard),
+        requirements=named_requirements(options), seed=int(seed), table=json.dumps(table),
+        out=os.fspath(out), is_resumed=resume, progress=progress
     )
     return read(Hardening, text)
 

@@ -27,13 +27,7 @@ from mishandle.results import RegressionTest, Trial
 from mishandle.runs.documents import write_counterexample
 from mishandle.runs.run_files import open_run
 from mishandle.runs.targets import (
-    DEFAULT_SPACES,
-    NATIVE_OPTIONS,
-    Formulas,
-    Space,
-    TargetOptions,
-    file_hashes,
-    make_target,
+    DEFAULT_SPACES, NATIVE_OPTIONS, Formulas, Space, TargetOptions, file_hashes, make_target
 )
 from mishandle.scenarios.arguments import check_number, named_formulas
 
@@ -323,15 +317,8 @@ class Test:
         part.unlink(missing_ok=True)
         try:
             found = falsify(
-                self.system,
-                search=required.search,
-                trials=required.trials,
-                budget=self.budget,
-                seed=self.seed,
-                repeats=0,
-                isolate=False,
-                out=part,
-                **self._arguments(),
+                self.system, search=required.search, trials=required.trials, budget=self.budget,
+                seed=self.seed, repeats=0, isolate=False, out=part, **self._arguments()
             )
             os.replace(part, run)
         finally:

@@ -127,15 +127,8 @@ def risk(
     made = make_target(system, formula, space, run.target, check)
     with after_the_batch(run.progress) as report:
         text, interruption, notes = _native.risk(
-            made.native,
-            formula=made.formula,
-            simulations=simulations,
-            method=method,
-            batch=batch,
-            distributions=distributions,
-            seed=seed,
-            out=run.native,
-            progress=report,
+            made.native, formula=made.formula, simulations=simulations, method=method, batch=batch,
+            distributions=distributions, seed=seed, out=run.native, progress=report
         )
     result = answer(Risk, made, text, notes)
     if (

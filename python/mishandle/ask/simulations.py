@@ -238,8 +238,6 @@ def replay(
         again = _native.replay(found.native, path=os.fspath(path), trial=trial, number=number)
     text, simulation, robustness, build_differences = again
     return Replay(
-        **vars(read(results.Replay, text)),
-        repetition=found.simulation(simulation),
-        recorded_robustness=robustness,
-        build_differences=tuple(build_differences),
+        **vars(read(results.Replay, text)), repetition=found.simulation(simulation),
+        recorded_robustness=robustness, build_differences=tuple(build_differences)
     )

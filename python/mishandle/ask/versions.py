@@ -96,19 +96,10 @@ def compare_versions(
     )
     second = make_target(system, formula, space, target, lambda space: None, has_metrics=True)
     paths, is_complete = _native.evaluate_pairs(
-        first.native,
-        second.native,
-        until=until,
-        margin=margin,
-        measure=measure,
-        robustness_bounds=robustness_bounds,
-        episodes=episodes,
-        batch=batch,
-        seed=seed,
-        out=None if out is None else (os.fspath(out[0]), os.fspath(out[1])),
-        resume=resume,
-        durable=durable,
-        progress=progress,
+        first.native, second.native, until=until, margin=margin, measure=measure,
+        robustness_bounds=robustness_bounds, episodes=episodes, batch=batch, seed=seed,
+        out=None if out is None else (os.fspath(out[0]), os.fspath(out[1])), resume=resume,
+        durable=durable, progress=progress
     )
     if not is_complete:
         raise InvalidValueError(
@@ -167,14 +158,7 @@ def sample_size(
         share = expect * against if both is None else both
         pairs = (share, expect - share, against - share, 1 - expect - against + share)
     text = _native.sample_size(
-        expect=expect,
-        pairs=pairs,
-        until=until,
-        rate=rate,
-        margin=margin,
-        episodes=episodes,
-        batch=batch,
-        replications=replications,
-        seed=seed,
+        expect=expect, pairs=pairs, until=until, rate=rate, margin=margin, episodes=episodes,
+        batch=batch, replications=replications, seed=seed
     )
     return read(SampleSize, text)

@@ -22,14 +22,8 @@ from mishandle.errors import MishandleError
 
 
 def complete_runs(
-    executor: RayExecutor,
-    folder: str,
-    runs: Sequence[tuple[str, str, bool]],
-    *,
-    jobs: int,
-    durable: bool = False,
-    any_build: bool = False,
-    report: Callable[[str, int, int], None],
+    executor: RayExecutor, folder: str, runs: Sequence[tuple[str, str, bool]], *, jobs: int,
+    durable: bool = False, any_build: bool = False, report: Callable[[str, int, int], None]
 ) -> None:
     """Completes the runs of the campaign in a folder on a cluster, ``jobs`` of them at a time.
 
@@ -62,12 +56,8 @@ def complete_runs(
 
         try:
             _native.complete_run(
-                folder,
-                name,
-                simulate=lambda requests: executor.run(shared, requests),
-                durable=durable,
-                any_build=any_build,
-                progress=progress,
+                folder, name, simulate=lambda requests: executor.run(shared, requests),
+                durable=durable, any_build=any_build, progress=progress
             )
         except KeyboardInterrupt:
             return
@@ -165,13 +155,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _interrupt_on_sigterm()
     try:
         complete_runs(
-            executor,
-            given.out if given.resume is None else given.resume,
+            executor, given.out if given.resume is None else given.resume,
             [(name, os.fspath(path), is_hardening) for name, path, is_hardening in runs],
-            jobs=min(given.jobs, len(runs)),
-            durable=given.durable,
-            any_build=given.any_build,
-            report=progress,
+            jobs=min(given.jobs, len(runs)), durable=given.durable, any_build=given.any_build,
+            report=progress
         )
     except (RuntimeError, MishandleError) as error:
         progress.clear()

@@ -14,10 +14,7 @@ import numpy as np
 
 from mishandle.base.fingerprints import code_hash
 from mishandle.errors import (
-    InvalidStateError,
-    InvalidTypeError,
-    InvalidValueError,
-    MissingPackageError,
+    InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
 )
 from mishandle.scenarios.requests import Request
 from mishandle.systems.interface import Outcome, System

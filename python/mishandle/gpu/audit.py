@@ -337,12 +337,8 @@ def warp_step(arguments: dict[str, Any], inputs: dict[str, NDArray[Any]]) -> NDA
 
 
 def audit(
-    task: str,
-    controller: str = "ppo",
-    states: int = 1000,
-    episodes: int = 50,
-    space: str = "starts",
-    formula: str = "success",
+    task: str, controller: str = "ppo", states: int = 1000, episodes: int = 50,
+    space: str = "starts", formula: str = "success"
 ) -> Audit:
     """Audits a task on about ``states`` states of episodes over a space. The name of a formula that
     reads signals of the manner, such as ``careful``, audits them too."""
@@ -359,13 +355,8 @@ def audit(
 
 
 def compare(
-    physics: CpuPhysics,
-    inputs: dict[str, NDArray[Any]],
-    row: int,
-    output: NDArray[np.float64],
-    quantities: dict[str, tuple[str, NDArray[np.int64]]],
-    random: np.random.Generator,
-    result: Audit,
+    physics: CpuPhysics, inputs: dict[str, NDArray[Any]], row: int, output: NDArray[np.float64],
+    quantities: dict[str, tuple[str, NDArray[np.int64]]], random: np.random.Generator, result: Audit
 ) -> None:
     """Adds the differences of one state."""
     data, nq, nv = physics.data, physics.model.nq, physics.model.nv

@@ -175,18 +175,10 @@ class WarpBatch:
     """
 
     def __init__(
-        self,
-        xml: str,
-        timestep: float,
-        rows: int,
-        substeps: int,
-        servos: Sequence[Sequence[float]],
-        pushed: Sequence[int] = (),
-        fields: Sequence[str] = (),
-        device: str | None = None,
-        constraint_rows: int | None = None,
-        probe: Mapping[str, Any] | None = None,
-        assets: Mapping[str, bytes] | None = None,
+        self, xml: str, timestep: float, rows: int, substeps: int,
+        servos: Sequence[Sequence[float]], pushed: Sequence[int] = (), fields: Sequence[str] = (),
+        device: str | None = None, constraint_rows: int | None = None,
+        probe: Mapping[str, Any] | None = None, assets: Mapping[str, bytes] | None = None
     ) -> None:
         self._device = find_device(device)
         self._rows, self._substeps = rows, substeps
@@ -233,20 +225,14 @@ class WarpBatch:
         self._fields = wp.zeros(shape, dtype=wp.float64) if is_cuda else self._host_fields
 
     def _allocate(
-        self,
-        model: Any,
-        servos: Sequence[Sequence[float]],
-        pushed: Sequence[int],
-        constraint_rows: int | None,
-        probe: Mapping[str, Any] | None,
+        self, model: Any, servos: Sequence[Sequence[float]], pushed: Sequence[int],
+        constraint_rows: int | None, probe: Mapping[str, Any] | None
     ) -> None:
         rows, is_cuda = self._rows, self._device.is_cuda
         has_flex = model.nflex > 0
         self.data = mjw.make_data(
-            model,
-            nworld=rows,
-            nconmax=FLEX_CONTACTS if has_flex else CONTACTS,
-            njmax=constraint_rows or (FLEX_CONSTRAINT_ROWS if has_flex else CONSTRAINT_ROWS),
+            model, nworld=rows, nconmax=FLEX_CONTACTS if has_flex else CONTACTS,
+            njmax=constraint_rows or (FLEX_CONSTRAINT_ROWS if has_flex else CONSTRAINT_ROWS)
         )
         data = self.data
         self._servos = wp.array(

@@ -27,10 +27,8 @@ OVERFLOWS = wp.constant(int(_OVERFLOWS))
 
 @wp.kernel
 def set_forces(
-    forces: wp.array2d(dtype=wp.float64),
-    substep: int,
-    pushed: wp.array(dtype=int),
-    xfrc: wp.array3d(dtype=float),
+    forces: wp.array2d(dtype=wp.float64), substep: int, pushed: wp.array(dtype=int),
+    xfrc: wp.array3d(dtype=float)
 ) -> None:
     row, body, axis = wp.tid()
     xfrc[row, pushed[body], axis] = float(forces[row, 3 * substep + axis])
@@ -69,10 +67,8 @@ def copy_columns(
 
 @wp.kernel
 def scatter(
-    states: wp.array2d(dtype=wp.float64),
-    rows: wp.array(dtype=int),
-    offset: int,
-    target: wp.array2d(dtype=float),
+    states: wp.array2d(dtype=wp.float64), rows: wp.array(dtype=int), offset: int,
+    target: wp.array2d(dtype=float)
 ) -> None:
     index, column = wp.tid()
     target[rows[index], column] = float(states[index, offset + column])
@@ -80,10 +76,8 @@ def scatter(
 
 @wp.kernel
 def scatter_bools(
-    states: wp.array2d(dtype=wp.float64),
-    rows: wp.array(dtype=int),
-    offset: int,
-    target: wp.array2d(dtype=wp.bool),
+    states: wp.array2d(dtype=wp.float64), rows: wp.array(dtype=int), offset: int,
+    target: wp.array2d(dtype=wp.bool)
 ) -> None:
     index, column = wp.tid()
     target[rows[index], column] = states[index, offset + column] != wp.float64(0.0)
@@ -107,10 +101,8 @@ def gather_bools(
 
 @wp.kernel
 def watch(
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    overflow: wp.array(dtype=int),
-    status: wp.array(dtype=int),
+    qpos: wp.array2d(dtype=float), qvel: wp.array2d(dtype=float), overflow: wp.array(dtype=int),
+    status: wp.array(dtype=int)
 ) -> None:
     row = wp.tid()
     # An overflow explains a divergence, so it has priority, and it lasts until the end of the

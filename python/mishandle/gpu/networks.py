@@ -116,10 +116,8 @@ def input_gradient_kernel(derivative):
 
     @wp.kernel(module="unique", module_options=OPTIONS)
     def input_gradient(
-        gradient: wp.array2d(dtype=float),
-        weight: wp.array2d(dtype=float),
-        y: wp.array2d(dtype=float),
-        before: wp.array2d(dtype=float),
+        gradient: wp.array2d(dtype=float), weight: wp.array2d(dtype=float),
+        y: wp.array2d(dtype=float), before: wp.array2d(dtype=float)
     ) -> None:
         i, j = wp.tid()
         total = wp.tile_zeros(shape=(ROWS, COLUMNS), dtype=float)
@@ -276,8 +274,7 @@ class WarpNetwork:
             x, y = self._values[index : index + 2]
             self._launch(
                 _output_layer if index == last else self._layer,
-                (_tiles(self._rows, int(ROWS)), _tiles(weight.shape[0])),
-                [x, weight, bias, y],
+                (_tiles(self._rows, int(ROWS)), _tiles(weight.shape[0])), [x, weight, bias, y]
             )
         self._copy_out("outputs")
 
@@ -303,9 +300,8 @@ class WarpNetwork:
             wp.launch(add_parts, (1, outputs), [self._partial_biases, self._parts, 1, total])
             if index > 0:
                 self._launch(
-                    self._input_gradient,
-                    (_tiles(self._rows, int(ROWS)), _tiles(inputs)),
-                    [gradient, weight, x, self._gradients[index - 1]],
+                    self._input_gradient, (_tiles(self._rows, int(ROWS)), _tiles(inputs)),
+                    [gradient, weight, x, self._gradients[index - 1]]
                 )
         self._copy_out("parameter_gradient")
 

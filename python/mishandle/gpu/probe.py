@@ -84,12 +84,8 @@ class WarpProbe:
 
 @wp.func
 def part(
-    geom: wp.array(dtype=wp.vec2i),
-    flex: wp.array(dtype=wp.vec2i),
-    contact: int,
-    side: int,
-    geoms: wp.array(dtype=int),
-    flexes: wp.array(dtype=int),
+    geom: wp.array(dtype=wp.vec2i), flex: wp.array(dtype=wp.vec2i), contact: int, side: int,
+    geoms: wp.array(dtype=int), flexes: wp.array(dtype=int)
 ) -> int:
     # Without flexes, their array is empty.
     if geom[contact][side] >= 0:
@@ -99,24 +95,12 @@ def part(
 
 @wp.kernel
 def add_forces(
-    cone: int,
-    frame: wp.array(dtype=wp.mat33),
-    friction: wp.array(dtype=vec5),
-    dim: wp.array(dtype=int),
-    efc_address: wp.array2d(dtype=int),
-    adhesion: wp.array(dtype=float),
-    efc_force: wp.array2d(dtype=float),
-    njmax: int,
-    nacon: wp.array(dtype=int),
-    worldid: wp.array(dtype=int),
-    geom: wp.array(dtype=wp.vec2i),
-    flex: wp.array(dtype=wp.vec2i),
-    active: wp.array2d(dtype=wp.bool),
-    weld: int,
-    geoms: wp.array(dtype=int),
-    flexes: wp.array(dtype=int),
-    pairs: wp.array2d(dtype=int),
-    forces: wp.array2d(dtype=float),
+    cone: int, frame: wp.array(dtype=wp.mat33), friction: wp.array(dtype=vec5),
+    dim: wp.array(dtype=int), efc_address: wp.array2d(dtype=int), adhesion: wp.array(dtype=float),
+    efc_force: wp.array2d(dtype=float), njmax: int, nacon: wp.array(dtype=int),
+    worldid: wp.array(dtype=int), geom: wp.array(dtype=wp.vec2i), flex: wp.array(dtype=wp.vec2i),
+    active: wp.array2d(dtype=wp.bool), weld: int, geoms: wp.array(dtype=int),
+    flexes: wp.array(dtype=int), pairs: wp.array2d(dtype=int), forces: wp.array2d(dtype=float)
 ):
     contact = wp.tid()
     if contact >= nacon[0]:
@@ -147,21 +131,12 @@ def keep_largest(readings: wp.array2d(dtype=float), row: int, column: int, value
 
 @wp.kernel
 def measure(
-    substep: int,
-    timestep: wp.array(dtype=float),
-    joints: wp.array2d(dtype=float),
-    body: int,
-    site: int,
-    root: int,
-    before: wp.array2d(dtype=float),
-    qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float),
-    actuator_force: wp.array2d(dtype=float),
-    cvel: wp.array2d(dtype=wp.spatial_vector),
-    subtree_com: wp.array2d(dtype=wp.vec3),
-    site_xpos: wp.array2d(dtype=wp.vec3),
-    forces: wp.array2d(dtype=float),
-    readings: wp.array2d(dtype=float),
+    substep: int, timestep: wp.array(dtype=float), joints: wp.array2d(dtype=float), body: int,
+    site: int, root: int, before: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float), actuator_force: wp.array2d(dtype=float),
+    cvel: wp.array2d(dtype=wp.spatial_vector), subtree_com: wp.array2d(dtype=wp.vec3),
+    site_xpos: wp.array2d(dtype=wp.vec3), forces: wp.array2d(dtype=float),
+    readings: wp.array2d(dtype=float)
 ):
     row = wp.tid()
     last = readings.shape[1] - 1

@@ -135,32 +135,15 @@ def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[floa
 
     # A system that only keeps what it shall simulate.
     target = _native.Target(
-        name="draws",
-        content="",
-        axes=axes,
-        signals=[("zero", "1")],
-        formulas=[("success", "zero >= 0")],
-        control_dt=1.0,
-        episode_steps=1,
-        is_deterministic=True,
-        depends_on_seed=True,
-        termination="undecided",
-        components=[],
-        not_covered=[],
-        versions=[],
-        random_axes=[],
-        simulate=simulate,
+        name="draws", content="", axes=axes, signals=[("zero", "1")],
+        formulas=[("success", "zero >= 0")], control_dt=1.0, episode_steps=1, is_deterministic=True,
+        depends_on_seed=True, termination="undecided", components=[], not_covered=[], versions=[],
+        random_axes=[], simulate=simulate
     )
     _native.risk(
-        target,
-        formula=None,
-        simulations=sample.simulations,
-        method="monte-carlo",
-        batch=sample.simulations,
-        distributions={},
-        seed=sample.seed,
-        out=(None, False, False, False),
-        progress=None,
+        target, formula=None, simulations=sample.simulations, method="monte-carlo",
+        batch=sample.simulations, distributions={}, seed=sample.seed,
+        out=(None, False, False, False), progress=None
     )
     # Probes come before the question.
     return drawn[-sample.simulations :]
@@ -258,14 +241,9 @@ def _on_gpu(case: Case, sample: Sample, formula: str) -> Row:
     screening, failures = found["screening"], found["screening"]["findings"]["failure"]
     confirmed, missed = failures["flagged"], failures["audit_sample"]
     return Row(
-        case,
-        formula,
-        sample.simulations,
-        confirmed + missed,
-        gpu_missed=missed,
-        gpu_refuted=screening["flagged"] - confirmed,
-        without_verdict=screening["without_verdict"],
-        overflows=screening["overflows"],
+        case, formula, sample.simulations, confirmed + missed, gpu_missed=missed,
+        gpu_refuted=screening["flagged"] - confirmed, without_verdict=screening["without_verdict"],
+        overflows=screening["overflows"]
     )
 
 

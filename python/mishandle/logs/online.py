@@ -56,11 +56,9 @@ class OnlineMonitor(_native.OnlineMonitor):
     """
 
     def __new__(
-        cls,
-        formulas: str | Formula | Sequence[str | Formula],
-        signals: Sequence[str] | None = None,
-        period: float | None = None,
-        samples: int | None = None,
+        cls, formulas: str | Formula | Sequence[str | Formula],
+        signals: Sequence[str] | None = None, period: float | None = None,
+        samples: int | None = None
     ) -> OnlineMonitor:
         given = [formulas] if isinstance(formulas, (str, Formula)) else list(formulas)
         parsed = [

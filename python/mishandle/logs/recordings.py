@@ -97,13 +97,8 @@ class Log:
 
 
 def read_log(
-    path: PathLike,
-    topics: Iterable[str] | None = None,
-    *,
-    time: str | None = None,
-    partial: bool = False,
-    episode: int | None = None,
-    **table: Unpack[TableOptions],
+    path: PathLike, topics: Iterable[str] | None = None, *, time: str | None = None,
+    partial: bool = False, episode: int | None = None, **table: Unpack[TableOptions]
 ) -> Log:
     """Reads a recording (MCAP, rosbag2, ROS 1 bag), an episode of a LeRobot data set, or a table
     (CSV, JSON lines, NumPy, Parquet).

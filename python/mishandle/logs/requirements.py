@@ -44,13 +44,8 @@ class Mining(results.Mining):
 
 
 def formula(
-    formula: str | Formula,
-    log: Any = (),
-    *,
-    unit: str | None = None,
-    units: Mapping[str, str] | None = None,
-    episode: float | None = None,
-    **reading: Unpack[Reading],
+    formula: str | Formula, log: Any = (), *, unit: str | None = None,
+    units: Mapping[str, str] | None = None, episode: float | None = None, **reading: Unpack[Reading]
 ) -> FormulaDescription:
     """Returns a formula in words, with its known traps, drawn over logs or over two traces that are
     found for it.
@@ -101,15 +96,9 @@ def pattern(name: str, **settings: object) -> str:
 
 
 def mine(
-    formula: str,
-    parameters: Mapping[str, Range],
-    log: Any,
-    *,
-    resolution: Mapping[str, float] | None = None,
-    share: float = 1.0,
-    points: int = 10,
-    unit: str | None = None,
-    **reading: Unpack[Reading],
+    formula: str, parameters: Mapping[str, Range], log: Any, *,
+    resolution: Mapping[str, float] | None = None, share: float = 1.0, points: int = 10,
+    unit: str | None = None, **reading: Unpack[Reading]
 ) -> Mining:
     """Returns the tightest values of the parameters of a formula for which logs satisfy it.
 

@@ -15,13 +15,7 @@ from mishandle.base.traces import columns_of
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs import lerobot_data
 from mishandle.logs.recordings import (
-    NATIVE_DEFAULTS,
-    Log,
-    TableOptions,
-    Topic,
-    is_recording,
-    read_logs,
-    read_signals,
+    NATIVE_DEFAULTS, Log, TableOptions, Topic, is_recording, read_logs, read_signals
 )
 
 Times = tuple[str, str, Union[NDArray[Any], list[str]]]

@@ -35,13 +35,8 @@ class Monitoring(results.Monitor):
 
 
 def monitor(
-    formulas: Formulas,
-    log: Any,
-    *,
-    unit: str | None = None,
-    strict_horizon: bool = False,
-    values: bool = False,
-    **reading: Unpack[Reading],
+    formulas: Formulas, log: Any, *, unit: str | None = None, strict_horizon: bool = False,
+    values: bool = False, **reading: Unpack[Reading]
 ) -> Monitoring:
     """Returns the verdicts of formulas on logs, worst first.
 

@@ -11,10 +11,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from mishandle.errors import (
-    InvalidValueError,
-    MissingPackageError,
-    PolicyServerError,
-    TimeLimitExceeded,
+    InvalidValueError, MissingPackageError, PolicyServerError, TimeLimitExceeded
 )
 from mishandle.policies.messages import MAX_MESSAGE, MSGPACK_NUMPY, TEXT_KEYS, Encoding
 

@@ -156,14 +156,8 @@ class Guarded:
     """
 
     def __init__(
-        self,
-        policy: Callable[[Any], Any],
-        guard: Guard,
-        fallback: Callable[[Any], Any],
-        *,
-        quantities: Sequence[str] | Callable[[Any], Mapping[str, float]],
-        period: float,
-        steps: int,
+        self, policy: Callable[[Any], Any], guard: Guard, fallback: Callable[[Any], Any], *,
+        quantities: Sequence[str] | Callable[[Any], Mapping[str, float]], period: float, steps: int
     ) -> None:
         if guard.fallback or guard.privileged:
             raise InvalidValueError(

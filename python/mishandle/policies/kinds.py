@@ -30,13 +30,8 @@ class Policy(Protocol):
 
 
 def as_policy(
-    policy: Any,
-    batched: bool = False,
-    *,
-    spaces: tuple[Any, Any] | None = None,
-    task: str | None = None,
-    arguments: PolicyArguments | None = None,
-    can_draw: bool = False,
+    policy: Any, batched: bool = False, *, spaces: tuple[Any, Any] | None = None,
+    task: str | None = None, arguments: PolicyArguments | None = None, can_draw: bool = False
 ) -> Policy:
     """Returns the adapter of a policy.
 

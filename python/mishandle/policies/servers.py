@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 from mishandle.base.limits import check_time_limit
 from mishandle.errors import (
-    InvalidTypeError,
-    InvalidValueError,
-    PolicyServerError,
-    TimeLimitExceeded,
+    InvalidTypeError, InvalidValueError, PolicyServerError, TimeLimitExceeded
 )
 from mishandle.policies.connections import PROTOCOLS, Connection, Dialog, check_url
 from mishandle.policies.messages import MSGPACK_NUMPY
@@ -251,8 +248,7 @@ class ServedPolicy:
         for axis in self._request.axes:
             if arguments is None or axis.name not in arguments.space:
                 raise InvalidValueError(
-                    f"the policy server gets the axis `{axis.name}`, which is not in the space"
-                    + (
+                    f"the policy server gets the axis `{axis.name}`, which is not in the space" + (
                         " of a robot in a file: its instruction must be a text" if arguments is None
                         else ""
                     )

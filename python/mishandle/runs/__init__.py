@@ -8,6 +8,6 @@ from mishandle.runs.run_files import Run, open_run
 from mishandle.runs.targets import Simulation, TargetOptions
 
 __all__ = [
-    "Comparison", "Explanation", "Run", "RunOptions", "Simulation", "TargetOptions", "compare", "diff",
-    "evidence", "open_run", "to_rerun", "verify_evidence",
+    "Comparison", "Explanation", "Run", "RunOptions", "Simulation", "TargetOptions", "compare",
+    "diff", "evidence", "open_run", "to_rerun", "verify_evidence",
 ]

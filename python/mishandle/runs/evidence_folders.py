@@ -13,13 +13,8 @@ from mishandle.runs.documents import read
 
 
 def evidence(
-    runs: Sequence[PathLike],
-    out: PathLike,
-    *,
-    key: PathLike | None = None,
-    force: bool = False,
-    controller: str | None = None,
-    target: str | None = None,
+    runs: Sequence[PathLike], out: PathLike, *, key: PathLike | None = None, force: bool = False,
+    controller: str | None = None, target: str | None = None
 ) -> Evidence:
     """Writes a folder with run files, pages, the files that simulations need, and hashes of all,
     which others can verify.
@@ -57,23 +52,16 @@ def evidence(
     if isinstance(runs, (str, os.PathLike)):
         raise InvalidValueError(f"runs is {os.fspath(runs)!r}; it must be a list of run files")
     text = _native.evidence(
-        [os.fspath(run) for run in runs],
-        os.fspath(out),
-        key=None if key is None else os.fspath(key),
-        force=force,
-        controller=controller,
-        target=target,
+        [os.fspath(run) for run in runs], os.fspath(out),
+        key=None if key is None else os.fspath(key), force=force, controller=controller,
+        target=target
     )
     return read(Evidence, text)
 
 
 def verify_evidence(
-    folder: PathLike,
-    *,
-    allowed_signers: PathLike | None = None,
-    public_key: PathLike | None = None,
-    share: float = 0.05,
-    seed: int | None = None,
+    folder: PathLike, *, allowed_signers: PathLike | None = None,
+    public_key: PathLike | None = None, share: float = 0.05, seed: int | None = None
 ) -> EvidenceVerification:
     """Checks signature, hashes and run files of a folder that somebody else made, and replays a
     random share of its simulations.
@@ -104,8 +92,6 @@ def verify_evidence(
     text = _native.verify_evidence(
         os.fspath(folder),
         allowed_signers=None if allowed_signers is None else os.fspath(allowed_signers),
-        public_key=None if public_key is None else os.fspath(public_key),
-        share=share,
-        seed=seed,
+        public_key=None if public_key is None else os.fspath(public_key), share=share, seed=seed
     )
     return read(EvidenceVerification, text)

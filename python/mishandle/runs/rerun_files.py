@@ -37,14 +37,9 @@ _PLANE = 5.0
 
 
 def to_rerun(
-    simulation: HasPath | PathLike,
-    path: PathLike,
-    *,
-    nominal: bool = True,
-    trial: int | None = None,
-    number: int | None = None,
-    controller: str | None = None,
-    target: str | None = None,
+    simulation: HasPath | PathLike, path: PathLike, *, nominal: bool = True,
+    trial: int | None = None, number: int | None = None, controller: str | None = None,
+    target: str | None = None
 ) -> pathlib.Path:
     """Writes a recorded simulation as a file for Rerun: bodies, contacts, cameras, signals and
     robustness on one timeline.
@@ -192,10 +187,8 @@ class _Episode:
         for index in range(self.model.ncam):
             parts = ["cameras", self.model.camera(index).name or f"camera {index}"]
             pinhole = self.rr.Pinhole(
-                fov_y=math.radians(float(self.model.cam_fovy[index])),
-                aspect_ratio=4 / 3,
-                camera_xyz=self.rr.ViewCoordinates.RUB,
-                image_plane_distance=0.2,
+                fov_y=math.radians(float(self.model.cam_fovy[index])), aspect_ratio=4 / 3,
+                camera_xyz=self.rr.ViewCoordinates.RUB, image_plane_distance=0.2
             )
             self.static(parts, pinhole)
 
@@ -246,8 +239,7 @@ class _Episode:
         face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
         return self.rr.Mesh3D(
             vertex_positions=model.mesh_vert[first : first + count],
-            triangle_indices=model.mesh_face[face : face + faces],
-            albedo_factor=color,
+            triangle_indices=model.mesh_face[face : face + faces], albedo_factor=color
         )
 
     def motion(self) -> None:

@@ -151,16 +151,9 @@ class Run:
         return build(Explanation, json.loads(self._native.explain(trial, number, axes)))
 
     def report(
-        self,
-        path: str | os.PathLike[str],
-        system: Any = None,
-        formula: Formulas = None,
-        space: Space = None,
-        *,
-        simulate: bool = True,
-        probes: int = 64,
-        sensitivity: int = 0,
-        **target: Unpack[TargetOptions],
+        self, path: str | os.PathLike[str], system: Any = None, formula: Formulas = None,
+        space: Space = None, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0,
+        **target: Unpack[TargetOptions]
     ) -> None:
         """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
 

@@ -30,17 +30,8 @@ from mishandle.policies.guards import Guard, guard_text
 from mishandle.policies.kinds import policy_hash
 from mishandle.policies.servers import PolicyServer, as_server, states_determinism
 from mishandle.scenarios.arguments import (
-    check_applicable,
-    check_period,
-    check_settings,
-    check_space,
-    check_steps,
-    check_termination,
-    check_time,
-    checked_cameras,
-    checked_size,
-    named_formulas,
-    task_formulas,
+    check_applicable, check_period, check_settings, check_space, check_steps, check_termination,
+    check_time, checked_cameras, checked_size, named_formulas, task_formulas
 )
 from mishandle.scenarios.axes import Axis
 from mishandle.scenarios.requests import Request, Scenario
@@ -197,13 +188,8 @@ class TargetOptions(TypedDict, total=False):
 
 
 def make_target(
-    system: Any,
-    formula: Formulas,
-    space: Space,
-    options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object],
-    *,
-    has_metrics: bool = False,
+    system: Any, formula: Formulas, space: Space, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object], *, has_metrics: bool = False
 ) -> Target:
     """Returns the target of the arguments. ``check`` gets the space before the system is called for
     the first time. ``has_metrics`` says whether the question has a metric of each formula of a
@@ -266,13 +252,10 @@ def make_target(
                 return _task_in_space(system, formula, "starts", options, check)
             policy = controller if isinstance(policy, str) else policy
         system = TaskSystem(
-            system,
-            policy,
-            preset=options.get("preset", "paper"),
-            rows=options.get("rows", 64),
+            system, policy, preset=options.get("preset", "paper"), rows=options.get("rows", 64),
             batched_policy=options.get("batched_policy", False),
             time_limit=options.get("time_limit"),
-            space=[axis for axis in space or [] if isinstance(axis, Axis)],
+            space=[axis for axis in space or [] if isinstance(axis, Axis)]
         )
     named = requirements(options)
     known: Formulas = None
@@ -553,21 +536,15 @@ def _in_core(
         found = watch.fingerprints()
         parts = "\n".join([_policy_hash(policy, found), repr(version), *given])
         made = _native.policy_target(
-            target,
-            system,
-            images=images,
-            preset=options.get("preset", "paper"),
+            target, system, images=images, preset=options.get("preset", "paper"),
             name=options.get("name", system.name),
             identified=(
                 getattr(policy, "name", type(policy).__name__),
-                hashlib.sha256(parts.encode()).hexdigest(),
-                list(found["policy"].gaps),
+                hashlib.sha256(parts.encode()).hexdigest(), list(found["policy"].gaps)
             ),
-            space=space,
-            axes=axis_settings(options),
+            space=space, axes=axis_settings(options),
             noise=(options.get("action_noise", 0.0), options.get("observation_noise", 0.0)),
-            versions=_versions(system, found, version),
-            is_deterministic=is_deterministic,
+            versions=_versions(system, found, version), is_deterministic=is_deterministic
         )
         return made, found["policy"].gaps
 
@@ -603,12 +580,8 @@ def _in_core(
 
 
 def _task_in_space(
-    task: str,
-    formula: Formulas,
-    space: str,
-    options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object],
-    folder: str | None = None,
+    task: str, formula: Formulas, space: str, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object], folder: str | None = None
 ) -> Target:
     """Returns a task with one of our controllers, which the Rust core simulates: only it has the
     axes of all spaces. ``folder`` is the working folder of a simulator, which the Rust core
@@ -637,13 +610,8 @@ def _task_in_space(
 
 
 def _in_named_space(
-    native: _native.Target,
-    system: System,
-    formula: Formulas,
-    space: str,
-    options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object],
-    not_covered: tuple[str, ...] = (),
+    native: _native.Target, system: System, formula: Formulas, space: str, options: TargetOptions,
+    check: Callable[[Sequence[Axis]], object], not_covered: tuple[str, ...] = ()
 ) -> Target:
     """Returns a target that the Rust core simulates in a space that it knows by name."""
     system.signals = native.signals
@@ -680,27 +648,18 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
         if policy is None:
             raise InvalidValueError("an environment needs a policy")
         return environment_system(
-            system,
-            policy,
-            space,
-            signals=options.get("signals", {}),
-            steps=options.get("steps"),
-            control_dt=options.get("control_dt"),
-            time_limit=options.get("time_limit"),
-            batched_policy=options.get("batched_policy", False),
-            settle=options.get("settle"),
-            invalid=options.get("invalid"),
+            system, policy, space, signals=options.get("signals", {}), steps=options.get("steps"),
+            control_dt=options.get("control_dt"), time_limit=options.get("time_limit"),
+            batched_policy=options.get("batched_policy", False), settle=options.get("settle"),
+            invalid=options.get("invalid")
         )
     if callable(system):
         check_applicable(options, FUNCTION_OPTIONS, "a function")
         return FunctionSystem(
-            system,
-            nominal={axis.name: axis.nominal_value for axis in space},
-            control_dt=options.get("control_dt"),
-            steps=options.get("steps"),
-            units=options.get("units", {}),
-            time_limit=options.get("time_limit"),
-            frame=options.get("frame"),
+            system, nominal={axis.name: axis.nominal_value for axis in space},
+            control_dt=options.get("control_dt"), steps=options.get("steps"),
+            units=options.get("units", {}), time_limit=options.get("time_limit"),
+            frame=options.get("frame")
         )
     raise InvalidTypeError(
         f"a {type(system).__name__} is not a system: expected a function, a Gymnasium environment "

@@ -9,12 +9,7 @@ from typing import Any
 
 from mishandle.errors import InvalidTypeError
 from mishandle.scenarios.axes import (
-    Attribute,
-    Axis,
-    FaultParameter,
-    PolicyArgument,
-    ResetOption,
-    Value,
+    Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
 )
 
 

@@ -15,13 +15,7 @@ import mishandle._native as _native
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.logs.formulas import Formula
 from mishandle.scenarios.axes import (
-    Attribute,
-    Axis,
-    FaultParameter,
-    PolicyArgument,
-    ResetOption,
-    Value,
-    parse_path,
+    Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value, parse_path
 )
 
 ROLES = ("success", "strict", "careful", "safe", "completion")
@@ -297,9 +291,8 @@ def check_time(formulas: Mapping[str, str], knows_control_dt: bool, control_dt: 
 
 
 def scenario_numbers(
-    space: Sequence[Axis],
-    at: Mapping[str, Value] | Sequence[float] | None,
-    nominal: Sequence[float | None] | None = None,
+    space: Sequence[Axis], at: Mapping[str, Value] | Sequence[float] | None,
+    nominal: Sequence[float | None] | None = None
 ) -> list[float | None]:
     """Returns the numbers of a scenario. Axes that it leaves out have the values ``nominal``."""
     if at is None:

@@ -148,12 +148,8 @@ class FaultSettings:
             for layout in (self.observation, self.action)
         ]
         return _native.Faults(
-            observation=layouts[0],
-            action=layouts[1],
-            count=self.count,
-            has_delays=self.delays,
-            control_dt=self.control_dt,
-            episode_steps=self.steps,
+            observation=layouts[0], action=layouts[1], count=self.count, has_delays=self.delays,
+            control_dt=self.control_dt, episode_steps=self.steps
         )
 
 

@@ -173,11 +173,8 @@ class Disturbed:
     """The faults and the images of one episode. Control steps count from 0."""
 
     def __init__(
-        self,
-        active: _native.ActiveFaults | None,
-        images: SeenImages | None,
-        settings: FaultSettings | None,
-        bounds: tuple[Any, Any] | None,
+        self, active: _native.ActiveFaults | None, images: SeenImages | None,
+        settings: FaultSettings | None, bounds: tuple[Any, Any] | None
     ) -> None:
         self._active = active
         self._images = images

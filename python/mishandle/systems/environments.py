@@ -32,18 +32,10 @@ class PolicySystem(System):
     """Base of environments with a policy: their names, signals, time limit and policy."""
 
     def __init__(
-        self,
-        environment: Any,
-        policy: Any,
-        space: Sequence[Axis],
-        *,
-        signals: Mapping[str, Source | tuple[Source, str]],
-        steps: int | None,
-        control_dt: float | None,
-        time_limit: float | None,
-        batched_policy: bool,
-        settle: Settle | None = None,
-        invalid: Invalid | None = None,
+        self, environment: Any, policy: Any, space: Sequence[Axis], *,
+        signals: Mapping[str, Source | tuple[Source, str]], steps: int | None,
+        control_dt: float | None, time_limit: float | None, batched_policy: bool,
+        settle: Settle | None = None, invalid: Invalid | None = None
     ) -> None:
         check_time_limit(time_limit)
         spaces = [
@@ -52,11 +44,8 @@ class PolicySystem(System):
         ]
         self.arguments = PolicyArguments(space)
         self.policy: Policy = as_policy(
-            policy,
-            batched_policy,
-            spaces=(spaces[0], spaces[1]),
-            arguments=self.arguments,
-            can_draw=getattr(environment, "render_mode", None) == "rgb_array",
+            policy, batched_policy, spaces=(spaces[0], spaces[1]), arguments=self.arguments,
+            can_draw=getattr(environment, "render_mode", None) == "rgb_array"
         )
         self._policy_source = policy
         self._environment = environment

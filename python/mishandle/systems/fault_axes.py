@@ -8,19 +8,10 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.scenarios.arguments import check_number, check_period, check_steps
 from mishandle.scenarios.axes import Axis, FaultParameter
 from mishandle.scenarios.layouts import (
-    ACTION,
-    OBSERVATION,
-    Channels,
-    FaultSettings,
-    Layout,
-    Ranges,
-    Side,
+    ACTION, OBSERVATION, Channels, FaultSettings, Layout, Ranges, Side
 )
 from mishandle.systems.environments import (
-    control_period,
-    episode_steps,
-    spec_name,
-    states_control_dt,
+    control_period, episode_steps, spec_name, states_control_dt
 )
 from mishandle.systems.task_environments import TaskEnv
 
@@ -29,18 +20,10 @@ MOST = 100
 
 
 def faults(
-    environment: Any,
-    *,
-    sensing: bool = True,
-    actuation: bool = True,
-    delays: bool = False,
-    count: int = 1,
-    channels: Channels | None = None,
-    actions: Channels | None = None,
-    ranges: Ranges | None = None,
-    action_ranges: Ranges | None = None,
-    steps: int | None = None,
-    control_dt: float | None = None,
+    environment: Any, *, sensing: bool = True, actuation: bool = True, delays: bool = False,
+    count: int = 1, channels: Channels | None = None, actions: Channels | None = None,
+    ranges: Ranges | None = None, action_ranges: Ranges | None = None, steps: int | None = None,
+    control_dt: float | None = None
 ) -> list[Axis]:
     """Returns the axes of faults of an environment: kind, channel, onset, duration, recovery and
     magnitude.
@@ -118,12 +101,9 @@ def faults(
     if actuation and action is not None:
         _check_ranges(action)
     settings = FaultSettings(
-        observation=None if observation is None else observation.with_unit_ranges(),
-        action=action,
-        count=int(count),
-        delays=delays,
-        steps=episode_steps(one, steps),
-        control_dt=control_period(one) if control_dt is None else float(control_dt),
+        observation=None if observation is None else observation.with_unit_ranges(), action=action,
+        count=int(count), delays=delays, steps=episode_steps(one, steps),
+        control_dt=control_period(one) if control_dt is None else float(control_dt)
     )
     kept = {"sensor_fault": sensing, "actuator_fault": actuation}
     axes = [Axis.from_native(native, FaultParameter(settings)) for native in settings.native().axes]

@@ -22,15 +22,9 @@ class FunctionSystem(System):
     """A function from a scenario to a trace."""
 
     def __init__(
-        self,
-        function: Callable[..., Any],
-        *,
-        nominal: Scenario,
-        control_dt: float | None,
-        steps: int | None,
-        units: Mapping[str, str],
-        time_limit: float | None,
-        frame: Frames | None = None,
+        self, function: Callable[..., Any], *, nominal: Scenario, control_dt: float | None,
+        steps: int | None, units: Mapping[str, str], time_limit: float | None,
+        frame: Frames | None = None
     ) -> None:
         if frame is not None and not callable(frame):
             raise InvalidTypeError(

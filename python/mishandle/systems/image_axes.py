@@ -10,10 +10,7 @@ from mishandle.scenarios.arguments import check_period, check_steps
 from mishandle.scenarios.axes import Axis, FaultParameter, ResetOption
 from mishandle.scenarios.images import ImageSettings, images_of
 from mishandle.systems.environments import (
-    control_period,
-    episode_steps,
-    spec_name,
-    states_control_dt,
+    control_period, episode_steps, spec_name, states_control_dt
 )
 
 OF_IMAGES = ("image", "faults-camera")
@@ -24,11 +21,8 @@ OF_SCENES = ("light", "camera", "appearance", "clutter")
 
 
 def sight(
-    environment: Any,
-    *,
-    spaces: str | Sequence[str] = OF_IMAGES,
-    steps: int | None = None,
-    control_dt: float | None = None,
+    environment: Any, *, spaces: str | Sequence[str] = OF_IMAGES, steps: int | None = None,
+    control_dt: float | None = None
 ) -> list[Axis]:
     """Returns the axes of the images in the observation of an environment.
 

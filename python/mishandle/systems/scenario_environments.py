@@ -15,21 +15,11 @@ from mishandle.base.files import PathLike
 from mishandle.errors import InvalidScenario, InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.scenarios.applications import Applications, environment_seed
 from mishandle.scenarios.arguments import (
-    check_number,
-    check_period,
-    check_space,
-    check_steps,
-    is_real,
-    scenario_numbers,
+    check_number, check_period, check_space, check_steps, is_real, scenario_numbers
 )
 from mishandle.scenarios.attributes import Attributes
 from mishandle.scenarios.axes import (
-    Attribute,
-    Axis,
-    FaultParameter,
-    PolicyArgument,
-    ResetOption,
-    Value,
+    Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
 )
 from mishandle.scenarios.lines import Disturbed, FaultLine
 from mishandle.scenarios.values import idle_action
@@ -108,19 +98,10 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Whether its resets draw scenarios, so that a question cannot give it one."""
 
     def __init__(
-        self,
-        env: gymnasium.Env[Any, Any],
-        space: Sequence[Axis],
-        archive: Archive = None,
-        *,
-        archive_share: float = 0.25,
-        nominal: float = 0.25,
-        corners: float = 0.1,
-        seed: int | None = None,
-        steps: int | None = None,
-        control_dt: float | None = None,
-        settle: Settle | None = None,
-        invalid: Invalid | None = None,
+        self, env: gymnasium.Env[Any, Any], space: Sequence[Axis], archive: Archive = None, *,
+        archive_share: float = 0.25, nominal: float = 0.25, corners: float = 0.1,
+        seed: int | None = None, steps: int | None = None, control_dt: float | None = None,
+        settle: Settle | None = None, invalid: Invalid | None = None
     ) -> None:
         if not isinstance(env, gymnasium.Env):
             is_vector = isinstance(env, gymnasium.vector.VectorEnv)

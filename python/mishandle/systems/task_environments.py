@@ -137,16 +137,9 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60}
 
     def __init__(
-        self,
-        task: str,
-        *,
-        preset: str = "paper",
-        reward: str = "shaped",
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        cameras: Sequence[str] = (),
-        image_size: tuple[int, int] = (64, 64),
+        self, task: str, *, preset: str = "paper", reward: str = "shaped",
+        render_mode: str | None = None, width: int = 640, height: int = 480,
+        cameras: Sequence[str] = (), image_size: tuple[int, int] = (64, 64)
     ) -> None:
         self.render_mode = _checked_render_mode(render_mode)
         self._size = (width, height)
@@ -268,19 +261,11 @@ class TaskVectorEnv(gymnasium.vector.VectorEnv[Floats, Floats, NDArray[Any]]):
     }
 
     def __init__(
-        self,
-        task: str,
-        num_envs: int = 1,
-        *,
-        preset: str = "paper",
-        reward: str = "shaped",
+        self, task: str, num_envs: int = 1, *, preset: str = "paper", reward: str = "shaped",
         max_episode_steps: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        copy: bool = True,
-        threads: int | None = None,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, copy: bool = True,
+        threads: int | None = None, render_mode: str | None = None, width: int = 640,
+        height: int = 480
     ) -> None:
         self.render_mode = _checked_render_mode(render_mode)
         self._size = (width, height)
@@ -453,9 +438,7 @@ def register() -> None:
         if name in gymnasium.registry:
             continue
         gymnasium.register(
-            name,
-            entry_point="mishandle.systems.task_environments:TaskEnv",
+            name, entry_point="mishandle.systems.task_environments:TaskEnv",
             vector_entry_point="mishandle.systems.task_environments:TaskVectorEnv",
-            max_episode_steps=300,
-            kwargs={"task": task},
+            max_episode_steps=300, kwargs={"task": task}
         )

@@ -86,15 +86,8 @@ class TaskSystem(System):
     command line."""
 
     def __init__(
-        self,
-        task: str,
-        policy: Any,
-        *,
-        preset: str,
-        rows: int,
-        batched_policy: bool,
-        time_limit: float | None = None,
-        space: Sequence[Axis] = (),
+        self, task: str, policy: Any, *, preset: str, rows: int, batched_policy: bool,
+        time_limit: float | None = None, space: Sequence[Axis] = ()
     ) -> None:
         check_time_limit(time_limit)
         if isinstance(policy, Controller):
@@ -185,12 +178,11 @@ class TaskSystem(System):
         stops = [EarlyStop(each.stop, self.signals, self.control_dt, self.steps) for each in chunk]
         traces: list[list[NDArray[np.float64]]] = [[signals[row]] for row in range(count)]
         start(
-            self._policy,
-            self.arguments,
+            self._policy, self.arguments,
             Rows(
                 [each.scenario for each in padded],
                 is_running=lambda row: row < count and ends[row] is None
-            ),
+            )
         )
         # The rows share the time of the policy; the task itself cannot hang.
         left = None if self._time_limit is None else self._time_limit * rows
@@ -251,14 +243,8 @@ class TaskSystem(System):
 
 
 def _task_system(
-    task: str,
-    policy: Any,
-    preset: str,
-    rows: int,
-    batched_policy: bool,
-    time_limit: float | None,
-    space: Sequence[Axis],
-    manner: bool,
+    task: str, policy: Any, preset: str, rows: int, batched_policy: bool, time_limit: float | None,
+    space: Sequence[Axis], manner: bool
 ) -> TaskSystem:
     system = TaskSystem(
         task, policy, preset=preset, rows=rows, batched_policy=batched_policy,

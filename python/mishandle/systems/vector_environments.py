@@ -203,13 +203,8 @@ class VectorSystem(PolicySystem):
             return
         old.close_extras(terminate=True)
         fresh = AsyncVectorEnv(
-            old.env_fns,
-            shared_memory=old.shared_memory,
-            context=old.context,
-            daemon=old.daemon,
-            worker=old.worker,
-            observation_mode=old.observation_mode,
-            autoreset_mode=self._mode,
+            old.env_fns, shared_memory=old.shared_memory, context=old.context, daemon=old.daemon,
+            worker=old.worker, observation_mode=old.observation_mode, autoreset_mode=self._mode
         )
         fresh.spec = old.spec
         # The caller's object gets the new processes, so that it stays usable.
@@ -410,13 +405,8 @@ class _Rollout:
             self._late[row] = []
 
     def step(
-        self,
-        step: int,
-        observations: Sequence[Any],
-        info: Mapping[str, Any],
-        rewards: NDArray[np.float64],
-        ended: NDArray[np.bool_],
-        mode: AutoresetMode,
+        self, step: int, observations: Sequence[Any], info: Mapping[str, Any],
+        rewards: NDArray[np.float64], ended: NDArray[np.bool_], mode: AutoresetMode
     ) -> None:
         for row in self.running():
             is_final = mode is AutoresetMode.SAME_STEP and ended[row]

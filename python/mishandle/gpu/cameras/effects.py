@@ -9,17 +9,8 @@ import numpy as np
 import warp as wp
 
 from mishandle.gpu.cameras.columns import (
-    COARSENESS,
-    DEAD_ROWS,
-    FACTORS,
-    PASSES,
-    PATCH,
-    PATCH_COLOR,
-    READ,
-    SAMPLES,
-    SHOT,
-    VIGNETTE,
-    WEIGHT,
+    COARSENESS, DEAD_ROWS, FACTORS, PASSES, PATCH, PATCH_COLOR, READ, SAMPLES, SHOT, VIGNETTE,
+    WEIGHT
 )
 from mishandle.gpu.cameras.materials import LOW_HALF, philox
 
@@ -39,12 +30,8 @@ def edge(index: int, count: int):
 
 @wp.kernel
 def cover(
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    width: int,
-    height: int,
-    light: wp.array2d(dtype=wp.vec3),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), first_state: int, width: int,
+    height: int, light: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Takes the mean of the rays, darkens the corners and draws the patch."""
     image, pixel = wp.tid()
@@ -76,15 +63,9 @@ def cover(
 
 @wp.kernel
 def blur(
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    width: int,
-    height: int,
-    done: int,
-    is_vertical: int,
-    light: wp.array2d(dtype=wp.vec3),
-    out: wp.array2d(dtype=wp.vec3),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), first_state: int, width: int,
+    height: int, done: int, is_vertical: int, light: wp.array2d(dtype=wp.vec3),
+    out: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Blurs by one pass of three pixels, unless an image has no more passes than are done."""
     image, pixel = wp.tid()
@@ -128,14 +109,9 @@ def with_noise(
 
 @wp.kernel
 def sense(
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    camera_numbers: wp.array(dtype=int),
-    seeds: wp.array(dtype=wp.uint64),
-    steps: wp.array(dtype=wp.uint64),
-    first_state: int,
-    width: int,
-    light: wp.array2d(dtype=wp.vec3),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int),
+    camera_numbers: wp.array(dtype=int), seeds: wp.array(dtype=wp.uint64),
+    steps: wp.array(dtype=wp.uint64), first_state: int, width: int, light: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Scales brightness and colors, adds the noise and cuts the dead rows."""
     image, pixel = wp.tid()
@@ -143,9 +119,8 @@ def sense(
     sight = sights[state]
     color = light[image, pixel]
     color = wp.vec3(
-        color[0] * cameras[sight, camera, FACTORS],
-        color[1] * cameras[sight, camera, FACTORS + 1],
-        color[2] * cameras[sight, camera, FACTORS + 2],
+        color[0] * cameras[sight, camera, FACTORS], color[1] * cameras[sight, camera, FACTORS + 1],
+        color[2] * cameras[sight, camera, FACTORS + 2]
     )
     read, shot = cameras[sight, camera, READ], cameras[sight, camera, SHOT]
     if read != 0.0 or shot != 0.0:
@@ -202,12 +177,8 @@ def transform(
 
 @wp.kernel
 def quantize(
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    steps: wp.array3d(dtype=float),
-    columns: int,
-    planes: wp.array4d(dtype=float),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), first_state: int,
+    steps: wp.array3d(dtype=float), columns: int, planes: wp.array4d(dtype=float)
 ) -> None:
     """Rounds coefficients to multiples of their steps."""
     image, plane, place = wp.tid()
@@ -222,12 +193,8 @@ def quantize(
 
 @wp.kernel
 def join(
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    width: int,
-    planes: wp.array4d(dtype=float),
-    light: wp.array2d(dtype=wp.vec3),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), first_state: int, width: int,
+    planes: wp.array4d(dtype=float), light: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Writes the colors of the planes into images that are compressed."""
     image, pixel = wp.tid()

@@ -190,17 +190,9 @@ def enter_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, o: wp.vec3, d: wp.vec3):
 
 @wp.func
 def enter_cloth(
-    size: wp.vec3,
-    o: wp.vec3,
-    d: wp.vec3,
-    least: float,
-    most: float,
-    image: int,
-    vertices: wp.array2d(dtype=wp.vec3),
-    lows: wp.array2d(dtype=wp.vec3),
-    highs: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
-    nodes: wp.array2d(dtype=int),
+    size: wp.vec3, o: wp.vec3, d: wp.vec3, least: float, most: float, image: int,
+    vertices: wp.array2d(dtype=wp.vec3), lows: wp.array2d(dtype=wp.vec3),
+    highs: wp.array2d(dtype=wp.vec3), triangles: wp.array2d(dtype=int), nodes: wp.array2d(dtype=int)
 ):
     """Returns where a ray first meets a triangle of the nodes from ``size[0]`` to ``size[1]`` after
     ``least`` and before ``most``, and which."""
@@ -225,12 +217,8 @@ def enter_cloth(
 
 @wp.func
 def of_cloth(
-    image: int,
-    triangle: int,
-    p: wp.vec3,
-    vertices: wp.array2d(dtype=wp.vec3),
-    normals: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
+    image: int, triangle: int, p: wp.vec3, vertices: wp.array2d(dtype=wp.vec3),
+    normals: wp.array2d(dtype=wp.vec3), triangles: wp.array2d(dtype=int)
 ):
     """Returns the normal of a triangle at a point of it."""
     i, j, k = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
@@ -245,13 +233,9 @@ def of_cloth(
 
 @wp.kernel
 def move_vertices(
-    now: wp.array2d(dtype=float),
-    before: wp.array2d(dtype=float),
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    ago_column: int,
-    vertices: wp.array2d(dtype=wp.vec3),
+    now: wp.array2d(dtype=float), before: wp.array2d(dtype=float), cameras: wp.array3d(dtype=float),
+    sights: wp.array(dtype=int), first_state: int, ago_column: int,
+    vertices: wp.array2d(dtype=wp.vec3)
 ) -> None:
     image, vertex = wp.tid()
     count = cameras.shape[1]
@@ -267,11 +251,8 @@ def move_vertices(
 
 @wp.kernel
 def fit_boxes(
-    vertices: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
-    nodes: wp.array2d(dtype=int),
-    lows: wp.array2d(dtype=wp.vec3),
-    highs: wp.array2d(dtype=wp.vec3),
+    vertices: wp.array2d(dtype=wp.vec3), triangles: wp.array2d(dtype=int),
+    nodes: wp.array2d(dtype=int), lows: wp.array2d(dtype=wp.vec3), highs: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Fits the box of each node to the vertices of its triangles."""
     image, node = wp.tid()
@@ -287,11 +268,8 @@ def fit_boxes(
 
 @wp.kernel
 def fit_normals(
-    vertices: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
-    first_of: wp.array(dtype=int),
-    around: wp.array(dtype=int),
-    normals: wp.array2d(dtype=wp.vec3),
+    vertices: wp.array2d(dtype=wp.vec3), triangles: wp.array2d(dtype=int),
+    first_of: wp.array(dtype=int), around: wp.array(dtype=int), normals: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Adds up the normals of the triangles around each vertex, which ``around`` has from
     ``first_of[vertex]`` on."""

@@ -9,32 +9,9 @@ that both draw the same bytes. ``rows.rs`` has the columns of their inputs."""
 import warp as wp
 
 from mishandle.gpu.cameras.columns import (
-    AGO,
-    AMBIENT_ABOVE,
-    AMBIENT_BELOW,
-    BODY,
-    CAMERA_BODY,
-    CAMERA_POSE,
-    CASTS_SHADOWS,
-    EMISSION,
-    EXPONENT,
-    FIRST,
-    KIND,
-    LAMP_COLOR,
-    LENS,
-    OPACITY,
-    POSE,
-    RAYS,
-    RAY_COLUMNS,
-    SAMPLES,
-    SHADOW_DIRECTIONS,
-    SHADOW_RAYS,
-    SIZE,
-    SKY_ABOVE,
-    SKY_HORIZON,
-    SPECULAR,
-    STEP,
-    TO_LAMP,
+    AGO, AMBIENT_ABOVE, AMBIENT_BELOW, BODY, CAMERA_BODY, CAMERA_POSE, CASTS_SHADOWS, EMISSION,
+    EXPONENT, FIRST, KIND, LAMP_COLOR, LENS, OPACITY, POSE, RAYS, RAY_COLUMNS, SAMPLES,
+    SHADOW_DIRECTIONS, SHADOW_RAYS, SIZE, SKY_ABOVE, SKY_HORIZON, SPECULAR, STEP, TO_LAMP
 )
 from mishandle.gpu.cameras.forms import enter, enter_cloth, greater, normal_of, of_cloth, unit
 from mishandle.gpu.cameras.materials import color_at
@@ -171,13 +148,8 @@ def body_pose(
 
 @wp.kernel
 def aim(
-    now: wp.array2d(dtype=float),
-    before: wp.array2d(dtype=float),
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    first_state: int,
-    sample: int,
-    views: wp.array(dtype=View),
+    now: wp.array2d(dtype=float), before: wp.array2d(dtype=float), cameras: wp.array3d(dtype=float),
+    sights: wp.array(dtype=int), first_state: int, sample: int, views: wp.array(dtype=View)
 ) -> None:
     """Makes the rays of each image."""
     image = wp.tid()
@@ -276,22 +248,11 @@ def half_of(kind: int, size: wp.vec3):
 
 @wp.kernel
 def place(
-    now: wp.array2d(dtype=float),
-    before: wp.array2d(dtype=float),
-    shapes: wp.array3d(dtype=float),
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    lows: wp.array2d(dtype=wp.vec3),
-    highs: wp.array2d(dtype=wp.vec3),
-    views: wp.array(dtype=View),
-    first_state: int,
-    sample: int,
-    width: int,
-    height: int,
-    placed: wp.array2d(dtype=Placed),
-    bounds: wp.array2d(dtype=wp.vec4i),
-    spheres: wp.array2d(dtype=wp.vec4),
-    distances: wp.array2d(dtype=float),
+    now: wp.array2d(dtype=float), before: wp.array2d(dtype=float), shapes: wp.array3d(dtype=float),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), lows: wp.array2d(dtype=wp.vec3),
+    highs: wp.array2d(dtype=wp.vec3), views: wp.array(dtype=View), first_state: int, sample: int,
+    width: int, height: int, placed: wp.array2d(dtype=Placed), bounds: wp.array2d(dtype=wp.vec4i),
+    spheres: wp.array2d(dtype=wp.vec4), distances: wp.array2d(dtype=float)
 ) -> None:
     """Places each shape of each image."""
     image, index = wp.tid()
@@ -336,17 +297,10 @@ def place(
 
 @wp.func
 def is_shaded(
-    p: wp.vec3,
-    light: wp.vec3,
-    itself: int,
-    image: int,
-    placed: wp.array2d(dtype=Placed),
-    spheres: wp.array2d(dtype=wp.vec4),
-    cloth_vertices: wp.array2d(dtype=wp.vec3),
-    lows: wp.array2d(dtype=wp.vec3),
-    highs: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
-    nodes: wp.array2d(dtype=int),
+    p: wp.vec3, light: wp.vec3, itself: int, image: int, placed: wp.array2d(dtype=Placed),
+    spheres: wp.array2d(dtype=wp.vec4), cloth_vertices: wp.array2d(dtype=wp.vec3),
+    lows: wp.array2d(dtype=wp.vec3), highs: wp.array2d(dtype=wp.vec3),
+    triangles: wp.array2d(dtype=int), nodes: wp.array2d(dtype=int)
 ):
     """Returns whether a shape is between a point of shape ``itself`` and a lamp in a direction."""
     for index in range(spheres.shape[1]):
@@ -423,28 +377,15 @@ def highlight(
 
 @wp.kernel(launch_bounds=(BLOCK, 6))
 def shade(
-    shapes: wp.array3d(dtype=float),
-    lamps: wp.array3d(dtype=float),
-    sky: wp.array2d(dtype=float),
-    cameras: wp.array3d(dtype=float),
-    sights: wp.array(dtype=int),
-    views: wp.array(dtype=View),
-    placed: wp.array2d(dtype=Placed),
-    bounds: wp.array2d(dtype=wp.vec4i),
-    spheres: wp.array2d(dtype=wp.vec4),
-    distances: wp.array2d(dtype=float),
-    over: wp.array(dtype=int),
-    cloth_vertices: wp.array2d(dtype=wp.vec3),
-    cloth_normals: wp.array2d(dtype=wp.vec3),
-    lows: wp.array2d(dtype=wp.vec3),
-    highs: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array2d(dtype=int),
-    nodes: wp.array2d(dtype=int),
-    first_state: int,
-    sample: int,
-    width: int,
-    height: int,
-    light: wp.array2d(dtype=wp.vec3),
+    shapes: wp.array3d(dtype=float), lamps: wp.array3d(dtype=float), sky: wp.array2d(dtype=float),
+    cameras: wp.array3d(dtype=float), sights: wp.array(dtype=int), views: wp.array(dtype=View),
+    placed: wp.array2d(dtype=Placed), bounds: wp.array2d(dtype=wp.vec4i),
+    spheres: wp.array2d(dtype=wp.vec4), distances: wp.array2d(dtype=float),
+    over: wp.array(dtype=int), cloth_vertices: wp.array2d(dtype=wp.vec3),
+    cloth_normals: wp.array2d(dtype=wp.vec3), lows: wp.array2d(dtype=wp.vec3),
+    highs: wp.array2d(dtype=wp.vec3), triangles: wp.array2d(dtype=int),
+    nodes: wp.array2d(dtype=int), first_state: int, sample: int, width: int, height: int,
+    light: wp.array2d(dtype=wp.vec3)
 ) -> None:
     """Computes the light of each pixel for one ray, and adds it to that of the rays before."""
     image, thread = wp.tid()
@@ -618,10 +559,8 @@ def read_bodies(
 
 @wp.kernel
 def read_vertices(
-    bodies: wp.array2d(dtype=float),
-    vertex_bodies: wp.array(dtype=int),
-    places: wp.array(dtype=wp.vec3),
-    vertices: wp.array2d(dtype=float),
+    bodies: wp.array2d(dtype=float), vertex_bodies: wp.array(dtype=int),
+    places: wp.array(dtype=wp.vec3), vertices: wp.array2d(dtype=float)
 ) -> None:
     """Writes the vertices of cloths, which move with bodies."""
     row, vertex = wp.tid()

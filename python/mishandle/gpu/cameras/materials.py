@@ -31,10 +31,8 @@ def philox(a: wp.uint32, b: wp.uint32, c: wp.uint32, d: wp.uint32, low: wp.uint3
         p = FIRST_MULTIPLIER * wp.uint64(words[0])
         q = SECOND_MULTIPLIER * wp.uint64(words[2])
         words = Words(
-            wp.uint32(q >> wp.uint64(32)) ^ words[1] ^ key,
-            wp.uint32(q & LOW_HALF),
-            wp.uint32(p >> wp.uint64(32)) ^ words[3] ^ other,
-            wp.uint32(p & LOW_HALF),
+            wp.uint32(q >> wp.uint64(32)) ^ words[1] ^ key, wp.uint32(q & LOW_HALF),
+            wp.uint32(p >> wp.uint64(32)) ^ words[3] ^ other, wp.uint32(p & LOW_HALF)
         )
         key = key + FIRST_INCREMENT
         other = other + SECOND_INCREMENT

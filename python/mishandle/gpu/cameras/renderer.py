@@ -79,15 +79,11 @@ class Renderer:
     ``tables`` are those of the compression."""
 
     def __init__(
-        self,
-        device: Any,
-        size: tuple[int, int],
-        camera_numbers: list[int],
+        self, device: Any, size: tuple[int, int], camera_numbers: list[int],
         cloths: tuple[
             NDArray[np.uint32], NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float32]
         ],
-        tables: NDArray[np.float32],
-        pixels: int = PIXELS,
+        tables: NDArray[np.float32], pixels: int = PIXELS
     ) -> None:
         self.device = device
         self.width, self.height = size
@@ -153,14 +149,13 @@ class Renderer:
         with wp.ScopedDevice(self.device):
             return Sights(
                 shapes=wp.array(np.ascontiguousarray(shapes), dtype=float, ndim=3),
-                lamps=wp.array(lamps, dtype=float, ndim=3),
-                sky=wp.array(sky, dtype=float, ndim=2),
+                lamps=wp.array(lamps, dtype=float, ndim=3), sky=wp.array(sky, dtype=float, ndim=2),
                 cameras=wp.array(cameras, dtype=float, ndim=3),
                 over=wp.array(over.astype(np.int32), dtype=int),
                 samples=int(cameras[:, :, columns.SAMPLES].max(initial=1)),
                 passes=int(cameras[:, :, columns.PASSES].max(initial=0)),
                 is_compressed=bool((cameras[:, :, columns.COARSENESS] > 0).any()),
-                needs_before=bool((cameras[:, :, columns.SHUTTER] > 0).any()),
+                needs_before=bool((cameras[:, :, columns.SHUTTER] > 0).any())
             )
 
     def render(

@@ -43,13 +43,8 @@ class Cameras:
     """
 
     def __init__(
-        self,
-        task: str,
-        size: tuple[int, int] = (64, 64),
-        names: Sequence[str] = CAMERAS,
-        space: str = SPACE,
-        device: str | None = None,
-        threads: int | None = None,
+        self, task: str, size: tuple[int, int] = (64, 64), names: Sequence[str] = CAMERAS,
+        space: str = SPACE, device: str | None = None, threads: int | None = None
     ) -> None:
         self._native = _native.Sights(
             task, cameras=list(names), size=list(size), space=space, threads=threads
@@ -98,14 +93,9 @@ class Cameras:
         return self.renderer.sights(dict(zip(names, self._native.rows(values, starts))))
 
     def render(
-        self,
-        states: ArrayLike | Poses,
-        scenarios: Scenarios | Sights,
-        *,
-        rows: ArrayLike | None = None,
-        seeds: ArrayLike | None = None,
-        steps: ArrayLike | None = None,
-        before: ArrayLike | Poses | None = None,
+        self, states: ArrayLike | Poses, scenarios: Scenarios | Sights, *,
+        rows: ArrayLike | None = None, seeds: ArrayLike | None = None,
+        steps: ArrayLike | None = None, before: ArrayLike | Poses | None = None
     ) -> Any:
         """Renders each camera of each state: a Warp array of bytes of the shape (states * cameras,
         height, width, 3) on the device, the cameras of a state one after the other.
