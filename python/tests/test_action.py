@@ -7,18 +7,18 @@ import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
-class ActionTests(unittest.TestCase):
+class ActionTests(FolderCase):
     def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        super().setUp()
         with open(ROOT / "action.yml", encoding="utf-8") as file:
             self.action: dict[str, Any] = yaml.safe_load(file)
 

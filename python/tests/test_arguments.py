@@ -10,6 +10,7 @@ import unittest
 import warnings
 from xml.etree import ElementTree
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -327,11 +328,8 @@ ROAD = [
 ]
 
 
-class Settings(unittest.TestCase):
+class Settings(FolderCase):
     """Axes of a system of the user that have narrower ranges, or fixed values."""
-
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def test_a_system_receives_the_nominal_value_that_its_axis_states(self):
         self.assertEqual([axis.nominal_value for axis in ROAD], [5.0, 2, "wet"])
@@ -407,10 +405,7 @@ class Settings(unittest.TestCase):
         self.assertEqual(set(mishandle.open_run(run).columns()["surface"]), {"wet", "ice"})
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class Files(FolderCase):
     def test_results_make_their_folders(self):
         space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
         found = mishandle.margin(

@@ -3,11 +3,10 @@
 import importlib
 import signal
 import sys
-import tempfile
-import pathlib
 import unittest
 import warnings
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import mujoco
@@ -40,7 +39,7 @@ class Slider(gymnasium.Env):
         return np.array([self.x], np.float32), 0.0, False, False, {}
 
 
-class TestSlider(unittest.TestCase):
+class TestSlider(FolderCase):
     KINDS = {
         "policy": lambda observation: np.ones(1, np.float32), "signals": {"x": "obs[0]"}, "steps": 2
     }
@@ -50,9 +49,6 @@ class TestSlider(unittest.TestCase):
         Axis("gain", 0.5, 1.5, nominal=1.0, kind="model", apply=Attribute("config.gains[1]")),
         Axis("limit", 1.0, 5.0, nominal=3.0, kind="model", apply=Attribute("limit")),
     ]
-
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def falsify(self, env, **options):
         kinds = {

@@ -27,9 +27,7 @@ def page():
 
 class Format(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "a.safetensors"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "a.safetensors"
         self.blocks, names = page()
         self.read, self.act, self.write = (names[name] for name in ("read", "act", "write"))
 

@@ -30,9 +30,8 @@ class Drift(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.position, self.push = (options or {}).get("start", 0.0), (
-            options or {}
-        ).get("push", 0.0)
+        options = options or {}
+        self.position, self.push = options.get("start", 0.0), options.get("push", 0.0)
         return np.array([self.position], np.float32), {}
 
     def step(self, action):

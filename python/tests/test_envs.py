@@ -1,18 +1,16 @@
 """Tests of the tasks as Gymnasium environments."""
 
 import functools
-import gc
 import os
 import pathlib
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 import unittest
 import warnings
 
+import cases
 import core
 import gymnasium
 import mishandle
@@ -341,19 +339,6 @@ class VectorEnvironments(unittest.TestCase):
         ends = [env.step(tilt)[2:4] for _ in range(299)]
         self.assertTrue(any(terminated.any() for terminated, _ in ends))
 
-    def test_other_python_threads_run_during_a_step(self):
-        env = TaskVectorEnv("point-reaching", 2000, threads=1)
-        env.reset(seed=0)
-        still = np.zeros((2000, 9), np.float32)
-        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
-        stepping.start()
-        counted = 0
-        while stepping.is_alive():
-            counted += 1
-            time.sleep(0.001)
-        # If the steps held the interpreter, the loop would run at most three times.
-        self.assertGreater(counted, 10)
-
 
 class Errors(unittest.TestCase):
     def check(self, message, action, kind=MishandleError):
@@ -405,47 +390,12 @@ class Errors(unittest.TestCase):
             np.testing.assert_array_equal(step(strided), expected)
 
 
-class Fork(unittest.TestCase):
-    def in_child(self, action):
-        """Runs `action` in a process made by fork, which must return True within a minute."""
-        child = os.fork()
-        if child == 0:
-            status = 1
-            try:
-                status = 0 if action() else 2
-            finally:
-                # Not os._exit alone: the child must also be able to drop what it inherited.
-                gc.collect()
-                os._exit(status)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
-                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
-                return
-            time.sleep(0.01)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        self.fail("the child hangs")
+class Fork(cases.ThreadsAndForks):
+    def make(self, rows, threads):
+        return TaskVectorEnv("point-reaching", rows, threads=threads)
 
-    def test_a_child_cannot_use_the_environments_of_its_parent(self):
-        env = TaskVectorEnv("point-reaching", 4, threads=2)
-        first, _ = env.reset(seed=0)
-        still = np.zeros((4, 9), np.float32)
-
-        def raises():
-            messages = []
-            for action in [lambda: env.reset(seed=0), lambda: env.step(still)]:
-                try:
-                    action()
-                except RuntimeError as error:
-                    messages.append(str(error))
-            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
-
-        self.in_child(raises)
-        # The parent is unaffected.
-        np.testing.assert_array_equal(env.reset(seed=0)[0], first)
-        env.step(still)
+    def reset(self, env):
+        return env.reset(seed=0)[0]
 
     def test_a_child_creates_its_own_environments(self):
         expected = walk("ball-balancing", 4, 3, 5, 2)
@@ -455,25 +405,6 @@ class Fork(unittest.TestCase):
         held = [TaskVectorEnv("point-reaching", 4, threads=4)]
         held[0].reset(seed=0)
         self.in_child(lambda: held.pop() is not None)
-
-    def test_a_fork_during_a_step_of_another_thread(self):
-        env = TaskVectorEnv("point-reaching", 2000, threads=2)
-        env.reset(seed=0)
-        still = np.zeros((2000, 9), np.float32)
-        stopping = threading.Event()
-
-        def work():
-            while not stopping.is_set():
-                env.step(still)
-
-        stepping = threading.Thread(target=work)
-        stepping.start()
-        try:
-            for _ in range(5):
-                self.in_child(lambda: walk("point-reaching", 2, 0, 2, 1) != b"")
-        finally:
-            stopping.set()
-            stepping.join()
 
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = (

@@ -1,10 +1,9 @@
 """Explanations, failure modes, reports and comparisons of runs."""
 
-import pathlib
 import pickle
-import tempfile
 import unittest
 
+from cases import FolderCase
 import mishandle
 from mishandle.errors import InvalidValueError
 import numpy as np
@@ -24,12 +23,7 @@ SPACE = [mishandle.Axis("amplitude", 0.5, 2.0, "m"), mishandle.Axis("damping", 0
 FORMULA = "always[0:100](x >= -0.8 and energy <= 9)"
 
 
-class Explanations(unittest.TestCase):
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Explanations(FolderCase):
     def falsify(self) -> mishandle.ask.Falsification:
         return mishandle.falsify(
             oscillator, FORMULA, SPACE, control_dt=0.1, trials=4, budget=60, seed=1,

@@ -16,6 +16,7 @@ import unittest
 from collections.abc import Callable
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import results
 
@@ -177,16 +178,14 @@ def plain(value: Any) -> Any:
     return tuple(plain(item) for item in value) if isinstance(value, tuple) else value
 
 
-class Fronts(unittest.TestCase):
+class Fronts(FolderCase):
     answers: dict[str, Any] = {}
     """Answers in Python by question, each with its run file: simulations of tasks take most of the
     time of these tests."""
 
     @classmethod
     def setUpClass(cls) -> None:
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.runs = pathlib.Path(folder.name)
+        cls.runs = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
 
     @classmethod
     def answer(cls, name: str) -> Any:
@@ -194,11 +193,6 @@ class Fronts(unittest.TestCase):
         if name not in cls.answers:
             cls.answers[name] = QUESTIONS[name].ask(cls.runs / str(len(cls.answers)))
         return cls.answers[name]
-
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
 
     def command(self, *arguments: Any) -> dict[str, Any]:
         """Returns the document that the command prints."""

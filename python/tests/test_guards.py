@@ -1,10 +1,9 @@
 """Guards: the same in Python as in the program, and policies in Python that are guarded."""
 
 import math
-import pathlib
-import tempfile
 import unittest
 
+from cases import FolderCase
 import gymnasium
 import numpy as np
 
@@ -47,12 +46,7 @@ class Counting:
         return [self.action]
 
 
-class Guards(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Guards(FolderCase):
     def test_a_guard_and_its_file_guard_a_controller_of_a_task(self):
         guard = Guard(FORMULA, "expert", dwell=0.1, return_threshold=0.02)
         file = self.folder / "guard.toml"

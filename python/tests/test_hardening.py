@@ -11,10 +11,10 @@ import shlex
 import signal
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import _native, results
 from mishandle.errors import InvalidTypeError, InvalidValueError
@@ -53,12 +53,7 @@ def without_paths(found: results.Hardening) -> dict[str, Any]:
     return dataclasses.asdict(dataclasses.replace(found, folder="", after=after))
 
 
-class Hardenings(unittest.TestCase):
-    def setUp(self) -> None:
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
-
+class Hardenings(FolderCase):
     def harden(self, name: str, **arguments: Any) -> mishandle.ask.Hardening:
         given = {**ARGUMENTS, "settings": settings(self.folder), **arguments}
         return mishandle.harden("point-reaching", out=self.folder / name, **given)

@@ -2,10 +2,9 @@
 point_reaching_lerobot` tests the others with it."""
 
 import json
-import pathlib
-import tempfile
 import unittest
 
+from cases import FolderCase
 import numpy as np
 
 import mishandle
@@ -51,11 +50,9 @@ def of_episodes(successes, seeds):
     }
 
 
-class Evaluations(unittest.TestCase):
+class Evaluations(FolderCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         self.runs = 0
 
     def read(self, document, *arguments, **options):

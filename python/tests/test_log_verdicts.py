@@ -9,6 +9,7 @@ import sys
 import tempfile
 import unittest
 
+from cases import FolderCase
 import mishandle
 import numpy as np
 import pandas
@@ -42,12 +43,7 @@ def without_names(found):
     return [dataclasses.replace(verdict, log="") for verdict in found.verdicts]
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Files(FolderCase):
     def csv(self, name, columns):
         path = self.folder / name
         pandas.DataFrame(columns).to_csv(path, index=False)

@@ -1,13 +1,12 @@
 """Tests of logs: files that the packages of ROS, MCAP and Arrow write, and damaged ones."""
 
 import json
-import pathlib
 import random
 import struct
-import tempfile
 import unittest
 from types import SimpleNamespace
 
+from cases import FolderCase
 import mishandle
 from mishandle.errors import InvalidValueError
 import numpy as np
@@ -65,12 +64,7 @@ def joint_state(store, stamp, names, positions):
     )
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Files(FolderCase):
     def ros2_mcap(self, name="wrench.mcap", messages=20, **options):
         """Messages whose stamp is 2 ms, and whose publish time is 1 ms, before the recorder
         receives them."""

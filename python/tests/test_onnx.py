@@ -10,7 +10,9 @@ from mishandle.errors import InvalidStateError, InvalidValueError
 import numpy as np
 import onnx
 import onnxruntime
-from onnx import helper, numpy_helper
+import onnx_models
+from onnx import helper
+from onnx_models import numbers
 
 ROOT = pathlib.Path(__file__).parents[2]
 TOLERANCE = 1e-5
@@ -71,21 +73,9 @@ class Export(unittest.TestCase):
 
 
 def model(
-    nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), opset=17,
-    **properties
+    nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), **more
 ):
-    info = lambda name, shape: helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
-    graph = helper.make_graph(
-        nodes, "policy", [info(*i) for i in inputs], [info(*o) for o in outputs],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
-    helper.set_model_props(made, {f"mishandle.{key}": value for key, value in properties.items()})
-    return made
-
-
-def numbers(*shape, seed=0):
-    return (np.random.default_rng(seed).normal(size=shape) * 0.3).astype(np.float32)
+    return onnx_models.model(nodes, inputs, outputs, weights, **more)
 
 
 def linear(path, weights, **properties):
@@ -103,9 +93,7 @@ class WithoutTask(unittest.TestCase):
     """Models of robots that are none of our tasks."""
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
 
     def test_a_model_has_the_sizes_that_it_states(self):
         for inputs, outputs in [(1, 1), (4, 1), (5, 12), (300, 2)]:
@@ -204,9 +192,7 @@ class WithoutTask(unittest.TestCase):
 
 class Import(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
         self.observations = np.random.default_rng(4).normal(size=(32, 27)).astype(np.float32)
 
     def load(self, made):

@@ -15,25 +15,13 @@ from gymnasium import spaces
 from mishandle import Axis
 from mishandle.policies.onnx_policies import OnnxPolicy
 from mishandle.policies.kinds import policy_hash
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto, helper
+from onnx_models import model, node
 
-node = helper.make_node
 VECTOR = spaces.Box(-np.inf, np.inf, (3,))
 ONE = spaces.Box(-1, 1, (1,))
 ROWS = [np.array(row, np.float32) for row in ([0.5, -1, 2], [3, 0.25, -0.5], [-2, 1, 0])]
 WEIGHTS = {"w": np.array([[0.5], [-1.0], [0.25]], np.float32)}
-
-
-def model(nodes, inputs, outputs, weights=(), opset=17):
-    """Inputs and outputs are pairs of name and shape, or triples with the type."""
-    info = lambda name, shape, kind=TensorProto.FLOAT: helper.make_tensor_value_info(
-        name, kind, shape
-    )
-    graph = helper.make_graph(
-        nodes, "policy", [info(*each) for each in inputs], [info(*each) for each in outputs],
-        [numpy_helper.from_array(value, name) for name, value in dict(weights).items()],
-    )
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
 
 
 def linear(**changes):
@@ -72,9 +60,7 @@ class Line(gymnasium.Env):
 
 class Case(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
 
     def load(self, made, observations=VECTOR, actions=ONE, task=None):
         self.path.write_bytes(made if isinstance(made, bytes) else made.SerializeToString())

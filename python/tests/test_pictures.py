@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import pathlib
 import re
 import struct
-import tempfile
 import unittest
 import zlib
 from typing import Any
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -68,12 +67,7 @@ class Moving(gymnasium.Env[Any, Any]):
         return gray(10 * self.place)
 
 
-class Pictures(unittest.TestCase):
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Pictures(FolderCase):
     def page(self, system: Any, **options: Any) -> tuple[str, mishandle.ask.Falsification]:
         found = mishandle.falsify(
             system, FORMULA, SPACE, search="random", trials=1, budget=40,

@@ -30,9 +30,7 @@ def system(scenario):
 class Plots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.path = pathlib.Path(folder.name) / "run.sqlite"
+        cls.path = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory())) / "run.sqlite"
         cls.found = mishandle.falsify(
             system, "always(d >= -0.8)", SPACE, search="random", trials=3, budget=15, seed=1,
             out=cls.path

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pathlib
-import tempfile
 import unittest
 from typing import Any
 
-import gymnasium
+from cases import FolderCase, Line
 import mishandle
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
@@ -17,23 +16,6 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 BIAS = Axis("estimate_bias", -0.5, 0.5, "m", nominal=0.0, apply=PolicyArgument("bias"))
 DELAY = Axis("own_delay", 0, 5, values="integer", nominal=0, apply=PolicyArgument("delay"))
 START = Axis("start", -1.0, 1.0, "m", nominal=0.0)
-
-
-class Line(gymnasium.Env[Any, Any]):
-    """A point whose velocity is the action: 0.1 s per control step."""
-
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-10, 10, (1,), np.float64)
-    metadata: dict[str, Any] = {}
-    dt = 0.1
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        self.place = float((options or {}).get("start", 0.0))
-        return np.array([self.place]), {}
-
-    def step(self, action: Any) -> Any:
-        self.place += 0.1 * float(action[0])
-        return np.array([self.place]), 0.0, False, False, {}
 
 
 def estimated(observation: Any, bias: float) -> Any:
@@ -60,7 +42,7 @@ OPTIONS: dict[str, Any] = {"signals": {"place": ("obs[0]", "m")}, "steps": 60}
 NEAR = "always[50:60](abs(place) <= 0.2)"
 
 
-class Arguments(unittest.TestCase):
+class Arguments(FolderCase):
     def ends(
         self, environment: Any, policy: Any, space: Any, scenarios: Any, **options: Any
     ) -> list[float]:
@@ -161,11 +143,6 @@ class Arguments(unittest.TestCase):
         training = mishandle.ScenarioEnv(Line(), [START, BIAS], nominal=0.0, corners=0.0, seed=1)
         _, info = training.reset(options={"at": {"start": 0.25, "estimate_bias": 0.5}})
         self.assertEqual(info["scenario"]["estimate_bias"], 0.5)
-
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
 
     def file(self, name: str) -> pathlib.Path:
         return self.folder / f"{name}.sqlite"

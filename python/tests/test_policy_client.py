@@ -7,11 +7,11 @@ import os
 import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 from unittest import mock
 
+from cases import FolderCase
 import mishandle
 import numpy as np
 from servers import openpi_server
@@ -26,11 +26,9 @@ def balance(request: Any) -> Any:
     return {"actions": np.full((4, 1), force)}
 
 
-class Client(unittest.TestCase):
+class Client(FolderCase):
     def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         (self.folder / "cartpole.xml").write_text(MODEL)
         allowed = mock.patch.dict(os.environ, {"MISHANDLE_ALLOW_PROGRAMS": "1"})
         allowed.start()

@@ -1,12 +1,11 @@
 """Simulators that are programs of their own."""
 
-import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
 import warnings
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis, MishandleError, Process
 from mishandle.errors import InvalidTypeError, InvalidValueError
@@ -34,11 +33,9 @@ for line in sys.stdin:
 """
 
 
-class Processes(unittest.TestCase):
+class Processes(FolderCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         (self.folder / "child.py").write_text(CHILD)
         self.child = Process([sys.executable, "child.py"], folder=self.folder)
 

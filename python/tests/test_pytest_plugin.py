@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import textwrap
 import unittest
 import xml.etree.ElementTree
 from typing import Any
+
+from cases import FolderCase
 
 HEAD = """
 import mishandle
@@ -32,10 +32,7 @@ def test_gap():
 """
 
 
-class PluginTests(unittest.TestCase):
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class PluginTests(FolderCase):
     def write(self, *parts: str) -> None:
         (self.folder / "test_car.py").write_text(
             textwrap.dedent("".join([HEAD, *parts])), encoding="utf-8"

@@ -1,18 +1,17 @@
 """Campaigns on a real Ray cluster of several nodes on this machine."""
 
 import os
-import pathlib
 import signal
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import textwrap
 import threading
 import time
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import ray
@@ -74,7 +73,7 @@ policy = { hidden = [64, 64], activation = "elu" }
 """
 
 
-class RayTest(unittest.TestCase):
+class RayTest(FolderCase):
     cluster: Any
 
     @classmethod
@@ -88,9 +87,6 @@ class RayTest(unittest.TestCase):
     def tearDownClass(cls) -> None:
         ray.shutdown()
         cls.cluster.shutdown()
-
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def both(
         self, system: Any, formula: str, space: list[Axis], executor: Any = "ray", **options: Any

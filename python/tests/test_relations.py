@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import pathlib
 import random
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis
 
@@ -29,10 +28,7 @@ SPACE = [
 ]
 
 
-class MetamorphicTests(unittest.TestCase):
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class MetamorphicTests(FolderCase):
     def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.ask.Metamorphic:
         out = self.folder / f"{len(list(self.folder.iterdir()))}.sqlite"
         return mishandle.metamorphic(system, "always(gap >= 2)", space, out=out, **asked)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import pathlib
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis
 
@@ -34,9 +33,9 @@ def car(scenario: dict[str, Any]) -> dict[str, list[float]]:
     return {"gap": [10.0, 10.0 - scenario["speed"]]}
 
 
-class CheckTests(unittest.TestCase):
+class CheckTests(FolderCase):
     def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        super().setUp()
         self.file = self.folder / "requirements.toml"
         self.file.write_text(FILE)
 

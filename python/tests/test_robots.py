@@ -1,12 +1,11 @@
 """Robots that a file describes."""
 
-import pathlib
-import tempfile
 import time
 import unittest
 
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 import numpy as np
@@ -41,11 +40,9 @@ formulas.upright = "always(angle <= 0.5 and angle >= -0.5)"
 """
 
 
-class TestRobots(unittest.TestCase):
+class TestRobots(FolderCase):
     def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         (self.folder / "cartpole.xml").write_text(MODEL)
         self.file = self.folder / "cartpole.toml"
         self.file.write_text(FILE)

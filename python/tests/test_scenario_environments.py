@@ -10,6 +10,7 @@ import tempfile
 import unittest
 import warnings
 
+from cases import FolderCase
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
@@ -287,12 +288,7 @@ class Draws(unittest.TestCase):
         self.assertEqual(info["scenario"]["sensor_fault_fill"], "nan")
 
 
-class Archive(unittest.TestCase):
-    def setUp(self):
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
-
+class Archive(FolderCase):
     def run_of(self, name, formula="always(speed <= 0.9)", space=(SPEED,)):
         return mishandle.evaluate(
             Still(), formula, list(space), policy=lambda observation: np.zeros(1),

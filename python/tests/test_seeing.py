@@ -10,23 +10,27 @@ import mishandle
 from mishandle.errors import InvalidStateError, InvalidValueError
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto
+from onnx_models import model, node
+
+
+JOINTS = {"task": "point-reaching", "parts": json.dumps(["joint_positions"])}
 
 
 def seeing(path, camera="over", sizes=(9, 9)):
     """Writes a policy whose action is a product of the mean color and the joints."""
     nodes = [
-        helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
-        helper.make_node("Div", ["bytes", "white"], ["light"]),
-        helper.make_node("Transpose", ["light"], ["channels"], perm=[0, 3, 1, 2]),
-        helper.make_node(
+        node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
+        node("Div", ["bytes", "white"], ["light"]),
+        node("Transpose", ["light"], ["channels"], perm=[0, 3, 1, 2]),
+        node(
             "Conv", ["channels", "kernel"], ["edges"], kernel_shape=[3, 3], strides=[2, 2]
         ),
-        helper.make_node("Relu", ["edges"], ["found"]),
-        helper.make_node("GlobalAveragePool", ["found"], ["mean"]),
-        helper.make_node("Flatten", ["mean"], ["features"]),
-        helper.make_node("Concat", ["features", "joints"], ["all"], axis=1),
-        helper.make_node("MatMul", ["all", "matrix"], ["action"]),
+        node("Relu", ["edges"], ["found"]),
+        node("GlobalAveragePool", ["found"], ["mean"]),
+        node("Flatten", ["mean"], ["features"]),
+        node("Concat", ["features", "joints"], ["all"], axis=1),
+        node("MatMul", ["all", "matrix"], ["action"]),
     ]
     draw = np.random.default_rng(0).normal
     weights = {
@@ -34,32 +38,22 @@ def seeing(path, camera="over", sizes=(9, 9)):
         "kernel": draw(size=(4, 3, 3, 3)).astype(np.float32),
         "matrix": draw(size=(4 + sizes[0], sizes[1])).astype(np.float32),
     }
-    graph = helper.make_graph(
-        nodes, "policy",
-        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, ["N", sizes[0]]),
-         helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", 24, 32, 3])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", sizes[1]])],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(made, {
-        "mishandle.task": "point-reaching",
-        "mishandle.parts": json.dumps(["joint_positions"]),
-        "mishandle.images": json.dumps([["image", camera]]),
-    })
-    onnx.save(made, path)
+    inputs = [("joints", ["N", sizes[0]]), ("image", ["N", 24, 32, 3], TensorProto.UINT8)]
+    images = json.dumps([["image", camera]])
+    outputs = [("action", ["N", sizes[1]])]
+    onnx.save(model(nodes, inputs, outputs, weights, **JOINTS, images=images), path)
 
 
 def remembering(path):
     """Writes a policy that sees the last two images, and plays three of the four actions that it
     predicts."""
     nodes = [
-        helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
-        helper.make_node("Flatten", ["bytes"], ["pixels"]),
-        helper.make_node("Flatten", ["joints"], ["numbers"]),
-        helper.make_node("Concat", ["pixels", "numbers"], ["all"], axis=1),
-        helper.make_node("MatMul", ["all", "matrix"], ["flat"]),
-        helper.make_node("Reshape", ["flat", "shape"], ["action"]),
+        node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
+        node("Flatten", ["bytes"], ["pixels"]),
+        node("Flatten", ["joints"], ["numbers"]),
+        node("Concat", ["pixels", "numbers"], ["all"], axis=1),
+        node("MatMul", ["all", "matrix"], ["flat"]),
+        node("Reshape", ["flat", "shape"], ["action"]),
     ]
     weights = {
         "matrix": np.random.default_rng(1).normal(
@@ -67,22 +61,9 @@ def remembering(path):
         ).astype(np.float32),
         "shape": np.array([1, 4, 9]),
     }
-    graph = helper.make_graph(
-        nodes, "policy",
-        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, [1, 9]),
-         helper.make_tensor_value_info("image", TensorProto.UINT8, [1, 2, 6, 8, 3])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 4, 9])],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(made, {
-        "mishandle.task": "point-reaching",
-        "mishandle.parts": json.dumps(["joint_positions"]),
-        "mishandle.images": json.dumps([["image", "over"]]),
-        "mishandle.history": "2",
-        "mishandle.chunk": json.dumps({"execute": 3}),
-    })
-    onnx.save(made, path)
+    inputs = [("joints", [1, 9]), ("image", [1, 2, 6, 8, 3], TensorProto.UINT8)]
+    facts = {"images": json.dumps([["image", "over"]]), "history": "2", "chunk": '{"execute": 3}'}
+    onnx.save(model(nodes, inputs, [("action", [1, 4, 9])], weights, **JOINTS, **facts), path)
 
 
 ROBOT = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 0.1"/>
@@ -109,9 +90,7 @@ desk = { position = [1.5, 0, 1], look_at = [0, 0, 0], fovy = 50 }
 
 class Seeing(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "seeing.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "seeing.onnx"
 
     def test_light_changes_what_a_policy_does(self):
         seeing(self.path)

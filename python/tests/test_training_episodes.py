@@ -1,14 +1,11 @@
 """Tests of `TrainingEpisodes`, the episodes of `mishandle train`."""
 
-import gc
 import os
-import signal
 import subprocess
 import sys
-import threading
-import time
 import unittest
 
+import cases
 import core
 import mishandle
 import numpy as np
@@ -114,19 +111,6 @@ class Episodes(unittest.TestCase):
             observations.append(env.step(np.full((1, 9), size, np.float32))[0])
         self.assertTrue(np.array_equal(*observations))
 
-    def test_other_python_threads_run_during_a_step(self):
-        env = TrainingEpisodes("point-reaching", 2000, threads=1)
-        env.reset()
-        still = np.zeros((2000, 9), np.float32)
-        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
-        stepping.start()
-        counted = 0
-        while stepping.is_alive():
-            counted += 1
-            time.sleep(0.001)
-        # If the steps held the interpreter, the loop would run at most three times.
-        self.assertGreater(counted, 10)
-
 
 class Errors(unittest.TestCase):
     def check(self, message, action):
@@ -220,47 +204,9 @@ class Errors(unittest.TestCase):
         return env.step(np.zeros((2, 9), np.float32))[0]
 
 
-class Fork(unittest.TestCase):
-    def in_child(self, action):
-        """Run `action` in a process made by fork, which must return True within a minute."""
-        child = os.fork()
-        if child == 0:
-            status = 1
-            try:
-                status = 0 if action() else 2
-            finally:
-                # Not os._exit alone: the child must also be able to drop what it inherited.
-                gc.collect()
-                os._exit(status)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
-                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
-                return
-            time.sleep(0.01)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        self.fail("the child hangs")
-
-    def test_a_child_cannot_use_the_environments_of_its_parent(self):
-        env = TrainingEpisodes("point-reaching", 4, threads=2)
-        first = env.reset()
-        still = np.zeros((4, env.action_size), np.float32)
-
-        def raises():
-            messages = []
-            for action in [env.reset, lambda: env.step(still)]:
-                try:
-                    action()
-                except RuntimeError as error:
-                    messages.append(str(error))
-            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
-
-        self.in_child(raises)
-        # The parent is unaffected.
-        self.assertTrue(np.array_equal(env.reset(), first))
-        env.step(still)
+class Fork(cases.ThreadsAndForks):
+    def make(self, rows, threads):
+        return TrainingEpisodes("point-reaching", rows, threads=threads)
 
     def test_a_child_creates_its_own_environments(self):
         make = lambda: walk(TrainingEpisodes("ball-balancing", 4, seed=3, threads=2), 5)
@@ -271,27 +217,6 @@ class Fork(unittest.TestCase):
         held = [TrainingEpisodes("point-reaching", 4, threads=4)]
         held[0].reset()
         self.in_child(lambda: held.pop() is not None)
-
-    def test_a_fork_during_a_step_of_another_thread(self):
-        env = TrainingEpisodes("point-reaching", 2000, threads=2)
-        env.reset()
-        still = np.zeros((2000, 9), np.float32)
-        running = threading.Event()
-
-        def work():
-            while not running.is_set():
-                env.step(still)
-
-        stepping = threading.Thread(target=work)
-        stepping.start()
-        try:
-            for _ in range(5):
-                self.in_child(
-                    lambda: walk(TrainingEpisodes("point-reaching", 2, threads=1), 2) != b""
-                )
-        finally:
-            running.set()
-            stepping.join()
 
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = "import os, mishandle\n" \

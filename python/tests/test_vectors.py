@@ -54,9 +54,7 @@ KINDS = dict(policy=lambda observation: 1, signals=SIGNALS, steps=5, control_dt=
 
 class Vectors(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name)
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def vector(self, functions, **options):
         env = AsyncVectorEnv(functions, **options)
