@@ -1,4 +1,5 @@
-"""Builds the package with maturin, after it has downloaded MuJoCo's library and written the classes of results."""
+"""Builds the package with maturin, after it has downloaded MuJoCo's library and written the classes
+of results."""
 
 import os
 import pathlib
@@ -33,7 +34,9 @@ def build_editable(directory: str, settings: Any = None, metadata: str | None = 
 
 
 def build_sdist(directory: str, settings: Any = None) -> str:
-    raise RuntimeError("a source distribution is not supported; build a wheel from a clone of the repository")
+    raise RuntimeError(
+        "a source distribution is not supported; build a wheel from a clone of the repository"
+    )
 
 
 def prepare() -> None:

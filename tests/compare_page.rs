@@ -402,7 +402,7 @@ fn the_cells_about_evaluation_are_true() {
         holds("of the cameras of robots in files", robot.spaces.iter().any(|space| space.name() == "camera")),
         holds("of Gymnasium environments (`mishandle.sight`)", exports("sight")),
     ];
-    let servers = include_str!("../python/mishandle/policy_servers.py");
+    let servers = include_str!("../python/mishandle/policies/servers.py");
     let language = holds("instructions for policies behind servers", servers.contains("instruction: "));
     let spaces = spaces();
     assert_page(

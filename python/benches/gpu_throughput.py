@@ -1,20 +1,27 @@
-"""Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with signals and action noise.
+"""Control steps per second on a GPU: MuJoCo Warp alone, and simulations of a controller with
+signals and action noise.
 
-    python python/benches/gpu_throughput.py [TASK ...] [--rows 16384 ...] [--waves 4] [--space starts] [--no-c] [--quick] [--profile]
+    python python/benches/gpu_throughput.py [TASK ...] [--rows 16384 ...] [--waves 4] [--space
+    starts] [--no-c] [--quick] [--profile]
 
 Each line is a JSON object with these rates, in control steps per second:
 
-- ``bare_start``: the physics steps of MuJoCo Warp as a CUDA graph, again and again from the start states, with constant targets
-- ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as ``screened``, whose targets are in the GPU's memory
+- ``bare_start``: the physics steps of MuJoCo Warp as a CUDA graph, again and again from the start
+  states, with constant targets
+- ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as
+  ``screened``, whose targets are in the GPU's memory
 - ``step``: as ``bare_start``, with servos, poses and copies from and to the host
-- ``screened``: ``mishandle risk --screening gpu``, without the time to compile kernels and to allocate memory, with ``--confirm 0.0001`` (more with few simulations)
+- ``screened``: ``mishandle risk --screening gpu``, without the time to compile kernels and to
+  allocate memory, with ``--confirm 0.0001`` (more with few simulations)
 - ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host
 
-``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples and actions; ``started_s``: the part of
-it in control steps in which episodes started. Each has one number for each batch.
-``policy_c_ms``: the policy's actions on one core, for its share of half of the rows. ``policy_gpu_ms``: those of half of the rows on the
-GPU, with the copies of observations and actions. Rewards are not computed: only training needs them. ``bytes_per_world``: the GPU's memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms.
-With another ``--space`` than ``starts``, and with ``--quick``, only ``screened`` is measured.
+``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples
+and actions; ``started_s``: the part of it in control steps in which episodes started. Each has one
+number for each batch. ``policy_c_ms``: the policy's actions on one core, for its share of half of
+the rows. ``policy_gpu_ms``: those of half of the rows on the GPU, with the copies of observations
+and actions. Rewards are not computed: only training needs them. ``bytes_per_world``: the GPU's
+memory. With ``--profile``, ``kernels`` has the time of each kernel in one control step, ms. With
+another ``--space`` than ``starts``, and with ``--quick``, only ``screened`` is measured.
 """
 
 from __future__ import annotations
@@ -29,10 +36,12 @@ import time
 import numpy as np
 import warp as wp
 
-from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts, load_controller
+from mishandle import _native, load_controller
+import mishandle.gpu.batches as gpu
+from mishandle.gpu import audit, networks, verdicts
 
-TASKS = [task for task in gpu_audit.TASKS if task != "cloth-placing"]
-EPISODE_STEPS = gpu_audit.EPISODE_STEPS
+TASKS = [task for task in audit.TASKS if task != "cloth-placing"]
+EPISODE_STEPS = audit.EPISODE_STEPS
 CORES = len(os.sched_getaffinity(0))
 INPUTS = ("targets", "active", "mocap")
 
@@ -40,7 +49,8 @@ made: list[Recorder] = []
 
 
 class Recorder(gpu.WarpBatch):
-    """Keeps its arguments, its first start states, the times of its steps, and, if ``records``, the inputs of the first episodes."""
+    """Keeps its arguments, its first start states, the times of its steps, and, if ``records``, the
+    inputs of the first episodes."""
 
     records = False
 
@@ -102,15 +112,24 @@ def command(*arguments: str) -> float:
     return time.perf_counter() - start
 
 
-def screen(task: str, rows: int, waves: int, space: str = "starts", records: bool = False) -> tuple[float, list[Recorder]]:
-    """Screens ``waves`` simulations for each world. Returns control steps per second and the batches."""
+def screen(
+    task: str, rows: int, waves: int, space: str = "starts", records: bool = False
+) -> tuple[float, list[Recorder]]:
+    """Screens ``waves`` simulations for each world. Returns control steps per second and the
+    batches."""
     made.clear()
     Recorder.records = records
-    common = ["risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "--method", "monte-carlo"]
+    common = [
+        "risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "--method",
+        "monte-carlo"
+    ]
     common += ["--space", space]
     simulations = rows * waves
     share = max(1e-4, 5 / simulations)
-    options = ["--simulations", str(simulations), "--screening", "gpu", "--rows", str(rows), "--confirm", str(share)]
+    options = [
+        "--simulations", str(simulations), "--screening", "gpu", "--rows", str(rows), "--confirm",
+        str(share)
+    ]
     with tempfile.TemporaryDirectory() as folder:
         total = command(*common, *options, "--out", f"{folder}/run.sqlite")
     batches = list(made)
@@ -140,17 +159,22 @@ def physics_graph(whole: gpu.WarpBatch, with_servos: bool) -> object:
 
 
 def replay(whole: gpu.WarpBatch, batches: list[Recorder]) -> float:
-    """Returns control steps per second of the physics of recorded episodes. Their inputs are in the GPU's memory."""
+    """Returns control steps per second of the physics of recorded episodes. Their inputs are in the
+    GPU's memory."""
     rows, data = whole._rows, whole.data
     inputs = {
         name: wp.array(
-            np.array([np.concatenate(step) for step in zip(*(batch.inputs[name] for batch in batches))]),
+            np.array([
+                np.concatenate(step) for step in zip(*(batch.inputs[name] for batch in batches))
+            ]),
             dtype=whole._there[name].dtype,
         )
         for name in INPUTS
         if whole._there[name].size
     }
-    whole.write_states(np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches]))
+    whole.write_states(
+        np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches])
+    )
     graph = physics_graph(whole, with_servos=True)
     wp.synchronize()
     start = time.perf_counter()
@@ -159,7 +183,10 @@ def replay(whole: gpu.WarpBatch, batches: list[Recorder]) -> float:
             wp.copy(whole._there[name], values[step])
         active = whole._there["active"]
         if active.size:
-            wp.launch(gpu.kernels.set_bools, data.eq_active.shape, inputs=[active], outputs=[data.eq_active])
+            wp.launch(
+                gpu.kernels.set_bools, data.eq_active.shape, inputs=[active],
+                outputs=[data.eq_active]
+            )
         wp.capture_launch(graph, stream=whole._stream)
     wp.synchronize()
     return rows * EPISODE_STEPS / (time.perf_counter() - start)
@@ -172,13 +199,16 @@ def profile(whole: gpu.WarpBatch) -> dict[str, float]:
     times: dict[str, float] = collections.defaultdict(float)
     for result in wp.timing_end():
         times[result.name] += result.elapsed
-    return {name: round(ms, 4) for name, ms in sorted(times.items(), key=lambda item: -item[1])[:25]}
+    return {
+        name: round(ms, 4) for name, ms in sorted(times.items(), key=lambda item: -item[1])[:25]
+    }
 
 
 def policy_times(task: str, rows: int) -> tuple[float, float]:
-    """Returns how long the policy takes for the actions of ``rows`` rows on all cores, and on the GPU, ms."""
-    sizes = json.loads(gpu_verdicts.command("controller", f"{task}/ppo", "--json"))["sizes"]
-    network = gpu_networks.WarpNetwork(sizes, "elu", rows)
+    """Returns how long the policy takes for the actions of ``rows`` rows on all cores, and on the
+    GPU, ms."""
+    sizes = json.loads(verdicts.command("controller", f"{task}/ppo", "--json"))["sizes"]
+    network = networks.WarpNetwork(sizes, "elu", rows)
     controller = load_controller(f"{task}/ppo")
     share = np.zeros((-(-rows // CORES), sizes[0]), dtype=np.float32)
     calls = 100
@@ -206,7 +236,10 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
     is_quick = options.quick or options.space != "starts"
     if not (options.no_c or is_quick):
         count = 200 * CORES
-        common = f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} --method monte-carlo"
+        common = (
+            f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} "
+            "--method monte-carlo"
+        )
         found["C"] = count * EPISODE_STEPS / command(*common.split())
     if is_quick:
         found["seconds"] = round(time.perf_counter() - begin, 1)
@@ -214,7 +247,9 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
     _, batches = screen(task, rows, 1, records=True)
     arguments[2] = rows
     whole = PLAIN(*arguments)
-    whole.write_states(np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches]))
+    whole.write_states(
+        np.arange(rows, dtype=np.int32), np.concatenate([batch.starts for batch in batches])
+    )
     for name in INPUTS:
         whole.arrays()[name][:] = np.concatenate([batch.inputs[name][0] for batch in batches])
     found["step"] = rate(whole.step, 100, rows)
@@ -222,7 +257,9 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
     if whole._device.is_cuda:
         with wp.ScopedDevice(whole._device), wp.ScopedStream(whole._stream):
             graph = physics_graph(whole, with_servos=False)
-            found["bare_start"] = rate(lambda: wp.capture_launch(graph, stream=whole._stream), 100, rows)
+            found["bare_start"] = rate(
+                lambda: wp.capture_launch(graph, stream=whole._stream), 100, rows
+            )
             found["bare"] = replay(whole, batches)
             if options.profile:
                 found["kernels"] = profile(whole)
@@ -238,7 +275,9 @@ def main() -> None:
     parser.add_argument("--space", default="starts")
     parser.add_argument("--no-c", action="store_true")
     parser.add_argument("--profile", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="only `screened`, as with another --space")
+    parser.add_argument(
+        "--quick", action="store_true", help="only `screened`, as with another --space"
+    )
     options = parser.parse_args()
     if options.profile and (options.quick or options.space != "starts"):
         parser.error("--profile needs all measurements: leave out --quick and --space")

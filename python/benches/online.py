@@ -1,14 +1,16 @@
-"""Time per sample of online monitors through Python: Mishandle, RTAMT, mstlo and SENTIL, in one run, with their values compared.
+"""Time per sample of online monitors through Python: Mishandle, RTAMT, mstlo and SENTIL, in one
+run, with their values compared.
 
     pip install rtamt==0.4.10 mstlo-python==0.2.2 sentil==0.3.1
     python python/benches/online.py [--rounds 5] [--samples 20000]
 
-Each monitor gets the same samples, one call per sample (mstlo: one per signal), and its answer is read after each sample. The monitors
-take turns in each round. The table has medians and ranges of the CPU time over the rounds, because other programs may share the
-machine. RTAMT gets the first tenth of the samples. A peer that is not installed, fails, or has other values is reported as such.
+Each monitor gets the same samples, one call per sample (mstlo: one per signal), and its answer is
+read after each sample. The monitors take turns in each round. The table has medians and ranges of
+the CPU time over the rounds, because other programs may share the machine. RTAMT gets the first
+tenth of the samples. A peer that is not installed, fails, or has other values is reported as such.
 
-A value is the robustness at a sample that the last sample decided; Mishandle, SENTIL and mstlo with RoSI also give bounds at each
-sample. The values must be equal at all decided samples.
+A value is the robustness at a sample that the last sample decided; Mishandle, SENTIL and mstlo with
+RoSI also give bounds at each sample. The values must be equal at all decided samples.
 """
 
 import argparse
@@ -93,7 +95,9 @@ def by_sentil(text, names, rows):
 def mstlo_monitor(text, semantics):
     import mstlo_python
 
-    formula = text.replace("always", "G").replace("eventually", "F").replace(":", ",").replace(" and ", " && ")
+    formula = text.replace("always", "G").replace("eventually", "F").replace(":", ",").replace(
+        " and ", " && "
+    )
     return mstlo_python.Monitor(mstlo_python.parse_formula(formula), semantics=semantics)
 
 
@@ -104,7 +108,10 @@ def by_mstlo(text, names, rows):
     yield
     for sample, row in enumerate(rows):
         for name, value in zip(names, row):
-            values.extend(robustness for _, robustness in monitor.update(name, value, float(sample)).verdicts())
+            values.extend(
+                robustness
+                for _, robustness in monitor.update(name, value, float(sample)).verdicts()
+            )
     yield values
 
 
@@ -147,11 +154,21 @@ def main():
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--samples", type=int, default=20000)
     arguments = parser.parse_args()
-    print(f"{platform.machine()}, Python {platform.python_version()}, {arguments.samples} samples, {arguments.rounds} rounds")
+    print(
+        f"{platform.machine()}, Python {platform.python_version()}, {arguments.samples} samples, "
+        f"{arguments.rounds} rounds"
+    )
     for text in FORMULAS:
         names = mishandle.Formula(text).signals
-        rows = [tuple(row) for row in np.random.default_rng(1).normal(size=(arguments.samples, len(names))).tolist()]
-        expected = mishandle.Formula(text).robustness_signal(dict(zip(names, np.array(rows).T)), decided_only=True)
+        rows = [
+            tuple(row)
+            for row in np.random.default_rng(1).normal(
+                size=(arguments.samples, len(names))
+            ).tolist()
+        ]
+        expected = mishandle.Formula(text).robustness_signal(
+            dict(zip(names, np.array(rows).T)), decided_only=True
+        )
         times, notes = {monitor: [] for monitor in MONITORS}, {}
         for _ in range(arguments.rounds):
             for monitor, share in MONITORS.items():
@@ -164,13 +181,24 @@ def main():
                     notes[monitor] = f"failed: {type(error).__name__}: {error}"
                     continue
                 times[monitor].append(spent)
-                required = expected[: count - HORIZON][-len(values) if monitor is by_mishandle_rows else 0 :]
+                required = expected[: count - HORIZON][
+                    -len(values) if monitor is by_mishandle_rows else 0 :
+                ]
                 if not np.array_equal(values, required):
-                    equal = np.count_nonzero(np.asarray(values) == required) if len(values) == len(required) else 0
-                    notes[monitor] = f"other values: {len(values)} values, {len(required)} expected, {equal} equal"
+                    equal = (
+                        np.count_nonzero(np.asarray(values) == required)
+                        if len(values) == len(required) else 0
+                    )
+                    notes[monitor] = (
+                        f"other values: {len(values)} values, {len(required)} expected, {equal} "
+                        "equal"
+                    )
         print(f"\n`{text}`\n\n| monitor | µs per sample | values |\n|---|---|---|")
         for monitor, spent in times.items():
-            figures = f"{statistics.median(spent):.2f} ({min(spent):.2f} to {max(spent):.2f})" if spent else "-"
+            figures = (
+                f"{statistics.median(spent):.2f} ({min(spent):.2f} to {max(spent):.2f})" if spent
+                else "-"
+            )
             print(f"| {monitor.__doc__} | {figures} | {notes.get(monitor, 'equal')} |")
 
 

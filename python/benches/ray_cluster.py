@@ -1,4 +1,5 @@
-"""Measures campaigns on Ray: overhead of a batch, throughput with one and two workers, messages, and the writer's rate.
+"""Measures campaigns on Ray: overhead of a batch, throughput with one and two workers, messages,
+and the writer's rate.
 
     python3 python/benches/ray_cluster.py
 
@@ -19,8 +20,8 @@ os.environ.setdefault("RAY_AUTH_MODE", "disabled")
 import mishandle
 import ray
 from mishandle import Axis, _native
-from mishandle.ray import RayExecutor
-from mishandle.ray.plans import PlanFactory
+from mishandle.cluster import RayExecutor
+from mishandle.cluster.plans import PlanFactory
 
 PLAN = """
 target = "ball-balancing"
@@ -72,7 +73,9 @@ def main() -> None:
             times.setdefault(name, []).append(seconds(lambda: executor.run(shared, requests)))
             for size in (8, 64, 512):
                 key = f"overhead of an empty batch of {size}, {name}"
-                times.setdefault(key, []).append(seconds(lambda: executor.run(empty, requests[:size])))
+                times.setdefault(key, []).append(
+                    seconds(lambda: executor.run(empty, requests[:size]))
+                )
         single = RayExecutor(num_cpus=1, chunk=1)
         times.setdefault("overhead of 1000 empty tasks, 2 workers", []).append(
             seconds(lambda: single.run(empty, [requests[0]] * 1000))
@@ -80,8 +83,12 @@ def main() -> None:
     alone = statistics.median(times["this process"])
     for name, measured in times.items():
         median = statistics.median(measured)
-        rate = "" if "overhead" in name else f", {len(requests) / median:.0f} simulations/s, {alone / median:.2f} of this process"
-        print(f"{name}: {1e3 * median:.1f} ms (from {1e3 * min(measured):.1f} to {1e3 * max(measured):.1f}){rate}")
+        rate = f", {len(requests) / median:.0f} simulations/s, {alone / median:.2f} of this process"
+        rate = "" if "overhead" in name else rate
+        print(
+            f"{name}: {1e3 * median:.1f} ms (from {1e3 * min(measured):.1f} to "
+            f"{1e3 * max(measured):.1f}){rate}"
+        )
 
     def write() -> None:
         out = folder / f"{time.monotonic_ns()}.sqlite"

@@ -1,4 +1,5 @@
-"""Hardens a linear policy of CartPole by random search: poles of other lengths, and actions that arrive late."""
+"""Hardens a linear policy of CartPole by random search: poles of other lengths, and actions that
+arrive late."""
 
 import pathlib
 import tempfile
@@ -12,7 +13,10 @@ from mishandle import Attribute, Axis, ScenarioEnv
 STEPS, CONTROL_DT = 200, 0.02
 # Both are shares of what the environment allows.
 FORMULA = "always(abs(angle) <= 1 and abs(position) <= 1)"
-SIGNALS = {"angle": lambda env: env.state[2] / env.theta_threshold_radians, "position": lambda env: env.state[0] / env.x_threshold}
+SIGNALS = {
+    "angle": lambda env: env.state[2] / env.theta_threshold_radians,
+    "position": lambda env: env.state[0] / env.x_threshold
+}
 
 
 def environment():
@@ -20,8 +24,11 @@ def environment():
 
 
 def space():
-    """Returns the axes: the length of the pole, and a delay of the action of up to three control steps."""
-    faults = mishandle.faults(environment(), sensing=False, actuation=False, delays=True, control_dt=CONTROL_DT)
+    """Returns the axes: the length of the pole, and a delay of the action of up to three control
+    steps."""
+    faults = mishandle.faults(
+        environment(), sensing=False, actuation=False, delays=True, control_dt=CONTROL_DT
+    )
     late = [axis for axis in faults if axis.name == "action_delay"]
     return [length(0.25, 1.5), *late]
 
@@ -52,7 +59,8 @@ def steps_of(env, weights, seed):
 
 
 def train(env, weights, spread, *, iterations, candidates, episodes, seed):
-    """Improves weights by the cross-entropy method. All candidates of an iteration get the same episodes."""
+    """Improves weights by the cross-entropy method. All candidates of an iteration get the same
+    episodes."""
     random = np.random.default_rng(seed)
     mean, deviation = np.array(weights, dtype=np.float64), np.full(len(weights), spread)
     for _ in range(iterations):
@@ -67,12 +75,19 @@ def train(env, weights, spread, *, iterations, candidates, episodes, seed):
 
 def evaluate(weights, axes, seed, episodes, out):
     """Returns the evaluation of a policy in random scenarios."""
-    options = {"policy": Linear(weights), "signals": SIGNALS, "termination": "hold", "control_dt": CONTROL_DT}
-    return mishandle.evaluate(environment(), FORMULA, axes, episodes=episodes, seed=seed, out=out, name="cart-pole", **options)
+    options = {
+        "policy": Linear(weights), "signals": SIGNALS, "termination": "hold",
+        "control_dt": CONTROL_DT
+    }
+    return mishandle.evaluate(
+        environment(), FORMULA, axes, episodes=episodes, seed=seed, out=out, name="cart-pole",
+        **options
+    )
 
 
 def harden(folder, *, iterations=20, candidates=16, episodes=12, evaluated=1000, seed=0):
-    """Trains without scenarios, then with them, and compares both policies on seeds that training did not use."""
+    """Trains without scenarios, then with them, and compares both policies on seeds that training
+    did not use."""
     sizes = {"iterations": iterations, "candidates": candidates, "episodes": episodes}
     before = train(environment(), np.zeros(4), 1.0, seed=seed, **sizes)
     # Failures to train on; the seeds of the comparison are others.
@@ -98,8 +113,14 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         found = harden(pathlib.Path(folder))
     for name, success in found.items():
-        print(f"{name}: success before {percent(success.first)}, after {percent(success.second)}, n = {success.first.n}")
-        print(f"    difference {percent(success.difference)}; only before {success.first_only}, only after {success.second_only}")
+        print(
+            f"{name}: success before {percent(success.first)}, after {percent(success.second)}, n "
+            f"= {success.first.n}"
+        )
+        print(
+            f"    difference {percent(success.difference)}; only before {success.first_only}, "
+            f"only after {success.second_only}"
+        )
         print(f"    p = {success.p_value:.2g}")
 
 

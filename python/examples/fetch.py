@@ -1,4 +1,5 @@
-"""FetchPush of gymnasium-robotics with a scripted policy: the gripper goes behind the object and pushes it to the goal."""
+"""FetchPush of gymnasium-robotics with a scripted policy: the gripper goes behind the object and
+pushes it to the goal."""
 
 import time
 
@@ -14,7 +15,8 @@ gymnasium.register_envs(gymnasium_robotics)
 
 
 def pusher(observation):
-    """Moves above the point behind the object, down, and then through the object towards the goal."""
+    """Moves above the point behind the object, down, and then through the object towards the
+    goal."""
     gripper, thing = observation["observation"][:3], observation["observation"][3:6]
     to_goal = (observation["desired_goal"] - thing)[:2]
     distance = np.linalg.norm(to_goal)
@@ -84,7 +86,10 @@ SPACE = [
     Axis("object_y", -0.15, 0.15, "m", apply=set_object(1)),
     Axis("goal_x", -0.15, 0.15, "m", nominal=0.1, apply=set_goal(0)),
     Axis("goal_y", -0.15, 0.15, "m", nominal=0.1, apply=set_goal(1)),
-    Axis("mass", 0.5, 4.0, "kg", kind="model", nominal=2.0, apply=Attribute(f"model.body_mass[{BODY}]")),
+    Axis(
+        "mass", 0.5, 4.0, "kg", kind="model", nominal=2.0,
+        apply=Attribute(f"model.body_mass[{BODY}]")
+    ),
     Axis("friction", 0.3, 1.5, kind="model", nominal=1.0, apply=set_friction),
 ]
 FORMULA = "eventually[0:100](always[0:20](distance <= 0.05))"
@@ -93,13 +98,19 @@ SIGNALS = {"distance": (distance, "m"), "height": ("obs.achieved_goal[2]", "m")}
 
 def main():
     target = dict(policy=pusher, signals=SIGNALS)
-    evaluation = mishandle.evaluate(ENV, FORMULA, SPACE, episodes=100, out=fresh("fetch_evaluation"), **target)
+    evaluation = mishandle.evaluate(
+        ENV, FORMULA, SPACE, episodes=100, out=fresh("fetch_evaluation"), **target
+    )
     run, started = fresh("fetch"), time.time()
-    found = mishandle.falsify(ENV, FORMULA, SPACE, search="dual-annealing", trials=5, budget=100, out=run, **target)
+    found = mishandle.falsify(
+        ENV, FORMULA, SPACE, search="dual-annealing", trials=5, budget=100, out=run, **target
+    )
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target
+        )
         trace = replay.repetition.trace
         print("distance of object and goal:", np.round(trace["distance"][::10], 3), "m")
         print("height of the object:", np.round(trace["height"][::10], 3), "m")

@@ -16,7 +16,8 @@ LEFT, IDLE, RIGHT, FASTER, SLOWER = range(5)
 
 
 def drive(observation):
-    """Keeps a gap of 1 s, changes to a free lane if there is one, and otherwise drives up to 30 m/s."""
+    """Keeps a gap of 1 s, changes to a free lane if there is one, and otherwise drives up to 30
+    m/s."""
     ego, others = observation[0], observation[1:][observation[1:, 0] > 0]
     y, speed, dx, dy, closing = ego[2], ego[3], others[:, 1], others[:, 2], -others[:, 3]
     ahead = (abs(dy) < LANE_WIDTH / 2) & (dx > 0)
@@ -28,7 +29,11 @@ def drive(observation):
     def is_free(side):
         beside = abs(dy - side * LANE_WIDTH) < LANE_WIDTH / 2
         # Cars behind need 10 m and their closing distance in 2 s.
-        return not np.any(beside & (dx > -10 + 2.0 * np.minimum(closing, 0)) & (dx < 15 + 2.0 * np.maximum(closing, 0)))
+        return not np.any(
+            beside & (dx > -10 + 2.0 * np.minimum(closing, 0)) & (
+                dx < 15 + 2.0 * np.maximum(closing, 0)
+            )
+        )
 
     if y > LANE_WIDTH / 2 and is_free(-1):
         return LEFT
@@ -47,7 +52,10 @@ def slow_leader(env, value):
     """Gives the next car in the ego's lane another speed, which it keeps."""
     inner = env.unwrapped
     ego = inner.vehicle
-    ahead = [car for car in inner.road.vehicles if car.lane_index == ego.lane_index and car.position[0] > ego.position[0]]
+    ahead = [
+        car for car in inner.road.vehicles
+        if car.lane_index == ego.lane_index and car.position[0] > ego.position[0]
+    ]
     if not ahead:
         raise mishandle.InvalidScenario
     leader = min(ahead, key=lambda car: car.position[0])
@@ -56,7 +64,8 @@ def slow_leader(env, value):
 
 
 def clearance(env):
-    """Returns the smallest distance of the ego's rectangle from another, along the axis where it is larger, in m."""
+    """Returns the smallest distance of the ego's rectangle from another, along the axis where it is
+    larger, in m."""
     ego = env.vehicle.position
     offsets = [abs(car.position - ego) for car in env.road.vehicles if car is not env.vehicle]
     return min(max(dx - CAR_LENGTH, dy - CAR_WIDTH) for dx, dy in offsets)
@@ -81,19 +90,30 @@ SIGNALS = {
 
 
 def main():
-    observation = {"type": "Kinematics", "normalize": False, "absolute": False, "vehicles_count": 8, "see_behind": True}
-    config = {"observation": observation, "lanes_count": LANES, "policy_frequency": 2, "duration": 1000}
+    observation = {
+        "type": "Kinematics", "normalize": False, "absolute": False, "vehicles_count": 8,
+        "see_behind": True
+    }
+    config = {
+        "observation": observation, "lanes_count": LANES, "policy_frequency": 2, "duration": 1000
+    }
     env = gymnasium.make("highway-fast-v0", config=config)
     # 30 steps are 15 s. The environment states twice its control frequency as `render_fps`, so the
     # step is given here. It terminates at a collision; the last sample is held until the end.
     target = dict(policy=drive, signals=SIGNALS, steps=30, control_dt=0.5, termination="hold")
-    evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=40, out=fresh("highway_evaluation"), **target)
+    evaluation = mishandle.evaluate(
+        env, FORMULAS, SPACE, episodes=40, out=fresh("highway_evaluation"), **target
+    )
     run, started = fresh("highway"), time.time()
-    found = mishandle.falsify(env, FORMULAS, SPACE, search="dual-annealing", trials=5, budget=30, out=run, **target)
+    found = mishandle.falsify(
+        env, FORMULAS, SPACE, search="dual-annealing", trials=5, budget=30, out=run, **target
+    )
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target
+        )
         for name, values in replay.repetition.trace.items():
             print(name, np.round(values, 1).tolist())
     facts = {

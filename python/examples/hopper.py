@@ -1,4 +1,5 @@
-"""Gymnasium's Hopper with a policy of Stable-Baselines3 (PPO, 1 million steps); `--train` trains it again."""
+"""Gymnasium's Hopper with a policy of Stable-Baselines3 (PPO, 1 million steps); `--train` trains it
+again."""
 
 import sys
 import time
@@ -23,12 +24,17 @@ torch.set_num_threads(1)
 
 def train():
     env = VecNormalize(make_vec_env("Hopper-v5", n_envs=8, seed=SEED), gamma=0.99)
-    settings = dict(n_steps=256, batch_size=128, learning_rate=lambda left: 3e-4 * left, policy_kwargs={"log_std_init": -1.0})
+    settings = dict(
+        n_steps=256, batch_size=128, learning_rate=lambda left: 3e-4 * left,
+        policy_kwargs={"log_std_init": -1.0}
+    )
     model = PPO("MlpPolicy", env, seed=SEED, device="cpu", **settings)
     started = time.time()
     model.learn(STEPS)
     returns = [episode["r"] for episode in model.ep_info_buffer]
-    save_training("hopper", time.time() - started, STEPS, SEED, sum(returns) / len(returns), PACKAGES)
+    save_training(
+        "hopper", time.time() - started, STEPS, SEED, sum(returns) / len(returns), PACKAGES
+    )
     model.save(MODEL, exclude=["policy.optimizer"])
     env.save(str(MOMENTS))
 
@@ -51,7 +57,10 @@ def push(env, value):
 
 SPACE = [
     Axis("push", -0.5, 0.5, "m/s", apply=push),
-    Axis("torso_mass", 3.3, 4.1, "kg", kind="model", nominal=3.6652, apply=Attribute("model.body_mass[1]")),
+    Axis(
+        "torso_mass", 3.3, 4.1, "kg", kind="model", nominal=3.6652,
+        apply=Attribute("model.body_mass[1]")
+    ),
     Axis("friction", 1.6, 2.0, kind="model", nominal=2.0, apply=set_friction),
     # Gravity along x of 0.2 m/s² is a slope of 1.2°.
     Axis("slope", -0.2, 0.2, "m/s²", kind="model", apply=Attribute("model.opt.gravity[0]")),
@@ -77,18 +86,27 @@ def main():
     # samples.
     env = gymnasium.make("Hopper-v5", terminate_when_unhealthy=False)
     target = dict(policy=model, signals=SIGNALS, steps=500)
-    evaluation = mishandle.evaluate(env, FORMULAS, SPACE, episodes=100, out=fresh("hopper_evaluation"), **target)
+    evaluation = mishandle.evaluate(
+        env, FORMULAS, SPACE, episodes=100, out=fresh("hopper_evaluation"), **target
+    )
     started = time.time()
     run = fresh("hopper")
-    found = mishandle.falsify(env, FORMULAS, SPACE, search="dual-annealing", trials=10, budget=50, out=run, **target)
+    found = mishandle.falsify(
+        env, FORMULAS, SPACE, search="dual-annealing", trials=10, budget=50, out=run, **target
+    )
     seconds = time.time() - started
     replay = None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, env, FORMULAS, SPACE, trial=worst.trial, number=worst.simulation, **target
+        )
         trace = replay.repetition.trace
         fell = int(np.argmax(trace["height"] < 0.7)) * env.unwrapped.dt
-        print(f"falls at {fell:.2f} s" if trace["height"].min() < 0.7 else "does not fall", f"at x = {trace['x'][-1]:.2f} m")
+        print(
+            f"falls at {fell:.2f} s" if trace["height"].min() < 0.7 else "does not fall",
+            f"at x = {trace['x'][-1]:.2f} m"
+        )
     [nominal] = mishandle.simulate(env, FORMULAS, SPACE, **target)
     facts = {
         "environment": "Hopper-v5",

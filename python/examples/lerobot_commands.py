@@ -9,7 +9,8 @@ ACT = {
     "policy.type": "act", "policy.device": "cpu", "policy.push_to_hub": "false",
     # LeRobot would download a backbone.
     "policy.pretrained_backbone_weights": "null",
-    "policy.dim_model": 64, "policy.n_heads": 4, "policy.dim_feedforward": 128, "policy.n_encoder_layers": 2,
+    "policy.dim_model": 64, "policy.n_heads": 4, "policy.dim_feedforward": 128,
+    "policy.n_encoder_layers": 2,
     "policy.n_vae_encoder_layers": 1, "policy.latent_dim": 8,
 }  # fmt: skip
 """A small ACT, to train on a CPU."""

@@ -1,4 +1,5 @@
-"""robosuite's Lift (on the CPU, without a renderer) with a scripted policy for its operational-space controller."""
+"""robosuite's Lift (on the CPU, without a renderer) with a scripted policy for its
+operational-space controller."""
 
 import time
 
@@ -18,8 +19,10 @@ class Lift(gymnasium.Env):
     def __init__(self):
         controller = load_composite_controller_config(controller="BASIC")
         self.sim_env = robosuite.make(
-            "Lift", robots="Panda", controller_configs=controller, has_renderer=False, has_offscreen_renderer=False,
-            use_camera_obs=False, control_freq=20, horizon=1000, ignore_done=True, hard_reset=False, seed=0,
+            "Lift", robots="Panda", controller_configs=controller, has_renderer=False,
+            has_offscreen_renderer=False,
+            use_camera_obs=False, control_freq=20, horizon=1000, ignore_done=True, hard_reset=False,
+            seed=0,
         )  # fmt: skip
         low, high = self.sim_env.action_spec
         self.action_space = gymnasium.spaces.Box(low.astype(np.float32), high.astype(np.float32))
@@ -100,7 +103,10 @@ CUBE = ENV.sim_env.cube_body_id
 SPACE = [
     Axis("cube_x", -0.1, 0.1, "m", apply=place(0)),
     Axis("cube_y", -0.1, 0.1, "m", apply=place(1)),
-    Axis("mass", 0.05, 2.0, "kg", kind="model", nominal=0.07, apply=Attribute(f"model.body_mass[{CUBE}]")),
+    Axis(
+        "mass", 0.05, 2.0, "kg", kind="model", nominal=0.07,
+        apply=Attribute(f"model.body_mass[{CUBE}]")
+    ),
     Axis("friction", 0.1, 1.5, kind="model", nominal=1.0, apply=set_friction),
 ]
 # The environment's own success is a cube 4 cm above its start.
@@ -113,11 +119,15 @@ def main():
     # A simulation takes seconds, so there are few, and no evaluation.
     [nominal] = mishandle.simulate(ENV, FORMULA, SPACE, **target)
     run, started = fresh("lift"), time.time()
-    found = mishandle.falsify(ENV, FORMULA, SPACE, search="dual-annealing", trials=3, budget=15, out=run, **target)
+    found = mishandle.falsify(
+        ENV, FORMULA, SPACE, search="dual-annealing", trials=3, budget=15, out=run, **target
+    )
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, ENV, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target
+        )
         print("height of the cube:", np.round(replay.repetition.trace["height"][::5], 3), "m")
     facts = {
         "environment": "Lift",

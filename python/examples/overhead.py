@@ -1,6 +1,8 @@
-"""Time that a falsifier adds to each simulation of the same environment, for Mishandle and Ψ-TaLiRo.
+"""Time that a falsifier adds to each simulation of the same environment, for Mishandle and
+Ψ-TaLiRo.
 
-CPU time of the process without the time inside the system. Both get the same function; Mishandle also gets the environment.
+CPU time of the process without the time inside the system. Both get the same function; Mishandle
+also gets the environment.
 """
 
 import statistics
@@ -59,18 +61,23 @@ def simulate(scenario):
 
 
 def with_function():
-    mishandle.falsify(simulate, FORMULA, SPACE, search="random", trials=1, budget=SIMULATIONS, out=fresh("overhead"))
+    mishandle.falsify(
+        simulate, FORMULA, SPACE, search="random", trials=1, budget=SIMULATIONS,
+        out=fresh("overhead")
+    )
 
 
 def with_environment():
     mishandle.falsify(
-        Timed(ENV), FORMULA, SPACE, policy=lambda observation: ACTION, signals={"speed": "obs[2]"}, search="random",
+        Timed(ENV), FORMULA, SPACE, policy=lambda observation: ACTION, signals={"speed": "obs[2]"},
+        search="random",
         trials=1, budget=SIMULATIONS, out=fresh("overhead"),
     )  # fmt: skip
 
 
 def with_a_loop():
-    """What a loop over the same steps takes outside the environment, with the clock that this script adds."""
+    """What a loop over the same steps takes outside the environment, with the clock that this
+    script adds."""
     env = Timed(ENV)
     for seed in range(SIMULATIONS):
         observation, _ = env.reset(seed=seed, options={"x_init": 1.0, "y_init": 1.0})
@@ -84,9 +91,14 @@ def with_psy_taliro():
     @blackbox(step_size=0.05)
     def model(inputs):
         speeds = simulate(dict(inputs.static))["speed"]
-        return Trace(times=[0.05 * sample for sample in range(STEPS + 1)], states=[{"speed": speed} for speed in speeds])
+        return Trace(
+            times=[0.05 * sample for sample in range(STEPS + 1)],
+            states=[{"speed": speed} for speed in speeds]
+        )
 
-    options = TestOptions(iterations=SIMULATIONS, static_inputs={axis.name: (axis.low, axis.high) for axis in SPACE})
+    options = TestOptions(
+        iterations=SIMULATIONS, static_inputs={axis.name: (axis.low, axis.high) for axis in SPACE}
+    )
     staliro(model, parse_discrete("always (speed <= 100)"), optimizers.UniformRandom(), options)
 
 

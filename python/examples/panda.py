@@ -1,4 +1,5 @@
-"""PandaPush of panda-gym (PyBullet) with a scripted policy: the gripper goes behind the cube and pushes it to the target."""
+"""PandaPush of panda-gym (PyBullet) with a scripted policy: the gripper goes behind the cube and
+pushes it to the target."""
 
 import time
 
@@ -36,8 +37,8 @@ def pusher(observation):
 class Fresh(gymnasium.Wrapper):
     """Makes a new environment at each reset (80 ms).
 
-    PyBullet's solver keeps a state that a reset of panda-gym does not clear: without this wrapper, two simulations of a scenario
-    differ by millimeters, and Mishandle warns about it.
+    PyBullet's solver keeps a state that a reset of panda-gym does not clear: without this wrapper,
+    two simulations of a scenario differ by millimeters, and Mishandle warns about it.
     """
 
     def reset(self, **arguments):
@@ -79,7 +80,12 @@ SPACE = [
 ]
 FORMULA = "eventually(distance <= 0.05)"
 SIGNALS = {
-    "distance": (lambda env, observation: np.linalg.norm(observation["achieved_goal"] - observation["desired_goal"]), "m"),
+    "distance": (
+        lambda env, observation: np.linalg.norm(
+            observation["achieved_goal"] - observation["desired_goal"]
+        ),
+        "m"
+    ),
     "height": ("obs.achieved_goal[2]", "m"),
 }
 
@@ -88,13 +94,17 @@ def main():
     env = Fresh(make())
     # The environment terminates at success, and the trace is complete then.
     target = dict(policy=pusher, signals=SIGNALS, termination="evaluate")
-    evaluation = mishandle.evaluate(env, FORMULA, SPACE, episodes=60, out=fresh("panda_evaluation"), **target)
+    evaluation = mishandle.evaluate(
+        env, FORMULA, SPACE, episodes=60, out=fresh("panda_evaluation"), **target
+    )
     run, started = fresh("panda"), time.time()
     found = mishandle.falsify(env, FORMULA, SPACE, trials=5, budget=40, out=run, **target)
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, env, FORMULA, SPACE, trial=worst.trial, number=worst.simulation, **target
+        )
         trace = replay.repetition.trace
         print("distance of cube and target:", np.round(trace["distance"][::10], 3), "m")
         print("height of the cube:", np.round(trace["height"][::10], 3), "m")

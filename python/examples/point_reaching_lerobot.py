@@ -1,4 +1,5 @@
-"""ACT of LeRobot on our point-reaching task, trained by LeRobot's own program on a data set that `mishandle.record` wrote."""
+"""ACT of LeRobot on our point-reaching task, trained by LeRobot's own program on a data set that
+`mishandle.record` wrote."""
 
 import shutil
 import time
@@ -23,9 +24,13 @@ def trained():
     shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True)
     mishandle.record(
-        "point-reaching", policy="expert", cameras=["over"], size=SIZE, episodes=EPISODES, out=FOLDER / "data"
+        "point-reaching", policy="expert", cameras=["over"], size=SIZE, episodes=EPISODES,
+        out=FOLDER / "data"
     )
-    return train(FOLDER / "data", FOLDER / "act", STEPS, {"policy.chunk_size": 100, "policy.n_action_steps": 50})
+    return train(
+        FOLDER / "data", FOLDER / "act", STEPS,
+        {"policy.chunk_size": 100, "policy.n_action_steps": 50}
+    )
 
 
 def make():
@@ -33,11 +38,13 @@ def make():
 
 
 def check_rows(env, space, target):
-    """Checks that two rows of a vector environment act as two environments do: each has its own queue of actions."""
+    """Checks that two rows of a vector environment act as two environments do: each has its own
+    queue of actions."""
     rows = gymnasium.vector.SyncVectorEnv([make, make])
     start, points = "always[20:60](distance <= 0.12)", [[0.1, 0.5, 0.5], [0.9, 0.5, 0.5]]
     alone, together = (
-        mishandle.Objective(each, start, space, steps=60, control_dt=env.dt, **target)(points) for each in (env, rows)
+        mishandle.ask.Objective(each, start, space, steps=60, control_dt=env.dt, **target)(points)
+        for each in (env, rows)
     )
     print("alone and together:", alone, together)
     assert abs(alone[0] - alone[1]) > 0.01 and np.allclose(alone, together, atol=1e-4)
@@ -51,18 +58,26 @@ def main():
     # The initial box of the task, as the data has it.
     space = [
         Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}"))
-        for name, low, high in [("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.4, 0.8)]
+        for name, low, high in [
+            ("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.4, 0.8)
+        ]
     ]
     target = dict(policy=policy, signals=SIGNALS)
     check_rows(env, space, target)
-    evaluation = mishandle.evaluate(env, FORMULA, space, episodes=10, out=fresh("point_reaching_lerobot_evaluation"), **target)
+    evaluation = mishandle.evaluate(
+        env, FORMULA, space, episodes=10, out=fresh("point_reaching_lerobot_evaluation"), **target
+    )
     run, started = fresh("point_reaching_lerobot"), time.time()
     lit = [*space, *mishandle.sight(env, spaces=["light", "image"])]
-    found = mishandle.falsify(env, FORMULA, lit, trials=1, budget=5, isolate=False, out=run, **target)
+    found = mishandle.falsify(
+        env, FORMULA, lit, trials=1, budget=5, isolate=False, out=run, **target
+    )
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, env, FORMULA, lit, trial=worst.trial, number=worst.simulation, **target)
+        replay = mishandle.replay(
+            run, env, FORMULA, lit, trial=worst.trial, number=worst.simulation, **target
+        )
         assert replay.differences == ()
     assert found.largest_difference == 0.0 and evaluation.not_covered == ()
     facts = {

@@ -25,7 +25,9 @@ torch.set_num_threads(1)
 
 
 def layers(inputs, outputs):
-    return nn.Sequential(nn.Linear(inputs, 64), nn.ELU(), nn.Linear(64, 64), nn.ELU(), nn.Linear(64, outputs))
+    return nn.Sequential(
+        nn.Linear(inputs, 64), nn.ELU(), nn.Linear(64, 64), nn.ELU(), nn.Linear(64, outputs)
+    )
 
 
 class Policy(GaussianMixin, Model):
@@ -52,16 +54,20 @@ class Value(DeterministicMixin, Model):
 def make_agent(environments):
     # The default autoreset mode, NEXT_STEP: the last observation of an episode is in its
     # transition, as skrl expects.
-    env = wrap_env(gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=environments), wrapper="gymnasium")
+    env = wrap_env(
+        gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=environments), wrapper="gymnasium"
+    )
     spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
     scaler = {"device": "cpu"}
     settings = {
-        "rollouts": ROLLOUT, "learning_epochs": 5, "mini_batches": 4, "discount_factor": 0.99, "grad_norm_clip": 1.0,
+        "rollouts": ROLLOUT, "learning_epochs": 5, "mini_batches": 4, "discount_factor": 0.99,
+        "grad_norm_clip": 1.0,
         "learning_rate": 1e-3, "learning_rate_scheduler": KLAdaptiveLR,
         "learning_rate_scheduler_kwargs": {"kl_threshold": 0.01}, "time_limit_bootstrap": True,
         "observation_preprocessor": RunningStandardScaler,
         "observation_preprocessor_kwargs": {"size": env.observation_space, **scaler},
-        "value_preprocessor": RunningStandardScaler, "value_preprocessor_kwargs": {"size": 1, **scaler},
+        "value_preprocessor": RunningStandardScaler,
+        "value_preprocessor_kwargs": {"size": 1, **scaler},
         "experiment": {"write_interval": 0, "checkpoint_interval": 0},
     }  # fmt: skip
     memory = RandomMemory(memory_size=ROLLOUT, num_envs=environments, device="cpu")
@@ -72,7 +78,8 @@ def make_agent(environments):
 def train():
     env, agent = make_agent(ENVIRONMENTS)
     trainer = SequentialTrainer(
-        cfg={"timesteps": STEPS // ENVIRONMENTS, "headless": True, "disable_progressbar": True}, env=env, agents=agent
+        cfg={"timesteps": STEPS // ENVIRONMENTS, "headless": True, "disable_progressbar": True},
+        env=env, agents=agent
     )
     started = time.time()
     trainer.train()
@@ -89,7 +96,9 @@ def main():
     for name, weights in torch.load(MODEL).items():
         agent.checkpoint_modules[name].load_state_dict(weights)
     facts = facts_of_task("point-reaching", "point_reaching_skrl", agent)
-    record("point_reaching_skrl", {"training": read_training("point_reaching_skrl"), **facts}, PACKAGES)
+    record(
+        "point_reaching_skrl", {"training": read_training("point_reaching_skrl"), **facts}, PACKAGES
+    )
 
 
 if __name__ == "__main__":

@@ -37,17 +37,23 @@ def rounded(value):
 
 
 def estimate(found):
-    return None if found is None or found.value is None else [found.value, found.low, found.high, found.n]
+    return (
+        None if found is None or found.value is None
+        else [found.value, found.low, found.high, found.n]
+    )
 
 
 def facts_of(found, evaluation, replay, seconds):
-    """Returns the figures of a falsification, an evaluation and the replay of the first counterexample."""
+    """Returns the figures of a falsification, an evaluation and the replay of the first
+    counterexample."""
     facts = {"seconds_falsification": seconds}
     if evaluation is not None:
         facts["success_rate"] = estimate(evaluation.success_rate)
         points = evaluation.corners.points if evaluation.corners is not None else ()
         facts["corners"] = [sum(c.successes for c in points), sum(c.n for c in points)]
-    robustness = [trial.minimum_robustness for trial in found.trials if trial.minimum_robustness is not None]
+    robustness = [
+        trial.minimum_robustness for trial in found.trials if trial.minimum_robustness is not None
+    ]
     facts |= {
         "trials": len(found.trials),
         "falsified_trials": found.falsified_trials,
@@ -67,14 +73,19 @@ def facts_of(found, evaluation, replay, seconds):
 
 
 def facts_of_task(task, name, policy):
-    """Evaluates and falsifies a policy on one of our tasks with the task's formulas and initial box."""
-    evaluation = mishandle.evaluate(task, policy=policy, episodes=1000, out=fresh(f"{name}_evaluation"))
+    """Evaluates and falsifies a policy on one of our tasks with the task's formulas and initial
+    box."""
+    evaluation = mishandle.evaluate(
+        task, policy=policy, episodes=1000, out=fresh(f"{name}_evaluation")
+    )
     run, started = fresh(name), time.time()
     found = mishandle.falsify(task, policy=policy, trials=10, budget=300, batch=16, out=run)
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]
-        replay = mishandle.replay(run, task, policy=policy, trial=worst.trial, number=worst.simulation)
+        replay = mishandle.replay(
+            run, task, policy=policy, trial=worst.trial, number=worst.simulation
+        )
     strict = {"strict_success_rate": estimate(evaluation.strict_success_rate)}
     return {"task": task, **facts_of(found, evaluation, replay, seconds), **strict}
 
@@ -102,13 +113,16 @@ def read_training(name):
 
 
 def record(name, facts, packages):
-    """Prints the facts; with `--record`, writes them to `results/NAME.json` together with date, versions and commit."""
+    """Prints the facts; with `--record`, writes them to `results/NAME.json` together with date,
+    versions and commit."""
     facts = rounded(facts)
     print(json.dumps(facts, indent=2, ensure_ascii=False))
     if "--record" not in sys.argv:
         return
     git = ["git", "-C", str(FOLDER)]
-    commit = subprocess.run([*git, "rev-parse", "--short=10", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+    commit = subprocess.run(
+        [*git, "rev-parse", "--short=10", "HEAD"], capture_output=True, text=True, check=True
+    ).stdout.strip()
     about = {
         "command": f"cargo xtask examples {name} --record",
         "date": datetime.date.today().isoformat(),
@@ -125,8 +139,8 @@ def with_table(page):
     begin, end = "<!-- table of python/examples/results -->\n", "<!-- end of the table -->\n"
     head, _, rest = page.partition(begin)
     rows = [
-        "| example | success rate in random scenarios (95 % interval) | falsified trials | mean simulations | smallest robustness | "
-        "replay |",
+        "| example | success rate in random scenarios (95 % interval) | falsified trials | mean "
+        "simulations | smallest robustness | replay |",
         "|---|---|---|---|---|---|",
     ]
     for path in sorted((FOLDER / "results").glob("*.json")):
@@ -142,8 +156,8 @@ def with_table(page):
         ]
         mean = facts["mean_simulations"]
         rows.append(
-            f"| {path.stem} | {success} | "
-            f"{facts['falsified_trials']} of {facts['trials']} | {'–' if mean is None else f'{mean:.1f}'} | "
-            f"{facts['smallest_robustness']:.3f} | {replay} |"
+            f"| {path.stem} | {success} | {facts['falsified_trials']} of {facts['trials']} | "
+            f"{'–' if mean is None else f'{mean:.1f}'} | {facts['smallest_robustness']:.3f} | "
+            f"{replay} |"
         )
     return head + begin + "\n".join(rows) + "\n" + end + rest.partition(end)[2]

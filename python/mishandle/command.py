@@ -1,4 +1,5 @@
-"""The command ``mishandle``, which the package installs: the program of the same name, with simulations on a GPU."""
+"""The command ``mishandle``, which the package installs: the program of the same name, with
+simulations on a GPU."""
 
 from __future__ import annotations
 

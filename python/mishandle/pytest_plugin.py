@@ -1,4 +1,5 @@
-"""The plugin for pytest: tests with :func:`mishandle.requirement`. Only pytest imports this module."""
+"""The plugin for pytest: tests with :func:`mishandle.requirement`. Only pytest imports this
+module."""
 
 from __future__ import annotations
 
@@ -9,23 +10,40 @@ import shlex
 import traceback
 from typing import Any
 
-import pytest  # type: ignore[import-not-found, import-untyped, unused-ignore]
+import pytest
 
+from mishandle.ask.requirement_tests import ATTRIBUTE, Limits, Outcome, Requirement, Test
 from mishandle.errors import InvalidTypeError, MishandleError
-from mishandle.requirement_tests import ATTRIBUTE, Limits, Outcome, Requirement, Test
 
 FOLDER = ".mishandle"
 
 
 def pytest_addoption(parser: Any) -> None:
     group = parser.getgroup("mishandle", "requirements of mishandle")
-    group.addoption("--mishandle-budget", type=_positive, metavar="N", help="largest number of simulations of each search")
-    group.addoption("--mishandle-seed", type=_natural, metavar="N", help="random seed of all searches")
-    group.addoption("--mishandle-no-cache", action="store_true", help="simulate also what did not change")
-    group.addoption("--mishandle-replay", action="store_true", help="simulate only the known counterexamples")
-    parser.addini("mishandle_budget", "largest number of simulations of a search without a budget of its own", default="300")
-    parser.addini("mishandle_seed", "random seed of a search without a seed of its own", default="0")
-    parser.addini("mishandle_folder", "folder of counterexamples and cached outcomes, from the root folder", default=FOLDER)
+    group.addoption(
+        "--mishandle-budget", type=_positive, metavar="N",
+        help="largest number of simulations of each search"
+    )
+    group.addoption(
+        "--mishandle-seed", type=_natural, metavar="N", help="random seed of all searches"
+    )
+    group.addoption(
+        "--mishandle-no-cache", action="store_true", help="simulate also what did not change"
+    )
+    group.addoption(
+        "--mishandle-replay", action="store_true", help="simulate only the known counterexamples"
+    )
+    parser.addini(
+        "mishandle_budget", "largest number of simulations of a search without a budget of its own",
+        default="300"
+    )
+    parser.addini(
+        "mishandle_seed", "random seed of a search without a seed of its own", default="0"
+    )
+    parser.addini(
+        "mishandle_folder", "folder of counterexamples and cached outcomes, from the root folder",
+        default=FOLDER
+    )
 
 
 def pytest_configure(config: Any) -> None:
@@ -53,17 +71,18 @@ def _setting(config: Any, name: str, least: int) -> int:
     try:
         return _integer(config.getini(name), least)
     except ValueError as error:
-        raise pytest.UsageError(f"{name} is {config.getini(name)!r}; it must be a whole number from {least} on") from error
+        raise pytest.UsageError(
+            f"{name} is {config.getini(name)!r}; it must be a whole number from {least} on"
+        ) from error
 
 
 def _limits(config: Any) -> Limits:
     return Limits(
-        budget=config.getoption("--mishandle-budget"),
-        seed=config.getoption("--mishandle-seed"),
+        budget=config.getoption("--mishandle-budget"), seed=config.getoption("--mishandle-seed"),
         default_budget=_setting(config, "mishandle_budget", 1),
         default_seed=_setting(config, "mishandle_seed", 0),
         use_cache=not config.getoption("--mishandle-no-cache"),
-        only_replay=config.getoption("--mishandle-replay"),
+        only_replay=config.getoption("--mishandle-replay")
     )
 
 
@@ -90,12 +109,22 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
         outcome = _test(pyfuncitem, required, given).run()
     except MishandleError as error:
         # Mistakes and exceptions of the system, without the frames of this package.
-        cause = "".join(traceback.format_exception(error.__cause__)) if error.__cause__ is not None else ""
-        mistake = f"{type(error).__name__}: {error}\nrequirement: {required.formula}\n{cause}".rstrip()
+        cause = (
+            "".join(traceback.format_exception(error.__cause__)) if error.__cause__ is not None
+            else ""
+        )
+        mistake = (
+            f"{type(error).__name__}: {error}\nrequirement: {required.formula}\n{cause}".rstrip()
+        )
     if mistake:
         pytest.fail(mistake, pytrace=False)
     text = outcome.text + (" (cached)" if outcome.passes and outcome.is_cached else "")
-    pyfuncitem.user_properties.append(("mishandle", [outcome.passes, outcome.is_cached, outcome.simulations, text.splitlines()[0]]))
+    pyfuncitem.user_properties.append(
+        (
+            "mishandle",
+            [outcome.passes, outcome.is_cached, outcome.simulations, text.splitlines()[0]]
+        )
+    )
     if outcome.passes:
         pyfuncitem.add_report_section("call", "mishandle", text)
     else:
@@ -107,13 +136,21 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
 def _test(pyfuncitem: Any, required: Requirement, given: Any) -> Test:
     """Returns the test of a requirement whose function returned ``given``."""
     if given is not None and required.system is not None:
-        raise InvalidTypeError("the function returns a system, and @requirement has a target: give one of them")
+        raise InvalidTypeError(
+            "the function returns a system, and @requirement has a target: give one of them"
+        )
     system = required.system if given is None else given
     if system is None:
-        raise InvalidTypeError("the function returns no system, and @requirement has no target: return a function or an environment")
+        raise InvalidTypeError(
+            "the function returns no system, and @requirement has no target: return a function or "
+            "an environment"
+        )
     config, nodeid = pyfuncitem.config, pyfuncitem.nodeid
     again = f"pytest {shlex.quote(nodeid)}"
-    return Test(required, system, _folder(config, nodeid), pathlib.Path(pyfuncitem.path), again, _limits(config))
+    return Test(
+        required, system, _folder(config, nodeid), pathlib.Path(pyfuncitem.path), again,
+        _limits(config)
+    )
 
 
 class Summary:
@@ -127,7 +164,9 @@ class Summary:
             for name, value in report.user_properties:
                 if name == "mishandle":
                     passes, is_cached, simulations, text = value
-                    self.outcomes.append((report.nodeid, Outcome(passes, text, simulations, is_cached)))
+                    self.outcomes.append(
+                        (report.nodeid, Outcome(passes, text, simulations, is_cached))
+                    )
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         if not self.outcomes:
@@ -136,7 +175,9 @@ class Summary:
         simulations = sum(outcome.simulations for _, outcome in self.outcomes)
         count = len(self.outcomes)
         requirements = "1 requirement" if count == 1 else f"{count} requirements"
-        terminalreporter.write_line(f"mishandle: {requirements}, {cached} cached, {simulations} simulations")
+        terminalreporter.write_line(
+            f"mishandle: {requirements}, {cached} cached, {simulations} simulations"
+        )
         if terminalreporter.verbosity > 0:
             for nodeid, outcome in self.outcomes:
                 terminalreporter.write_line(f"  {nodeid}: {outcome.text}")

@@ -16,13 +16,15 @@ def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
     ----------
     env : gymnasium.vector.VectorEnv
         Environments with the autoreset mode ``SAME_STEP``, for instance of
-        ``gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=64, autoreset_mode="SameStep")``.
+        ``gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=64,
+        autoreset_mode="SameStep")``.
 
     Returns
     -------
     stable_baselines3.common.vec_env.VecEnv
-        Timeouts are reported as ``TimeLimit.truncated`` and the last observation of an episode as ``terminal_observation``,
-        so that the return is bootstrapped. ``VecMonitor`` and ``VecNormalize`` can wrap it.
+        Timeouts are reported as ``TimeLimit.truncated`` and the last observation of an episode as
+        ``terminal_observation``, so that the return is bootstrapped. ``VecMonitor`` and
+        ``VecNormalize`` can wrap it.
 
     Raises
     ------
@@ -32,12 +34,16 @@ def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
         If the autoreset mode is another one.
     """
     try:
-        from stable_baselines3.common.vec_env import VecEnv  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        from stable_baselines3.common.vec_env import VecEnv
     except ImportError as error:
-        raise MissingPackageError("vec_env needs Stable-Baselines3: pip install stable-baselines3") from error
+        raise MissingPackageError(
+            "vec_env needs Stable-Baselines3: pip install stable-baselines3"
+        ) from error
     mode = env.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.SAME_STEP:
-        raise InvalidValueError(f'the autoreset mode is {mode}; pass autoreset_mode="SameStep" to gymnasium.make_vec')
+        raise InvalidValueError(
+            f'the autoreset mode is {mode}; pass autoreset_mode="SameStep" to gymnasium.make_vec'
+        )
 
     class Adapter(VecEnv):  # type: ignore[misc, unused-ignore]
         def __init__(self) -> None:
@@ -70,10 +76,16 @@ def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
             return [getattr(env, attr_name)] * len(self._get_indices(indices))
 
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-            raise NotImplementedError("the environments are stepped together and have no attributes of their own")
+            raise NotImplementedError(
+                "the environments are stepped together and have no attributes of their own"
+            )
 
-        def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any) -> list[Any]:
-            raise NotImplementedError("the environments are stepped together and have no methods of their own")
+        def env_method(
+            self, method_name: str, *arguments: Any, indices: Any = None, **keywords: Any
+        ) -> list[Any]:
+            raise NotImplementedError(
+                "the environments are stepped together and have no methods of their own"
+            )
 
         def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
             return [False] * len(self._get_indices(indices))

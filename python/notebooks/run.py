@@ -1,4 +1,5 @@
-"""Runs the notebooks of this folder and stores their outputs: `python run.py [--check] [NOTEBOOK...]`.
+"""Runs the notebooks of this folder and stores their outputs: `python run.py [--check]
+[NOTEBOOK...]`.
 
 With `--check`, nothing is written. It needs the packages nbclient and ipykernel.
 """
@@ -19,13 +20,17 @@ def run(path: pathlib.Path, is_check: bool) -> None:
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         # Run files and other outputs of the cells go to the folder.
-        client = NotebookClient(notebook, timeout=300, record_timing=False, resources={"metadata": {"path": folder}})
+        client = NotebookClient(
+            notebook, timeout=300, record_timing=False, resources={"metadata": {"path": folder}}
+        )
         client.execute()
     print(f"{path.name}: {time.monotonic() - started:.0f} s")
     if is_check:
         return
     # What depends on the machine that ran it.
-    notebook.metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    notebook.metadata = {
+        "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}
+    }
     nbformat.validate(notebook)
     nbformat.write(notebook, path)
 

@@ -1,5 +1,5 @@
-//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module `mishandle.gpu`, and
-//! networks, through `mishandle.gpu_networks`.
+//! The device `gpu`: worlds that MuJoCo Warp steps, through the Python module
+//! `mishandle.gpu.batches`, and networks, through `mishandle.gpu.networks`.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-/// Makes batches of `mishandle.gpu.WarpBatch`.
+/// Makes batches of `mishandle.gpu.batches.WarpBatch`.
 struct WarpWorldDevice;
 
 /// Returns the device `gpu` of this process.
@@ -68,7 +68,7 @@ impl WorldDevice for WarpWorldDevice {
 }
 
 fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
-    // The columns of `gpu_servos.COLUMNS`.
+    // The columns of `servos.COLUMNS`.
     let servos: Vec<[f64; 4]> = spec
         .servos
         .iter()
@@ -92,7 +92,8 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     if let Some(probe) = &spec.probe {
         keywords.set_item("probe", make_probe(py, probe)?)?;
     }
-    let object = py.import("mishandle.gpu")?.getattr("WarpBatch")?.call(arguments, Some(&keywords))?;
+    let object =
+        py.import("mishandle.gpu.batches")?.getattr("WarpBatch")?.call(arguments, Some(&keywords))?;
     let buffer = buffers(&object)?;
     let layout = BatchLayout::new(&spec.model, spec.probe.as_ref());
     Ok(WarpWorlds {
@@ -105,12 +106,12 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
     })
 }
 
-/// Returns a probe with the keys of `gpu_probe.KEYS`.
+/// Returns a probe with the keys of `probe.KEYS`.
 fn make_probe<'py>(py: Python<'py>, probe: &Probe) -> PyResult<Bound<'py, PyDict>> {
     let Probe { parts, weld, joints, hand, tool } = probe;
     let indices = |parts: &[Part]| parts.iter().map(|part| *part as usize).collect::<Vec<_>>();
     let pairs = [false, true].map(|holds| Probe::pairs(holds).map(u32::from));
-    // The columns of `gpu_probe.COLUMNS`.
+    // The columns of `probe.COLUMNS`.
     let joints: Vec<[f64; 8]> = joints
         .iter()
         .map(|probed| {
@@ -216,7 +217,7 @@ impl WorldBatch for WarpWorlds {
     }
 }
 
-/// Makes networks of `mishandle.gpu_networks.WarpNetwork`.
+/// Makes networks of `mishandle.gpu.networks.WarpNetwork`.
 struct WarpDevice;
 
 /// A network that a Python object computes. The object owns the buffers and never moves them.
@@ -246,7 +247,7 @@ impl NetworkDevice for WarpDevice {
 
 fn make_network(py: Python<'_>, network: &Mlp<f32>, rows: usize) -> PyResult<WarpNetwork> {
     let arguments = (network.sizes().to_vec(), network.hidden_activation().to_string(), rows);
-    let object = py.import("mishandle.gpu_networks")?.getattr("WarpNetwork")?.call1(arguments)?;
+    let object = py.import("mishandle.gpu.networks")?.getattr("WarpNetwork")?.call1(arguments)?;
     let buffer = buffers(&object)?;
     Ok(WarpNetwork {
         parameters: buffer("parameters", network.parameter_count())?,

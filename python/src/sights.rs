@@ -1,4 +1,4 @@
-//! Scenes and cameras of a task, as numbers for the kernels of `mishandle.gpu_cameras`, and as
+//! Scenes and cameras of a task, as numbers for the kernels of `mishandle.gpu.cameras`, and as
 //! images that the CPU draws.
 
 use std::collections::BTreeMap;

@@ -37,7 +37,7 @@ use crate::{InvalidStateError, InvalidValueError, raised};
 ///
 /// A process made by fork cannot use the environments of its parent, because it has none of its
 /// threads: reset and step raise RuntimeError. It can create its own.
-#[pyclass(frozen, module = "mishandle")]
+#[pyclass(frozen, module = "mishandle.systems")]
 pub struct TrainingEpisodes {
     environment: Arc<TaskEnvironment>,
     settings: EpisodeSettings,

@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import gymnasium
+import cases
 import numpy as np
 from openpi_client import msgpack_numpy
 from websockets.exceptions import ConnectionClosed
@@ -18,22 +18,11 @@ MIDDLE, WIDTH = 16, 33
 """The column of the place 0 in a picture of :class:`Line`, and the number of its columns."""
 
 
-class Line(gymnasium.Env[Any, Any]):
-    """A point whose velocity is the action, 0.1 s per control step. A picture shows it as a white column, 0.1 m per pixel."""
+class Line(cases.Line):
+    """A point whose pictures show it as a white column, 0.1 m per pixel."""
 
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-10, 10, (1,), np.float64)
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+    metadata = {"render_modes": ["rgb_array"]}
     render_mode = "rgb_array"
-    dt = 0.1
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        self.place = float((options or {}).get("start", 0.0))
-        return np.array([self.place]), {}
-
-    def step(self, action: Any) -> Any:
-        self.place += 0.1 * float(action[0])
-        return np.array([self.place]), 0.0, False, False, {}
 
     def render(self) -> Any:
         picture = np.zeros((8, WIDTH, 3), np.uint8)
@@ -57,7 +46,8 @@ class Recorded:
         return f"ws://127.0.0.1:{self.port}"
 
     def handle(self, websocket: Any) -> None:
-        """Speaks the protocol of openpi, as its `WebsocketPolicyServer` does. A policy can return a frame instead of an answer."""
+        """Speaks the protocol of openpi, as its `WebsocketPolicyServer` does. A policy can return a
+        frame instead of an answer."""
         self.connections += 1
         websocket.send(msgpack_numpy.packb(self.metadata))
         with contextlib.suppress(ConnectionClosed):
@@ -66,16 +56,22 @@ class Recorded:
                 self.requests.append(msgpack_numpy.unpackb(self.raw[-1]))
                 try:
                     answer = self.policy(self.requests[-1])
-                    websocket.send(answer if isinstance(answer, (bytes, str)) else msgpack_numpy.packb(answer))
+                    websocket.send(
+                        answer if isinstance(answer, (bytes, str)) else msgpack_numpy.packb(answer)
+                    )
                 except ConnectionClosed:
                     raise
                 except Exception:
                     websocket.send(traceback.format_exc())
-                    websocket.close(1011, "Internal server error. Traceback included in previous frame.")
+                    websocket.close(
+                        1011, "Internal server error. Traceback included in previous frame."
+                    )
 
 
 @contextlib.contextmanager
-def openpi_server(policy: Callable[[Any], Any], metadata: dict[str, Any] | None = None) -> Iterator[Recorded]:
+def openpi_server(
+    policy: Callable[[Any], Any], metadata: dict[str, Any] | None = None
+) -> Iterator[Recorded]:
     """Runs a server in a thread."""
     found = Recorded(policy, metadata)
     server = serve(found.handle, "127.0.0.1", 0, compression=None, max_size=None)

@@ -7,23 +7,24 @@ import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import yaml  # type: ignore[import-untyped, unused-ignore]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
-class ActionTests(unittest.TestCase):
+class ActionTests(FolderCase):
     def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        super().setUp()
         with open(ROOT / "action.yml", encoding="utf-8") as file:
             self.action: dict[str, Any] = yaml.safe_load(file)
 
     def run_action(self, **given: str) -> tuple[int, str]:
-        """Runs the steps as a runner does: in order, until one fails. Returns the exit code and the output."""
+        """Runs the steps as a runner does: in order, until one fails. Returns the exit code and the
+        output."""
         inputs = {name: str(details["default"]) for name, details in self.action["inputs"].items()}
         self.assertLessEqual(set(given), set(inputs))
         inputs.update(given)
@@ -52,9 +53,7 @@ class ActionTests(unittest.TestCase):
                 ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
                 cwd=self.folder,
                 env={**os.environ, "PATH": path, "GITHUB_STEP_SUMMARY": summary, **environment},
-                capture_output=True,
-                text=True,
-                check=False,
+                capture_output=True, text=True, check=False
             )
             output += done.stdout + done.stderr
             if done.returncode != 0:
@@ -66,20 +65,25 @@ class ActionTests(unittest.TestCase):
         subprocess.run([program, *words], cwd=self.folder, capture_output=True, check=False)
 
     def test_all_parts_run_before_the_worst_one_decides(self) -> None:
-        self.mishandle("falsify", "point-reaching", "--controller", "sac", "--space", "starts+delay+sensing", "--formula",
-                       "always[60:300](finger_target_distance <= 0.001)", "--trials", "1", "--budget", "20", "--out", "run.sqlite")
+        self.mishandle(
+            "falsify", "point-reaching", "--controller", "sac", "--space", "starts+delay+sensing",
+            "--formula", "always[60:300](finger_target_distance <= 0.001)", "--trials", "1",
+            "--budget", "20", "--out", "run.sqlite"
+        )
         self.mishandle("counterexamples", "export", "run.sqlite", "--all", "--out", "failures")
         (self.folder / "requirements.toml").write_text(
             '[[requirement]]\nname = "R-1"\nformula = "always(tool_speed <= 100)"\n'
         )
         code, output = self.run_action(
-            controller="ppo", baseline="ppo", counterexamples="failures", target="point-reaching", compare="5",
-            requirements="requirements.toml", budget="10",
+            controller="ppo", baseline="ppo", counterexamples="failures", target="point-reaching",
+            compare="5", requirements="requirements.toml", budget="10"
         )
         # The same controller has no new failure.
         self.assertEqual(code, 0, output)
         results = self.folder / "mishandle-results"
-        self.assertEqual((results / "status").read_text().split(), ["regress", "0", "compare", "0", "check", "0"])
+        self.assertEqual(
+            (results / "status").read_text().split(), ["regress", "0", "compare", "0", "check", "0"]
+        )
         for name in ("regress.xml", "compare.html", "check/junit.xml", "check/report.html"):
             self.assertTrue((results / name).is_file(), name)
         self.assertIn("R-1", (self.folder / "summary.md").read_text())
@@ -88,10 +92,13 @@ class ActionTests(unittest.TestCase):
 
     def test_a_violated_requirement_and_one_that_cannot_be_checked(self) -> None:
         file = self.folder / "requirements.toml"
-        for formula, expected in [("always(tool_speed <= 0)", 1), ("always(no_such_signal <= 0)", 2)]:
+        for formula, expected in [
+            ("always(tool_speed <= 0)", 1), ("always(no_such_signal <= 0)", 2)
+        ]:
             file.write_text(f'[[requirement]]\nname = "R-1"\nformula = "{formula}"\n')
             code, output = self.run_action(
-                controller="ppo", target="point-reaching", requirements="requirements.toml", budget="5", folder=f"out-{expected}"
+                controller="ppo", target="point-reaching", requirements="requirements.toml",
+                budget="5", folder=f"out-{expected}"
             )
             self.assertEqual(code, expected, output)
 

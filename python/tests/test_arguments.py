@@ -10,6 +10,7 @@ import unittest
 import warnings
 from xml.etree import ElementTree
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -32,7 +33,9 @@ class Arguments(unittest.TestCase):
         return mishandle.falsify(system, formula, space, **{**settings, **options})
 
     def test_an_unknown_argument_is_an_error_with_the_nearest_name(self):
-        for name, near in [("time_limits", "time_limit"), ("terminaton", "termination"), ("period", "control_dt")]:
+        for name, near in [
+            ("time_limits", "time_limit"), ("terminaton", "termination"), ("period", "control_dt")
+        ]:
             with self.assertRaisesRegex(TypeError, f"no argument `{name}`; did you mean `{near}`"):
                 self.falsify(**{name: 1})
         for function in (mishandle.simulate, mishandle.evaluate):
@@ -51,11 +54,15 @@ class Arguments(unittest.TestCase):
     def test_bounds_in_seconds_need_a_known_control_step(self):
         with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
             self.falsify(formula="always[0:1s](gap >= 1)")
-        self.assertGreater(self.falsify(formula="always[0:1s](gap >= 1)", control_dt=1.0).simulations, 0)
+        self.assertGreater(
+            self.falsify(formula="always[0:1s](gap >= 1)", control_dt=1.0).simulations, 0
+        )
         self.out = self.out.with_name("pole.sqlite")
         env = gymnasium.make("CartPole-v1")  # states render_fps, but no dt
         with self.assertRaisesRegex(ValueError, "pass it as control_dt"):
-            self.falsify(env, "always[0:1s](x <= 9)", policy=lambda x: 0, signals={"x": "obs[0]"}, steps=60)
+            self.falsify(
+                env, "always[0:1s](x <= 9)", policy=lambda x: 0, signals={"x": "obs[0]"}, steps=60
+            )
 
     def test_a_chained_comparison_is_reported(self):
         with self.assertWarnsRegex(UserWarning, "comparisons do not chain"):
@@ -71,7 +78,10 @@ class Arguments(unittest.TestCase):
 
     def test_a_trace_is_never_converted_silently(self):
         frame = pandas.DataFrame([[10.0, 1.0], [10.0, 1.0]], columns=["gap", "gap"])
-        for trace in (frame, {"gap": ["10", "5"]}, {"gap": [10.0, 5 + 3j]}, {"gap": np.array(["2026-01-01"] * 2, "M8[s]")}):
+        for trace in (
+            frame, {"gap": ["10", "5"]}, {"gap": [10.0, 5 + 3j]},
+            {"gap": np.array(["2026-01-01"] * 2, "M8[s]")}
+        ):
             with self.assertRaises(ValueError):
                 self.falsify(lambda scenario, trace=trace: trace)
         masked = {"gap": np.ma.masked_array([10.0, -99.0], mask=[0, 1])}
@@ -106,7 +116,9 @@ class Arguments(unittest.TestCase):
             self.assertEqual(self.falsify(flicker).largest_difference, float("inf"))
 
     def test_invalid_numbers_are_errors_of_this_package(self):
-        for options in ({"steps": 2.5}, {"steps": -3}, {"time_limit": float("inf")}, {"time_limit": 0}):
+        for options in (
+            {"steps": 2.5}, {"steps": -3}, {"time_limit": float("inf")}, {"time_limit": 0}
+        ):
             with self.assertRaises(mishandle.MishandleError):
                 self.falsify(**options)
         for axis in ({"low": 0, "high": 1, "nominal": 3}, {"values": ["a", "b"], "nominal": 5},
@@ -121,7 +133,9 @@ class Arguments(unittest.TestCase):
         env = gymnasium.make("CartPole-v1")
         for source in ("obs[99]", "info.speed", "no_such_attribute", lambda env: env.missing):
             with self.assertRaisesRegex(RuntimeError, "the signal `x` has no value"):
-                self.falsify(env, "always(x <= 9)", policy=lambda x: 0, signals={"x": source}, steps=60)
+                self.falsify(
+                    env, "always(x <= 9)", policy=lambda x: 0, signals={"x": source}, steps=60
+                )
 
     def test_a_formula_that_would_be_ignored_is_an_error(self):
         with self.assertRaisesRegex(ValueError, "`other` would be ignored"):
@@ -155,26 +169,47 @@ class Arguments(unittest.TestCase):
         self.out = self.out.with_name("held.sqlite")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = self.falsify(env, "always(abs(angle) <= 0.4)", space, termination="hold", **options)
-        self.assertEqual((found.falsified_trials, sum(trial.undecided for trial in found.trials)), (0, 0))
+            found = self.falsify(
+                env, "always(abs(angle) <= 0.4)", space, termination="hold", **options
+            )
+        self.assertEqual(
+            (found.falsified_trials, sum(trial.undecided for trial in found.trials)), (0, 0)
+        )
 
     def test_formulas_and_spaces_of_a_task_have_names(self):
-        task, options = "point-reaching", {"search": "random", "trials": 1, "budget": 2, "policy": "ppo"}
+        task, options = "point-reaching", {
+            "search": "random", "trials": 1, "budget": 2, "policy": "ppo"
+        }
         plain = mishandle.falsify(task, "strict", out=self.out, **options)
-        named = mishandle.falsify(task, "strict", "starts", out=self.out.with_name("named.sqlite"), **options)
+        named = mishandle.falsify(
+            task, "strict", "starts", out=self.out.with_name("named.sqlite"), **options
+        )
         self.assertIn("0.03", mishandle.open_run(plain.path).formula)
-        self.assertEqual(mishandle.open_run(plain.path).formula, mishandle.open_run(named.path).formula)
+        self.assertEqual(
+            mishandle.open_run(plain.path).formula, mishandle.open_run(named.path).formula
+        )
         self.assertEqual(plain.trials, named.trials)
-        self.assertEqual(mishandle.replay(named.path, task, "strict", "starts", policy="ppo").differences, ())
+        self.assertEqual(
+            mishandle.replay(named.path, task, "strict", "starts", policy="ppo").differences, ()
+        )
         [one] = mishandle.simulate(task, "strict", "starts", policy="ppo")
         [other] = mishandle.simulate(task, "strict", policy="ppo")
         self.assertEqual((one.robustness, one.scenario), (other.robustness, other.scenario))
         space = "starts+sensing"
-        found = mishandle.falsify(task, None, space, out=self.out.with_name("sensing.sqlite"), **options)
+        found = mishandle.falsify(
+            task, None, space, out=self.out.with_name("sensing.sqlite"), **options
+        )
         self.assertGreater(len(found.trials[0].scenario), len(named.trials[0].scenario))
-        self.assertEqual(mishandle.evaluate(task, None, space, policy="ppo", episodes=2, out=self.out.with_name("e")).success_rate.n, 2)
+        self.assertEqual(
+            mishandle.evaluate(
+                task, None, space, policy="ppo", episodes=2, out=self.out.with_name("e")
+            ).success_rate.n,
+            2
+        )
         axes = {"target_x": (0.5, 0.6), "action_delay": 2}
-        found = mishandle.falsify(task, None, axes=axes, out=self.out.with_name("axes.sqlite"), **options)
+        found = mishandle.falsify(
+            task, None, axes=axes, out=self.out.with_name("axes.sqlite"), **options
+        )
         values = found.trials[0].scenario
         self.assertEqual(values["action_delay"], 2)
         self.assertTrue(0.5 <= values["target_x"] <= 0.6, values)
@@ -199,7 +234,9 @@ class Arguments(unittest.TestCase):
             calls.append(scenario)
             return braking(scenario)
 
-        def check(message, function=mishandle.falsify, space=SPACE, formula="always(gap >= 1)", **options):
+        def check(
+            message, function=mishandle.falsify, space=SPACE, formula="always(gap >= 1)", **options
+        ):
             with self.assertRaisesRegex(mishandle.MishandleError, message):
                 function(system, formula, space, **options)
 
@@ -236,14 +273,25 @@ class Arguments(unittest.TestCase):
             (attribute("length"), attribute("length"), "both set the attribute 'length'"),
             (attribute("state[0]"), attribute("state[ 0 ]"), "both set the attribute"),
             (option("low"), option("low"), "both set the reset option 'low'"),
-            (option("scenario"), option("scenario.x"), "the reset option 'scenario' and its part 'scenario.x'"),
+            (
+                option("scenario"), option("scenario.x"),
+                "the reset option 'scenario' and its part 'scenario.x'"
+            ),
             (None, option("a"), "both set the reset option 'a'"),
         ]:
             space = [Axis("a", 0.2, 1.5, apply=one), Axis("b", 0.2, 1.5, apply=other)]
             with self.assertRaisesRegex(ValueError, message):
                 self.falsify(env, "always(angle <= 1)", space, **options)
-        space = [Axis("a", 0.2, 1.5, apply=attribute("length")), Axis("b", 9, 10, apply=attribute("gravity"))]
-        self.assertEqual(self.falsify(env, "always(angle <= 1)", space, termination="hold", **options).simulations, 3)
+        space = [
+            Axis("a", 0.2, 1.5, apply=attribute("length")),
+            Axis("b", 9, 10, apply=attribute("gravity"))
+        ]
+        self.assertEqual(
+            self.falsify(
+                env, "always(angle <= 1)", space, termination="hold", **options
+            ).simulations,
+            3
+        )
 
     def test_a_run_continues_with_its_own_settings_only(self):
         self.falsify()
@@ -252,16 +300,23 @@ class Arguments(unittest.TestCase):
             ({"trials": 2}, "trials: recorded 1, given 2"),
             ({"seed": 3}, "seed: recorded 0, given 3"),
         ]:
-            settings = {"search": "random", "trials": 1, "budget": 3, "out": self.out, "resume": True, **options}
+            settings = {
+                "search": "random", "trials": 1, "budget": 3, "out": self.out, "resume": True,
+                **options
+            }
             with self.assertRaisesRegex(mishandle.MishandleError, message):
                 mishandle.falsify(braking, "always(gap >= 1)", SPACE, **settings)
-        with self.assertRaisesRegex(mishandle.MishandleError, r"from 0.0 to 9.0, nominal 4.5.*the file was changed"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, r"from 0.0 to 9.0, nominal 4.5.*the file was changed"
+        ):
             self.falsify(space=[Axis("speed", 0, 9, "m/s")], resume=True)
         self.assertEqual(self.falsify(resume=True, batch=7).simulations, 3)
 
     def test_the_differences_of_a_replay_are_plain_numbers(self):
         self.falsify()
-        other = mishandle.replay(self.out, lambda scenario: {"gap": [4.0, 4.0]}, "always(gap >= 1)", SPACE)
+        other = mishandle.replay(
+            self.out, lambda scenario: {"gap": [4.0, 4.0]}, "always(gap >= 1)", SPACE
+        )
         found = [text for text in other.differences if text.startswith("robustness:")]
         self.assertRegex(found[0], r"^robustness: recorded -?[\d.]+, replayed 3.0$")
 
@@ -273,23 +328,24 @@ ROAD = [
 ]
 
 
-class Settings(unittest.TestCase):
+class Settings(FolderCase):
     """Axes of a system of the user that have narrower ranges, or fixed values."""
-
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def test_a_system_receives_the_nominal_value_that_its_axis_states(self):
         self.assertEqual([axis.nominal_value for axis in ROAD], [5.0, 2, "wet"])
         self.assertEqual([axis.nominal_number for axis in ROAD], [5.0, 2.0, 1.0])
         self.assertEqual(Axis("surface", values=["dry", "wet"], nominal=1).nominal_value, "wet")
         seen = []
-        mishandle.simulate(lambda s: seen.append(s) or {"gap": [1.0, 1.0]}, "always(gap >= 0)", ROAD)
+        mishandle.simulate(
+            lambda s: seen.append(s) or {"gap": [1.0, 1.0]}, "always(gap >= 0)", ROAD
+        )
         self.assertEqual(seen[0], {"speed": 5.0, "delay": 2, "surface": "wet"})
         for nominal in ("sand", 1.5):
             with self.assertRaisesRegex(mishandle.MishandleError, "axis `surface`"):
                 Axis("surface", values=["dry", "wet"], nominal=nominal)
-        with self.assertRaisesRegex(mishandle.MishandleError, "nominal value of axis `x` is 'dry'; the axis has no names"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, "nominal value of axis `x` is 'dry'; the axis has no names"
+        ):
             Axis("x", 0, 1, nominal="dry")
 
     def test_axes_of_functions_and_environments_are_fixed_and_narrowed(self):
@@ -301,19 +357,31 @@ class Settings(unittest.TestCase):
 
         run = self.folder / "run.sqlite"
         axes = {"surface": "ice", "speed": (2.0, 3.0), "delay": 4}
-        found = mishandle.falsify(system, "always(gap >= 0)", ROAD, axes=axes, search="random", trials=1, budget=20, out=run)
+        found = mishandle.falsify(
+            system, "always(gap >= 0)", ROAD, axes=axes, search="random", trials=1, budget=20,
+            out=run
+        )
         self.assertEqual(found.simulations, 20)
         self.assertTrue(all(2 <= scenario["speed"] <= 3 for scenario in seen))
-        self.assertEqual({(scenario["surface"], scenario["delay"]) for scenario in seen}, {("ice", 4)})
+        self.assertEqual(
+            {(scenario["surface"], scenario["delay"]) for scenario in seen}, {("ice", 4)}
+        )
         columns = mishandle.open_run(run).columns()
         self.assertEqual((set(columns["surface"]), set(columns["delay"])), ({"ice"}, {4}))
-        again = mishandle.replay(run, system, "always(gap >= 0)", ROAD, axes=axes, trial=1, number=3)
+        again = mishandle.replay(
+            run, system, "always(gap >= 0)", ROAD, axes=axes, trial=1, number=3
+        )
         self.assertEqual((again.differences, again.repetition.scenario["surface"]), ((), "ice"))
         env = gymnasium.make("CartPole-v1", max_episode_steps=3)
-        space = [Axis("low", -0.05, 0.0), Axis("length", 0.4, 0.6, kind="model", apply=mishandle.Attribute("length"))]
+        space = [
+            Axis("low", -0.05, 0.0),
+            Axis("length", 0.4, 0.6, kind="model", apply=mishandle.Attribute("length"))
+        ]
         signals = {"length": lambda env: env.length}
         kinds = {"policy": lambda o: 1, "signals": signals, "termination": "hold"}
-        [found] = mishandle.simulate(env, "always(length <= 9)", space, axes={"length": 0.45}, **kinds)
+        [found] = mishandle.simulate(
+            env, "always(length <= 9)", space, axes={"length": 0.45}, **kinds
+        )
         self.assertEqual(found.trace["length"].tolist(), [0.45] * 4)
 
     def test_impossible_settings_are_errors(self):
@@ -330,33 +398,39 @@ class Settings(unittest.TestCase):
         run = self.folder / "run.sqlite"
         seen = []
         system = lambda s: seen.append(s["surface"]) or {"gap": [1.0, 1.0]}
-        mishandle.evaluate(system, "always(gap >= 0)", ROAD, axes={"surface": (1, 2)}, episodes=20, out=run)
+        mishandle.evaluate(
+            system, "always(gap >= 0)", ROAD, axes={"surface": (1, 2)}, episodes=20, out=run
+        )
         self.assertEqual(set(seen), {"wet", "ice"})
         self.assertEqual(set(mishandle.open_run(run).columns()["surface"]), {"wet", "ice"})
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class Files(FolderCase):
     def test_results_make_their_folders(self):
         space = [Axis("speed", 0, 10, "m/s", nominal=0, kind="input")]
-        found = mishandle.margin(braking, "always(gap >= 2)", space, budget=50, out=self.folder / "run.sqlite")
+        found = mishandle.margin(
+            braking, "always(gap >= 2)", space, budget=50, out=self.folder / "run.sqlite"
+        )
         self.assertTrue(found.export(self.folder / "new" / "inner" / "smallest.json").is_file())
         found.report(self.folder / "pages" / "margin.html", simulate=False)
         self.assertTrue((self.folder / "pages" / "margin.html").is_file())
-        self.assertEqual(sorted(path.name for path in (self.folder / "pages").iterdir()), ["margin.html"])
+        self.assertEqual(
+            sorted(path.name for path in (self.folder / "pages").iterdir()), ["margin.html"]
+        )
 
     def test_runs_that_start_at_the_same_moment_have_files_of_their_own(self):
         program = (
             "import mishandle, sys, time\n"
             "time.sleep(max(0.0, float(sys.argv[1]) - time.time()))\n"
             "system = lambda s: {'gap': [1.0, s['speed']]}\n"
-            "space = [mishandle.Axis('speed', 0, 10)]\n"
-            "print(mishandle.evaluate(system, 'always(gap >= -1)', space, episodes=3, name='same').path)\n"
+            "asked = (system, 'always(gap >= -1)', [mishandle.Axis('speed', 0, 10)])\n"
+            "print(mishandle.evaluate(*asked, episodes=3, name='same').path)\n"
         )
         command = [sys.executable, "-c", program, str(time.time() + 3)]
-        started = [subprocess.Popen(command, cwd=self.folder, stdout=subprocess.PIPE, text=True) for _ in range(4)]
+        started = [
+            subprocess.Popen(command, cwd=self.folder, stdout=subprocess.PIPE, text=True)
+            for _ in range(4)
+        ]
         paths = {process.communicate()[0].strip() for process in started}
         self.assertEqual(len(paths), 4, paths)
         self.assertEqual({process.returncode for process in started}, {0})
@@ -366,13 +440,26 @@ class Files(unittest.TestCase):
         slow = lambda scenario: {"gap": [10.0, 10.0 - 0.1 * scenario["speed"]]}
         suite, report = self.folder / "suite", self.folder / "reports" / "junit.xml"
         kinds = {"name": "car", "search": "random", "trials": 1, "budget": 50}
-        mishandle.falsify(braking, "always(gap >= 2)", SPACE, out=self.folder / "run.sqlite", **kinds).export(suite)
-        for system, baseline, result in [(fast, slow, "new failure"), (fast, braking, "still fails"), (slow, fast, "fixed"), (slow, slow, "passes")]:
-            found = mishandle.regress(suite, system, "always(gap >= 2)", SPACE, name="car", baseline=baseline, junit=report)
+        mishandle.falsify(
+            braking, "always(gap >= 2)", SPACE, out=self.folder / "run.sqlite", **kinds
+        ).export(suite)
+        for system, baseline, result in [
+            (fast, slow, "new failure"), (fast, braking, "still fails"), (slow, fast, "fixed"),
+            (slow, slow, "passes")
+        ]:
+            found = mishandle.regress(
+                suite, system, "always(gap >= 2)", SPACE, name="car", baseline=baseline,
+                junit=report
+            )
             [test] = found.tests
-            self.assertEqual((test.result, found.new_failures), (result, int(result == "new failure")))
+            self.assertEqual(
+                (test.result, found.new_failures), (result, int(result == "new failure"))
+            )
             [case] = ElementTree.parse(report).iter("testcase")
-            self.assertEqual([part.tag for part in case], {"new failure": ["failure"], "still fails": ["skipped"]}.get(result, []))
+            self.assertEqual(
+                [part.tag for part in case],
+                {"new failure": ["failure"], "still fails": ["skipped"]}.get(result, [])
+            )
 
     def test_more_threads_than_cores_are_reported(self):
         with self.assertWarnsRegex(UserWarning, "threads=1000 is more than the .* cores"):
@@ -387,13 +474,22 @@ class Files(unittest.TestCase):
             run = self.folder / f"{number}.sqlite"
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                mishandle.evaluate(constant(value), "always(gap >= 2)", SPACE, episodes=30, name="huge", out=run)
+                mishandle.evaluate(
+                    constant(value), "always(gap >= 2)", SPACE, episodes=30, name="huge", out=run
+                )
             runs.append(run)
         for pair in [(0, 1), (1, 0), (0, 2), (0, 0)]:
             means = mishandle.compare(*(runs[each] for each in pair)).robustness
-            values = [means.first, means.second, means.difference.value, means.difference.low, means.difference.high]
-            self.assertFalse(any(value is not None and math.isnan(value) for value in values), (pair, values))
-            self.assertTrue(math.isfinite(means.first) and math.isfinite(means.second), (pair, values))
+            values = [
+                means.first, means.second, means.difference.value, means.difference.low,
+                means.difference.high
+            ]
+            self.assertFalse(
+                any(value is not None and math.isnan(value) for value in values), (pair, values)
+            )
+            self.assertTrue(
+                math.isfinite(means.first) and math.isfinite(means.second), (pair, values)
+            )
 
 
 if __name__ == "__main__":

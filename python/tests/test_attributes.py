@@ -3,17 +3,16 @@
 import importlib
 import signal
 import sys
-import tempfile
-import pathlib
 import unittest
 import warnings
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import mujoco
 import numpy as np
 from mishandle import Attribute, Axis
-from mishandle.attributes import Attributes
+from mishandle.scenarios.attributes import Attributes
 
 
 class Slider(gymnasium.Env):
@@ -40,8 +39,10 @@ class Slider(gymnasium.Env):
         return np.array([self.x], np.float32), 0.0, False, False, {}
 
 
-class TestSlider(unittest.TestCase):
-    KINDS = {"policy": lambda observation: np.ones(1, np.float32), "signals": {"x": "obs[0]"}, "steps": 2}
+class TestSlider(FolderCase):
+    KINDS = {
+        "policy": lambda observation: np.ones(1, np.float32), "signals": {"x": "obs[0]"}, "steps": 2
+    }
     SPACE = [
         Axis("speed", 0.1, 2.0, nominal=0.5, kind="model", apply=Attribute("speed")),
         Axis("first", 0.5, 1.5, nominal=1.0, kind="model", apply=Attribute("array[0]")),
@@ -49,15 +50,19 @@ class TestSlider(unittest.TestCase):
         Axis("limit", 1.0, 5.0, nominal=3.0, kind="model", apply=Attribute("limit")),
     ]
 
-    def setUp(self):
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
     def falsify(self, env, **options):
-        kinds = {"trials": 1, "budget": 12, "search": "random", "out": self.folder / "run.sqlite", **self.KINDS}
-        return mishandle.falsify(env, "always(x <= 90)", options.pop("space", self.SPACE), **{**kinds, **options})
+        kinds = {
+            "trials": 1, "budget": 12, "search": "random", "out": self.folder / "run.sqlite",
+            **self.KINDS
+        }
+        return mishandle.falsify(
+            env, "always(x <= 90)", options.pop("space", self.SPACE), **{**kinds, **options}
+        )
 
     def check_restored(self, env):
-        self.assertEqual((env.speed, env.array.tolist(), env.config), (0.5, [1.0, 2.0], {"gains": [1.0, 2.0]}))
+        self.assertEqual(
+            (env.speed, env.array.tolist(), env.config), (0.5, [1.0, 2.0], {"gains": [1.0, 2.0]})
+        )
         self.assertNotIn("limit", vars(env), "the class states it")
 
     def test_attributes_are_restored_after_a_run_with_crashes(self):
@@ -78,7 +83,9 @@ class TestSlider(unittest.TestCase):
         with self.assertRaises(Broken):
             self.falsify(env, progress=progress)
         self.check_restored(env)
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         calls = []
 
         def policy(observation):
@@ -103,11 +110,16 @@ class TestSlider(unittest.TestCase):
 
     def test_rows_that_share_what_an_axis_sets_are_refused(self):
         one = Slider()
-        with self.assertRaisesRegex(ValueError, "are the same object, so they cannot have scenarios of their own"):
+        with self.assertRaisesRegex(
+            ValueError, "are the same object, so they cannot have scenarios of their own"
+        ):
             self.falsify(gymnasium.vector.SyncVectorEnv([lambda: one] * 2))
         for shared in ({"config": {"gains": [1.0, 2.0]}}, {"array": np.array([1.0, 2.0])}):
             vector = gymnasium.vector.SyncVectorEnv([lambda: Slider(**shared)] * 2)
-            with self.assertRaisesRegex(ValueError, r"share what the axes set \(speed, array\[0\], config.gains\[1\], limit\)"):
+            with self.assertRaisesRegex(
+                ValueError,
+                r"share what the axes set \(speed, array\[0\], config.gains\[1\], limit\)"
+            ):
                 self.falsify(vector, batch=2, out=self.folder / f"{next(iter(shared))}.sqlite")
 
     def test_attributes_in_other_processes_are_restored(self):
@@ -120,8 +132,13 @@ class TestSlider(unittest.TestCase):
         self.assertEqual(vector.get_attr("speed"), (0.5, 0.5))
 
     def test_environments_of_classes_and_with_arrays_can_be_falsified(self):
-        for name, options in [("Class", {}), ("Array", {"array": np.array([np.float32(1.0), 2.0])}), ("Type", {"config": {"gains": (1, 2)}})]:
-            gymnasium.register(f"mishandle-tests/{name}-v0", entry_point=Slider, max_episode_steps=5)
+        for name, options in [
+            ("Class", {}), ("Array", {"array": np.array([np.float32(1.0), 2.0])}),
+            ("Type", {"config": {"gains": (1, 2)}})
+        ]:
+            gymnasium.register(
+                f"mishandle-tests/{name}-v0", entry_point=Slider, max_episode_steps=5
+            )
             self.addCleanup(gymnasium.registry.pop, f"mishandle-tests/{name}-v0")
             env = gymnasium.make(f"mishandle-tests/{name}-v0", **options)
             found = self.falsify(env, space=[self.SPACE[0]], out=self.folder / f"{name}.sqlite")
@@ -140,7 +157,9 @@ ARM = """
       </body>
     </body>
   </worldbody>
-  <tendon><fixed name="both"><joint joint="shoulder" coef="1"/><joint joint="elbow" coef="-1"/></fixed></tendon>
+  <tendon><fixed name="both">
+    <joint joint="shoulder" coef="1"/><joint joint="elbow" coef="-1"/>
+  </fixed></tendon>
   <actuator><motor joint="elbow" gear="3"/></actuator>
 </mujoco>
 """
@@ -152,7 +171,10 @@ class Arm:
 
 
 def fields(model):
-    return {name: getattr(model, name) for name in dir(model) if isinstance(getattr(model, name), np.ndarray)}
+    return {
+        name: getattr(model, name) for name in dir(model)
+        if isinstance(getattr(model, name), np.ndarray)
+    }
 
 
 class Masses(unittest.TestCase):
@@ -160,10 +182,18 @@ class Masses(unittest.TestCase):
         arm, expected, before = Arm(), Arm(upper=4.0, lower=0.5), fields(Arm().model)
         attributes = Attributes()
         body = mujoco.mj_name2id(arm.model, mujoco.mjtObj.mjOBJ_BODY, "upper")
-        attributes.set(arm, [(f"model.body_mass[{body}]", 4.0), (f"model.body_mass[{body + 1}]", 0.5), ("model.opt.gravity[0]", 1.0)])
+        attributes.set(
+            arm,
+            [
+                (f"model.body_mass[{body}]", 4.0), (f"model.body_mass[{body + 1}]", 0.5),
+                ("model.opt.gravity[0]", 1.0)
+            ]
+        )
         self.assertEqual(arm.model.opt.gravity[0], 1.0)
         for name, value in fields(arm.model).items():
-            np.testing.assert_allclose(value, getattr(expected.model, name), rtol=1e-12, atol=1e-15, err_msg=name)
+            np.testing.assert_allclose(
+                value, getattr(expected.model, name), rtol=1e-12, atol=1e-15, err_msg=name
+            )
         attributes.restore()
         self.assertEqual(arm.model.opt.gravity[0], 0.0)
         for name, value in fields(arm.model).items():
@@ -172,13 +202,17 @@ class Masses(unittest.TestCase):
     def test_an_inertia_that_an_axis_sets_itself_stays(self):
         arm = Arm()
         attributes = Attributes()
-        attributes.set(arm, [("model.body_mass[1]", 4.0), ("model.body_inertia[1]", [0.1, 0.2, 0.25])])
+        attributes.set(
+            arm, [("model.body_mass[1]", 4.0), ("model.body_inertia[1]", [0.1, 0.2, 0.25])]
+        )
         self.assertEqual(arm.model.body_inertia[1].tolist(), [0.1, 0.2, 0.25])
         attributes.restore()
         np.testing.assert_array_equal(arm.model.body_inertia, Arm().model.body_inertia)
 
     def test_sizes_leave_masses_behind_and_are_reported(self):
-        with self.assertWarnsRegex(UserWarning, "sets geom_size of a MuJoCo model, which leaves the masses"):
+        with self.assertWarnsRegex(
+            UserWarning, "sets geom_size of a MuJoCo model, which leaves the masses"
+        ):
             Attributes().set(Arm(), [("model.geom_size[0, 0]", 0.1)])
 
 

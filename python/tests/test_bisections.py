@@ -7,10 +7,10 @@ import pathlib
 import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import results
 
@@ -24,24 +24,21 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True)
 
 
-class Bisections(unittest.TestCase):
-    def setUp(self) -> None:
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
-
+class Bisections(FolderCase):
     def checkpoints(self) -> pathlib.Path:
-        """Returns a folder of four controllers: two that are shipped, then two that hardly trained."""
+        """Returns a folder of four controllers: two that are shipped, then two that hardly
+        trained."""
         steps = self.folder / "steps"
         steps.mkdir()
         settings = self.folder / "small.toml"
         settings.write_text(
-            "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\nrun.total_steps = 2048\n"
-            "run.validation_interval = 4\nrun.validation_episodes = 4\n"
+            "rollout_steps = 16\nminibatch_size = 128\nepisodes.environments = 16\n"
+            "run.total_steps = 2048\nrun.validation_interval = 4\nrun.validation_episodes = 4\n"
         )
         bad = self.folder / "bad.safetensors"
         trained = command(
-            "train", "point-reaching", "--algorithm", "ppo", "--settings", str(settings), "--out", str(bad)
+            "train", "point-reaching", "--algorithm", "ppo", "--settings", str(settings), "--out",
+            str(bad)
         )
         self.assertEqual(trained.returncode, 0, trained.stderr)
         good = ROOT / "controllers" / "point-reaching" / "ppo.safetensors"
@@ -59,7 +56,9 @@ class Bisections(unittest.TestCase):
 
         out = self.folder / "out"
         found = mishandle.bisect(steps, **RATE, out=out, progress=note)
-        self.assertEqual((found.last_good, found.first_bad), ("step-2.safetensors", "step-3.safetensors"))
+        self.assertEqual(
+            (found.last_good, found.first_bad), ("step-2.safetensors", "step-3.safetensors")
+        )
         self.assertEqual(len(found.candidates), 4)
         self.assertEqual(seen, {tested.name for tested in found.tested})
         self.assertIn("step-3.safetensors is the first that fails", str(found))
@@ -69,10 +68,13 @@ class Bisections(unittest.TestCase):
         again = command(*found.command.split()[1:], "--json")
         self.assertEqual(again.returncode, 0, again.stderr)
         document = {**json.loads(again.stdout), "shown": str(found)}
-        self.assertEqual(results.build(mishandle.Bisection, document), found)
+        self.assertEqual(results.build(mishandle.ask.Bisection, document), found)
 
         # The runs are files as any other, and the page compares those of the neighbors.
-        good, bad = (tested.run for tested in found.tested if tested.name in (found.last_good, found.first_bad))
+        good, bad = (
+            tested.run for tested in found.tested
+            if tested.name in (found.last_good, found.first_bad)
+        )
         assert good is not None and bad is not None
         self.assertGreater(mishandle.compare(good, bad).success.first_only, 0)
         found.report(self.folder / "page.html", simulate=False)

@@ -9,8 +9,9 @@ import tempfile
 import textwrap
 import unittest
 
-MODEL = """<mujoco><size memory="{memory}"/><worldbody><body name="arm"><joint name="hinge" type="hinge" axis="0 1 0"/>
-<geom size="0.1" pos="0 0 0.4"/></body></worldbody><actuator><motor joint="hinge"/></actuator></mujoco>"""
+MODEL = """<mujoco><size memory="{memory}"/><worldbody>
+<body name="arm"><joint name="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 0.4"/></body>
+</worldbody><actuator><motor joint="hinge"/></actuator></mujoco>"""
 
 TARGET = """
 format = 1
@@ -33,10 +34,13 @@ def evaluated(folder: str, memory: str) -> subprocess.CompletedProcess[str]:
     # A file with the name of a library in the working directory must not run.
     (home / "sys.py").write_text("raise SystemExit(9)")
     (home / "mishandle.py").write_text("raise SystemExit(9)")
-    code = "import sys; sys.path.pop(0); import mishandle; from mishandle._native import run_command; "
+    code = (
+        "import sys; sys.path.pop(0); import mishandle; from mishandle._native import run_command; "
+    )
     code += "sys.exit(run_command(['mishandle', 'evaluate', 'pendulum.toml', '--episodes', '2']))"
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False, timeout=300
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
+        timeout=300
     )
 
 

@@ -1,4 +1,5 @@
-"""Tests of recorded demonstrations: data sets of `mishandle record`, read with NumPy, pyarrow, pandas and Pillow alone."""
+"""Tests of recorded demonstrations: data sets of `mishandle record`, read with NumPy, pyarrow,
+pandas and Pillow alone."""
 
 import io
 import json
@@ -25,8 +26,14 @@ class DataSets(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory()
         root = pathlib.Path(cls.folder.name)
-        words = ["record", "ball-balancing", "--controller", "ppo", "--relabel", "expert", "--space", "delay"]
-        words += ["--episodes", str(EPISODES), "--seed", "3", "--cameras", ",".join(CAMERAS), "--size", f"{WIDTH}x{HEIGHT}"]
+        words = [
+            "record", "ball-balancing", "--controller", "ppo", "--relabel", "expert", "--space",
+            "delay"
+        ]
+        words += [
+            "--episodes", str(EPISODES), "--seed", "3", "--cameras", ",".join(CAMERAS), "--size",
+            f"{WIDTH}x{HEIGHT}"
+        ]
         cls.results = {}
         for name in ["lerobot", "npz"]:
             command = [PROGRAM, *words, "--format", name, "--out", root / name, "--json"]
@@ -35,8 +42,12 @@ class DataSets(unittest.TestCase):
         cls.meta = root / "lerobot" / "meta"
         cls.info = json.loads((cls.meta / "info.json").read_text())
         cls.stats = json.loads((cls.meta / "stats.json").read_text())
-        cls.frames = pyarrow.parquet.read_table(root / "lerobot" / "data" / "chunk-000" / "file-000.parquet")
-        cls.episodes = pyarrow.parquet.read_table(cls.meta / "episodes" / "chunk-000" / "file-000.parquet").to_pandas()
+        cls.frames = pyarrow.parquet.read_table(
+            root / "lerobot" / "data" / "chunk-000" / "file-000.parquet"
+        )
+        cls.episodes = pyarrow.parquet.read_table(
+            cls.meta / "episodes" / "chunk-000" / "file-000.parquet"
+        ).to_pandas()
         # No pickle.
         with np.load(root / "npz" / "data.npz") as arrays:
             cls.arrays = dict(arrays)
@@ -50,12 +61,18 @@ class DataSets(unittest.TestCase):
 
     def pixels(self, name):
         """Return the decoded images of a column."""
-        images = [np.asarray(PIL.Image.open(io.BytesIO(image["bytes"]))) for image in self.frames[name].to_pylist()]
+        images = [
+            np.asarray(PIL.Image.open(io.BytesIO(image["bytes"])))
+            for image in self.frames[name].to_pylist()
+        ]
         return np.stack(images)
 
     def test_the_result_counts_what_is_in_the_files(self):
         for name, found in self.results.items():
-            self.assertEqual([found["format"], found["episodes"], found["frames"]], [name, EPISODES, EPISODES * STEPS])
+            self.assertEqual(
+                [found["format"], found["episodes"], found["frames"]],
+                [name, EPISODES, EPISODES * STEPS]
+            )
             files = [path for path in pathlib.Path(found["folder"]).rglob("*") if path.is_file()]
             self.assertEqual(found["bytes"], sum(path.stat().st_size for path in files))
             self.assertEqual(found["successes"], self.arrays["success"].sum())
@@ -64,7 +81,9 @@ class DataSets(unittest.TestCase):
         self.assertEqual(list(self.info["features"]), self.frames.column_names)
 
     def test_both_formats_have_the_same_frames(self):
-        for name in ["observation.state", "action", "action.executed", "episode_index", "frame_index"]:
+        for name in [
+            "observation.state", "action", "action.executed", "episode_index", "frame_index"
+        ]:
             found, expected = self.column(name), self.arrays[name]
             self.assertEqual((found.dtype, found.shape), (expected.dtype, expected.shape), name)
             self.assertEqual(found.tobytes(), expected.tobytes(), name)
@@ -86,7 +105,9 @@ class DataSets(unittest.TestCase):
         last = starts[1:] - 1
         self.assertEqual(np.flatnonzero(self.column("next.done")).tolist(), last.tolist())
         np.testing.assert_array_equal(self.column("next.success")[last], self.arrays["success"])
-        np.testing.assert_array_equal(self.column("timestamp"), (self.arrays["frame_index"] / 60).astype(np.float32))
+        np.testing.assert_array_equal(
+            self.column("timestamp"), (self.arrays["frame_index"] / 60).astype(np.float32)
+        )
 
     def test_the_task_is_the_index_of_its_table(self):
         tasks = pandas.read_parquet(self.meta / "tasks.parquet")
@@ -103,12 +124,21 @@ class DataSets(unittest.TestCase):
             else:
                 values = self.column(name).astype(float).reshape(self.frames.num_rows, -1)
                 shape = (values.shape[1],)
-            expected = {"min": values.min(0), "max": values.max(0), "mean": values.mean(0), "std": values.std(0)}
-            expected |= {f"q{share:02}": np.quantile(values, share / 100, axis=0) for share in [1, 10, 50, 90, 99]}
+            expected = {
+                "min": values.min(0), "max": values.max(0), "mean": values.mean(0),
+                "std": values.std(0)
+            }
+            expected |= {
+                f"q{share:02}": np.quantile(values, share / 100, axis=0)
+                for share in [1, 10, 50, 90, 99]
+            }
             self.assertEqual(sorted(found), sorted([*expected, "count"]), name)
             self.assertEqual(found["count"], [self.frames.num_rows])
             for statistic, value in expected.items():
-                np.testing.assert_allclose(found[statistic], value.reshape(shape), rtol=1e-9, atol=1e-12, err_msg=f"{name} {statistic}")
+                np.testing.assert_allclose(
+                    found[statistic], value.reshape(shape), rtol=1e-9, atol=1e-12,
+                    err_msg=f"{name} {statistic}"
+                )
 
 
 if __name__ == "__main__":

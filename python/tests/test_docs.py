@@ -1,4 +1,5 @@
-"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md, requirements.md, online.md and logs.md."""
+"""Runs the examples of the docstrings and of docs/guide/python.md, policy_servers.md,
+requirements.md, online.md and logs.md."""
 
 import doctest
 import importlib
@@ -20,12 +21,13 @@ ROOT = pathlib.Path(__file__).parents[2]
 class Examples(unittest.TestCase):
     def test_docstrings(self):
         examples = 0
-        for module in pkgutil.iter_modules(mishandle.__path__, "mishandle."):
+        for module in pkgutil.walk_packages(mishandle.__path__, "mishandle."):
             try:
                 imported = importlib.import_module(module.name)
             except ImportError as error:
-                # The usual tests install no extras. With all tests, a missing one is a failure.
-                is_extra = "needs an extra" in str(error) or error.name in ("mujoco_warp", "ray", "warp")
+                # The usual tests install no extras; with all tests, a missing extra is a failure.
+                extras = ("mujoco_warp", "ray", "warp")
+                is_extra = "needs an extra" in str(error) or error.name in extras
                 if not is_extra or os.environ.get("MISHANDLE_TEST_ALL") == "1":
                     raise
                 continue
@@ -35,7 +37,8 @@ class Examples(unittest.TestCase):
         self.assertGreater(examples, 20)
 
     def run_page(self, page, least):
-        """Runs the examples of a page, of which there are a least number, in an empty folder, and returns their names."""
+        """Runs the examples of a page, of which there are a least number, in an empty folder, and
+        returns their names."""
         blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
         self.assertGreaterEqual(len(blocks), least)
         before = os.getcwd()
@@ -61,7 +64,9 @@ class Examples(unittest.TestCase):
     def test_the_page_of_logs_runs(self):
         # The verdicts of the command above on the page.
         found = self.run_page("docs/guide/logs.md", least=2)
-        self.assertEqual([each.name for each in found["found"].verdicts if each.violated], ["slow", "stops"])
+        self.assertEqual(
+            [each.name for each in found["found"].verdicts if each.violated], ["slow", "stops"]
+        )
 
     def test_the_page_of_requirements_runs(self):
         self.run_page("docs/guide/requirements.md", least=1)
@@ -74,8 +79,13 @@ class Examples(unittest.TestCase):
 
     def test_the_page_of_online_monitors_quotes_tested_programs(self):
         page = (ROOT / "docs/guide/online.md").read_text()
-        for language, source in [("rust", "crates/stl/src/online/mod.rs"), ("c", "crates/monitor-c/examples/monitor.c")]:
-            tested = {line.removeprefix("///").strip() for line in (ROOT / source).read_text().splitlines()}
+        for language, source in [
+            ("rust", "crates/stl/src/online/mod.rs"), ("c", "crates/monitor-c/examples/monitor.c")
+        ]:
+            tested = {
+                line.removeprefix("///").strip()
+                for line in (ROOT / source).read_text().splitlines()
+            }
             (block,) = re.findall(rf"```{language}\n(.*?)```", page, flags=re.DOTALL)
             for line in filter(None, block.splitlines()):
                 self.assertIn(line.strip(), tested, source)
@@ -86,7 +96,10 @@ class Examples(unittest.TestCase):
         page = (ROOT / "docs/guide/examples.md").read_text()
         with_table = importlib.import_module("recording").with_table
         self.assertEqual(with_table(page), page)
-        self.assertNotEqual(with_table(page.replace("same bits", "other bits")), page.replace("same bits", "other bits"))
+        self.assertNotEqual(
+            with_table(page.replace("same bits", "other bits")),
+            page.replace("same bits", "other bits")
+        )
 
 
 if __name__ == "__main__":

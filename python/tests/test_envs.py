@@ -1,18 +1,16 @@
 """Tests of the tasks as Gymnasium environments."""
 
 import functools
-import gc
 import os
 import pathlib
-import signal
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 import unittest
 import warnings
 
+import cases
 import core
 import gymnasium
 import mishandle
@@ -20,7 +18,7 @@ import numpy as np
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from mishandle import MishandleError, TaskEnv, TaskVectorEnv, _native
-from mishandle.task_environments import TASKS
+from mishandle.systems.task_environments import TASKS
 
 
 def actions(step, rows, size):
@@ -71,7 +69,9 @@ class Bits(unittest.TestCase):
                 found = env.step(given[row])
                 np.testing.assert_array_equal(found[0], observations[row])
                 self.assertEqual((found[1], found[2]), (rewards[row], terminated[row]))
-                self.assertEqual(found[4]["signals"]["ball_speed"], info["signals"]["ball_speed"][row])
+                self.assertEqual(
+                    found[4]["signals"]["ball_speed"], info["signals"]["ball_speed"][row]
+                )
 
 
 class Environments(unittest.TestCase):
@@ -80,7 +80,10 @@ class Environments(unittest.TestCase):
             env = gymnasium.make(name)
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                check_env(env.unwrapped, skip_render_check=name != "mishandle/PointReaching-v0" or not draws())
+                check_env(
+                    env.unwrapped,
+                    skip_render_check=name != "mishandle/PointReaching-v0" or not draws()
+                )
             texts = [str(warning.message) for warning in caught]
             # Observations have no bounds.
             self.assertTrue(all("infinity" in text for text in texts), (name, texts))
@@ -88,7 +91,9 @@ class Environments(unittest.TestCase):
 
     def test_a_scenario_sets_the_initial_state(self):
         env = TaskEnv("point-reaching")
-        first = env.reset(seed=1, options={"scenario": {"target_x": 0.5, "target_y": 0.1, "target_z": 0.4}})
+        first = env.reset(
+            seed=1, options={"scenario": {"target_x": 0.5, "target_y": 0.1, "target_z": 0.4}}
+        )
         second = env.reset(seed=2, options={"scenario": [0.5, 0.1, 0.4]})
         np.testing.assert_array_equal(first[0], second[0])
         self.assertFalse(np.array_equal(env.reset(seed=3)[0], first[0]))
@@ -139,7 +144,9 @@ class Pictures(unittest.TestCase):
         )
         env.reset(seed=[4, 5])
         pictures = env.render()
-        self.assertEqual((type(pictures), len(pictures), pictures[0].shape), (tuple, 2, (120, 160, 3)))
+        self.assertEqual(
+            (type(pictures), len(pictures), pictures[0].shape), (tuple, 2, (120, 160, 3))
+        )
         single = TaskEnv("ball-balancing", render_mode="rgb_array", width=160, height=120)
         single.reset(seed=5)
         np.testing.assert_array_equal(single.render(), pictures[1])
@@ -152,9 +159,13 @@ class Pictures(unittest.TestCase):
     def test_mistakes_are_explained(self):
         with self.assertRaisesRegex(RuntimeError, "make it with render_mode='rgb_array'"):
             TaskEnv("point-reaching").render()
-        with self.assertRaisesRegex(ValueError, "'human' is not supported; it must be 'rgb_array' or None"):
+        with self.assertRaisesRegex(
+            ValueError, "'human' is not supported; it must be 'rgb_array' or None"
+        ):
             TaskEnv("point-reaching", render_mode="human")
-        with self.assertRaisesRegex(ValueError, "161 x 120 pixels; width and height must be even and from 16 to 4096"):
+        with self.assertRaisesRegex(
+            ValueError, "161 x 120 pixels; width and height must be even and from 16 to 4096"
+        ):
             TaskEnv("point-reaching", render_mode="rgb_array", width=161, height=120).render()
 
     def test_without_egl_the_package_works_and_a_picture_is_an_error(self):
@@ -174,7 +185,8 @@ class Pictures(unittest.TestCase):
                 (pathlib.Path(folder) / name).touch()
             variables = {**os.environ, "LD_LIBRARY_PATH": folder}
             found = subprocess.run(
-                [sys.executable, "-c", program], env=variables, check=True, capture_output=True, text=True, timeout=600
+                [sys.executable, "-c", program], env=variables, check=True, capture_output=True,
+                text=True, timeout=600
             )
         self.assertRegex(found.stdout, "cannot render .*apt install libegl1 libgl1-mesa-dri")
 
@@ -199,7 +211,9 @@ class VectorEnvironments(unittest.TestCase):
 
     def test_same_step_mode_returns_the_final_observation(self):
         next_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2)
-        same_step = TaskVectorEnv("point-reaching", 2, max_episode_steps=2, autoreset_mode="SameStep")
+        same_step = TaskVectorEnv(
+            "point-reaching", 2, max_episode_steps=2, autoreset_mode="SameStep"
+        )
         for env in [next_step, same_step]:
             env.reset(seed=3)
         push = np.ones((2, 9), np.float32)
@@ -215,7 +229,10 @@ class VectorEnvironments(unittest.TestCase):
     def test_without_copies_the_same_arrays_are_returned_with_the_same_numbers(self):
         for mode in ["NextStep", "SameStep"]:
             fresh, reused = [
-                TaskVectorEnv("ball-balancing", 3, max_episode_steps=40, autoreset_mode=mode, copy=copy) for copy in [True, False]
+                TaskVectorEnv(
+                    "ball-balancing", 3, max_episode_steps=40, autoreset_mode=mode, copy=copy
+                )
+                for copy in [True, False]
             ]
             kept = [fresh.reset(seed=4)[0]]
             first, _ = reused.reset(seed=4)
@@ -231,11 +248,18 @@ class VectorEnvironments(unittest.TestCase):
                 if "final_obs" in results[4]:
                     ended = results[4]["_final_obs"]
                     np.testing.assert_array_equal(ended, results[2] | results[3])
-                    np.testing.assert_array_equal(np.stack(results[4]["final_obs"][ended]), np.stack(same[4]["final_obs"][ended]))
+                    np.testing.assert_array_equal(
+                        np.stack(results[4]["final_obs"][ended]),
+                        np.stack(same[4]["final_obs"][ended])
+                    )
                     for name, values in results[4]["final_info"]["signals"].items():
-                        np.testing.assert_array_equal(values, same[4]["final_info"]["signals"][name], name)
+                        np.testing.assert_array_equal(
+                            values, same[4]["final_info"]["signals"][name], name
+                        )
                 self.assertIs(same[0], first)
-                self.assertTrue(np.shares_memory(same[4]["signals"]["ball_speed"], reused._samples[2]))
+                self.assertTrue(
+                    np.shares_memory(same[4]["signals"]["ball_speed"], reused._samples[2])
+                )
                 kept.append(results[0])
                 copies.append(same[0].copy())
                 if step == 50:
@@ -279,7 +303,12 @@ class VectorEnvironments(unittest.TestCase):
         for wrong, message in [
             (np.zeros((3, arrays[0].shape[1]), np.float32), "`out` must have the shape"),
             (np.zeros(arrays[0].shape[::-1], np.float32).T, "contiguous"),
-            (np.zeros(arrays[0].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(arrays[0].shape), "not aligned"),
+            (
+                np.zeros(arrays[0].nbytes + 1, np.uint8)[1:].view(np.float32).reshape(
+                    arrays[0].shape
+                ),
+                "not aligned"
+            ),
         ]:
             with self.assertRaisesRegex(Exception, message):
                 native.step(still, (wrong, *arrays[1:]))
@@ -310,19 +339,6 @@ class VectorEnvironments(unittest.TestCase):
         ends = [env.step(tilt)[2:4] for _ in range(299)]
         self.assertTrue(any(terminated.any() for terminated, _ in ends))
 
-    def test_other_python_threads_run_during_a_step(self):
-        env = TaskVectorEnv("point-reaching", 2000, threads=1)
-        env.reset(seed=0)
-        still = np.zeros((2000, 9), np.float32)
-        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
-        stepping.start()
-        counted = 0
-        while stepping.is_alive():
-            counted += 1
-            time.sleep(0.001)
-        # If the steps held the interpreter, the loop would run at most three times.
-        self.assertGreater(counted, 10)
-
 
 class Errors(unittest.TestCase):
     def check(self, message, action, kind=MishandleError):
@@ -333,8 +349,13 @@ class Errors(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: TaskEnv("point-reachin"))
-        self.check("no task preset `x`; choose from: paper, code", lambda: TaskEnv("point-reaching", preset="x"))
-        self.check("no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x"))
+        self.check(
+            "no task preset `x`; choose from: paper, code",
+            lambda: TaskEnv("point-reaching", preset="x")
+        )
+        self.check(
+            "no reward `x`; choose from: shaped", lambda: TaskEnv("point-reaching", reward="x")
+        )
         self.check("from 1 to 1000000, found 0", lambda: TaskVectorEnv("point-reaching", 0))
         for threads in [0, 1025, 2**40]:
             message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
@@ -363,51 +384,18 @@ class Errors(unittest.TestCase):
         self.check("not aligned in memory", lambda: step(odd))
         wide = np.zeros((4, 27), np.float32)
         wide[::2, ::3] = good
-        for strided in [wide[::2, ::3], np.asfortranarray(good), good.astype(">f4"), good.astype(np.float64)]:
+        for strided in [
+            wide[::2, ::3], np.asfortranarray(good), good.astype(">f4"), good.astype(np.float64)
+        ]:
             np.testing.assert_array_equal(step(strided), expected)
 
 
-class Fork(unittest.TestCase):
-    def in_child(self, action):
-        """Runs `action` in a process made by fork, which must return True within a minute."""
-        child = os.fork()
-        if child == 0:
-            status = 1
-            try:
-                status = 0 if action() else 2
-            finally:
-                # Not os._exit alone: the child must also be able to drop what it inherited.
-                gc.collect()
-                os._exit(status)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
-                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
-                return
-            time.sleep(0.01)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        self.fail("the child hangs")
+class Fork(cases.ThreadsAndForks):
+    def make(self, rows, threads):
+        return TaskVectorEnv("point-reaching", rows, threads=threads)
 
-    def test_a_child_cannot_use_the_environments_of_its_parent(self):
-        env = TaskVectorEnv("point-reaching", 4, threads=2)
-        first, _ = env.reset(seed=0)
-        still = np.zeros((4, 9), np.float32)
-
-        def raises():
-            messages = []
-            for action in [lambda: env.reset(seed=0), lambda: env.step(still)]:
-                try:
-                    action()
-                except RuntimeError as error:
-                    messages.append(str(error))
-            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
-
-        self.in_child(raises)
-        # The parent is unaffected.
-        np.testing.assert_array_equal(env.reset(seed=0)[0], first)
-        env.step(still)
+    def reset(self, env):
+        return env.reset(seed=0)[0]
 
     def test_a_child_creates_its_own_environments(self):
         expected = walk("ball-balancing", 4, 3, 5, 2)
@@ -417,25 +405,6 @@ class Fork(unittest.TestCase):
         held = [TaskVectorEnv("point-reaching", 4, threads=4)]
         held[0].reset(seed=0)
         self.in_child(lambda: held.pop() is not None)
-
-    def test_a_fork_during_a_step_of_another_thread(self):
-        env = TaskVectorEnv("point-reaching", 2000, threads=2)
-        env.reset(seed=0)
-        still = np.zeros((2000, 9), np.float32)
-        stopping = threading.Event()
-
-        def work():
-            while not stopping.is_set():
-                env.step(still)
-
-        stepping = threading.Thread(target=work)
-        stepping.start()
-        try:
-            for _ in range(5):
-                self.in_child(lambda: walk("point-reaching", 2, 0, 2, 1) != b"")
-        finally:
-            stopping.set()
-            stepping.join()
 
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = (

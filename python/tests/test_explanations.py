@@ -1,18 +1,19 @@
 """Explanations, failure modes, reports and comparisons of runs."""
 
-import pathlib
 import pickle
-import tempfile
 import unittest
 
+from cases import FolderCase
 import mishandle
+from mishandle.errors import InvalidValueError
 import numpy as np
 
 TIME = np.arange(101) * 0.1
 
 
 def oscillator(scenario):
-    """A damped oscillation in closed form: x(t) = a exp(-d t) cos(t), and a speed limit that only large amplitudes break."""
+    """A damped oscillation in closed form: x(t) = a exp(-d t) cos(t), and a speed limit that only
+    large amplitudes break."""
     decay = np.exp(-scenario["damping"] * TIME)
     x = scenario["amplitude"] * decay * np.cos(TIME)
     return {"x": x, "energy": (scenario["amplitude"] * decay) ** 2}
@@ -22,15 +23,11 @@ SPACE = [mishandle.Axis("amplitude", 0.5, 2.0, "m"), mishandle.Axis("damping", 0
 FORMULA = "always[0:100](x >= -0.8 and energy <= 9)"
 
 
-class Explanations(unittest.TestCase):
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def falsify(self) -> mishandle.Falsification:
+class Explanations(FolderCase):
+    def falsify(self) -> mishandle.ask.Falsification:
         return mishandle.falsify(
-            oscillator, FORMULA, SPACE, control_dt=0.1, trials=4, budget=60, seed=1, out=self.folder / "run.sqlite"
+            oscillator, FORMULA, SPACE, control_dt=0.1, trials=4, budget=60, seed=1,
+            out=self.folder / "run.sqlite"
         )
 
     def test_the_explanation_names_the_sample_of_the_minimum(self) -> None:
@@ -46,16 +43,22 @@ class Explanations(unittest.TestCase):
         self.assertAlmostEqual(found.predicate.time, TIME[sample])
         self.assertEqual(found.predicate.values, (trace["x"][sample], -0.8))
         self.assertEqual(found.window.violated, int(np.sum(trace["x"] < -0.8)))
-        self.assertEqual({part.formula: part.robustness for part in found.conjuncts}["energy <= 9"], 9 - max(trace["energy"]))
+        self.assertEqual(
+            {part.formula: part.robustness for part in found.conjuncts}["energy <= 9"],
+            9 - max(trace["energy"])
+        )
         self.assertIn("x >= -0.8", str(found))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "trial 9"):
+        with self.assertRaisesRegex(InvalidValueError, "trial 9"):
             result.explain(9)
 
     def test_an_axis_back_at_nominal_removes_the_failure_or_not(self) -> None:
         space = [mishandle.Axis("a", 0, 1, nominal=0), mishandle.Axis("b", 0, 1, nominal=0)]
         system = lambda scenario: {"x": [scenario["a"]] * 3, "y": [scenario["b"]] * 3}
         out = self.folder / "run.sqlite"
-        result = mishandle.falsify(system, "always(x <= 0.5) and always(y <= 2)", space, trials=1, budget=30, seed=1, out=out)
+        result = mishandle.falsify(
+            system, "always(x <= 0.5) and always(y <= 2)", space, trials=1, budget=30, seed=1,
+            out=out
+        )
         found = result.explain()
         at_nominal = found.axes_at_nominal
         assert at_nominal is not None
@@ -64,17 +67,25 @@ class Explanations(unittest.TestCase):
             self.assertEqual((each.nominal, each.violated), (0.0, each.axis == "b"))
         self.assertEqual(at_nominal.reason is None, len(at_nominal.axes) == 2)
         removing = [each.axis for each in at_nominal.axes if each.axis == "a"]
-        self.assertEqual("Axes that remove the failure alone, back at nominal: a." in str(found), removing == ["a"])
+        self.assertEqual(
+            "Axes that remove the failure alone, back at nominal: a." in str(found),
+            removing == ["a"]
+        )
         self.assertIsNone(result.explain(axes=0).axes_at_nominal)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "axes is -1"):
+        with self.assertRaisesRegex(InvalidValueError, "axes is -1"):
             result.explain(axes=-1)
 
     def test_the_region_of_a_mode_has_the_names_of_categories(self) -> None:
-        space = [mishandle.Axis("surface", values=["dry", "wet", "ice"]), mishandle.Axis("gear", 1, 5, values="integer", nominal=1)]
+        space = [
+            mishandle.Axis("surface", values=["dry", "wet", "ice"]),
+            mishandle.Axis("gear", 1, 5, values="integer", nominal=1)
+        ]
         grip = {"dry": 1.0, "wet": 0.8, "ice": 0.2}
         system = lambda scenario: {"grip": [grip[scenario["surface"]]] * 2}
         out = self.folder / "grip.sqlite"
-        mishandle.falsify(system, "always(grip >= 0.5)", space, search="random", trials=5, budget=50, out=out)
+        mishandle.falsify(
+            system, "always(grip >= 0.5)", space, search="random", trials=5, budget=50, out=out
+        )
         [mode] = mishandle.open_run(out).failure_modes()
         self.assertEqual(mode.region["surface"], ("ice", "ice"))
         self.assertTrue(all(isinstance(gear, int) for gear in mode.region["gear"]))
@@ -133,7 +144,10 @@ class Explanations(unittest.TestCase):
 
         paths = [self.folder / "a.sqlite", self.folder / "b.sqlite"]
         for system, path in zip((oscillator, worse), paths):
-            mishandle.evaluate(system, FORMULA, SPACE, control_dt=0.1, episodes=80, seed=3, out=path, name="oscillator")
+            mishandle.evaluate(
+                system, FORMULA, SPACE, control_dt=0.1, episodes=80, seed=3, out=path,
+                name="oscillator"
+            )
         found = mishandle.compare(*paths)
         self.assertEqual(found.pairs, 80)
         # Less damping can only make the minimum smaller, so nothing is fixed.
@@ -149,12 +163,17 @@ class Explanations(unittest.TestCase):
         self.assertLess(found.robustness.difference.high, 0)
         self.assertGreaterEqual(len(found.compared), found.pairs)
         self.assertEqual(
-            [(one.first_robustness, one.second_robustness) for one in found.compared if one.first_succeeds > one.second_succeeds],
+            [
+                (one.first_robustness, one.second_robustness) for one in found.compared
+                if one.first_succeeds > one.second_succeeds
+            ],
             [(one.first_robustness, one.second_robustness) for one in found.new_failures],
         )
-        difference = mishandle.diff(*paths)
-        self.assertEqual(difference.simulations.changed, len(found.new_failures) + len(found.fixed_failures))
-        self.assertTrue(mishandle.diff(paths[0], paths[0]).same_records)
+        difference = mishandle.runs.diff(*paths)
+        self.assertEqual(
+            difference.simulations.changed, len(found.new_failures) + len(found.fixed_failures)
+        )
+        self.assertTrue(mishandle.runs.diff(paths[0], paths[0]).same_records)
         found.report(self.folder / "compare.html")
         page = (self.folder / "compare.html").read_text()
         self.assertIn(f"New failures: A succeeds, B fails ({len(found.new_failures)})", page)

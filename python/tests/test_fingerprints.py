@@ -15,8 +15,8 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, MishandleError, _native
-from mishandle.fingerprints import MAX_DEPTH, Watch, walk
-from mishandle.policies import policy_hash
+from mishandle.base.fingerprints import MAX_DEPTH, Watch, walk
+from mishandle.policies.kinds import policy_hash
 from test_policies import Network
 
 SPACE = [Axis("a", 0, 1)]
@@ -94,7 +94,8 @@ class Settings:
     gain: float = GAIN
     more: list = dataclasses.field(default_factory=lambda: [GAIN])
 
-PARTS = [Numbers(np.float32(GAIN)), Slots([GAIN]), Words(k=GAIN), Listed(GAIN), Numbers(Numbers(GAIN))]
+PARTS = [Numbers(np.float32(GAIN)), Slots([GAIN]), Words(k=GAIN), Listed(GAIN)]
+PARTS.append(Numbers(Numbers(GAIN)))
 
 def closed(k):
     def function(s):
@@ -171,8 +172,9 @@ by_attribute.gain = GAIN
 HASHES = """
 import json, sys
 import systems
-from mishandle.policies import policy_hash
-print(json.dumps({name: policy_hash(getattr(systems, name)) for name in dir(systems) if name.startswith("by_")}))
+from mishandle.policies.kinds import policy_hash
+names = [name for name in dir(systems) if name.startswith("by_")]
+print(json.dumps({name: policy_hash(getattr(systems, name)) for name in names}))
 """
 
 
@@ -188,7 +190,10 @@ class Folder(unittest.TestCase):
         (path / "helpers.py").write_text(HELPERS.replace("GAIN", gain))
         (path / "gains.json").write_text(f"[{gain}]")
         environment = {**os.environ, "PYTHONHASHSEED": seed}
-        done = subprocess.run([sys.executable, "-c", HASHES], cwd=path, env=environment, stdout=subprocess.PIPE, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", HASHES], cwd=path, env=environment, stdout=subprocess.PIPE,
+            check=True
+        )
         return json.loads(done.stdout)
 
 
@@ -205,11 +210,19 @@ class Coverage(Folder):
         before = policy_hash(network)
         network.scale = 2.0
         self.assertNotEqual(policy_hash(network), before)
-        self.assertNotEqual(policy_hash(lambda observation: network(observation)), policy_hash(lambda o: Network([1.0])(o)))
+        self.assertNotEqual(
+            policy_hash(lambda observation: network(observation)),
+            policy_hash(lambda o: Network([1.0])(o))
+        )
 
     def test_arrays_with_the_same_bytes_and_another_type_differ(self):
-        arrays = [np.zeros(2), np.zeros((2, 1)), np.zeros(2, np.int64), np.zeros(4, np.float32), np.array([0.0, -0.0])]
-        self.assertEqual(len({policy_hash(lambda s, array=array: array) for array in arrays}), len(arrays))
+        arrays = [
+            np.zeros(2), np.zeros((2, 1)), np.zeros(2, np.int64), np.zeros(4, np.float32),
+            np.array([0.0, -0.0])
+        ]
+        self.assertEqual(
+            len({policy_hash(lambda s, array=array: array) for array in arrays}), len(arrays)
+        )
 
     def test_what_the_hash_cannot_see_is_listed(self):
         lock, pipe = threading.Lock(), socket.socket()
@@ -233,8 +246,13 @@ class Coverage(Folder):
         def system(scenario, held=lock):
             return {"y": [scenario["a"]] * 2}
 
-        with self.assertWarnsRegex(UserWarning, r"does not cover an object of _thread.lock \(\(default 0\)\): pass `version`"):
-            found = mishandle.falsify(system, "always(y >= 0)", SPACE, trials=1, budget=2, out=self.path / "run.sqlite")
+        with self.assertWarnsRegex(
+            UserWarning,
+            r"does not cover an object of _thread.lock \(\(default 0\)\): pass `version`"
+        ):
+            found = mishandle.falsify(
+                system, "always(y >= 0)", SPACE, trials=1, budget=2, out=self.path / "run.sqlite"
+            )
         self.assertEqual(len(found.not_covered), 1)
         self.assertEqual(mishandle.open_run(found.path).not_covered, list(found.not_covered))
         with warnings.catch_warnings():
@@ -280,7 +298,9 @@ class Coverage(Folder):
 
     def test_library_code_is_named_by_version(self):
         found = walk(lambda s: np.sin(gymnasium.make("CartPole-v1")))
-        self.assertEqual(found.packages, {"numpy": np.__version__, "gymnasium": gymnasium.__version__})
+        self.assertEqual(
+            found.packages, {"numpy": np.__version__, "gymnasium": gymnasium.__version__}
+        )
 
 
 def slope(gain):
@@ -311,7 +331,10 @@ class Resumed(Folder):
                 raise Stop
 
         run = options.pop("out", self.path / "run.sqlite")
-        kinds = {"search": "random", "trials": 1, "budget": 10, "name": "slope", "out": run, "progress": progress}
+        kinds = {
+            "search": "random", "trials": 1, "budget": 10, "name": "slope", "out": run,
+            "progress": progress
+        }
         return mishandle.falsify(system, "always(y >= -9)", SPACE, **{**kinds, **options})
 
     def stopped(self, system, **options):
@@ -323,7 +346,10 @@ class Resumed(Folder):
         data.write_bytes(b"1")
         known = {"version": "1", "files": [data]}
         self.stopped(slope(1.0), **known)
-        for system, options in [(slope(2.0), known), (slope(1.0), {**known, "version": "2"}), (slope(1.0), {"version": "1"})]:
+        for system, options in [
+            (slope(2.0), known), (slope(1.0), {**known, "version": "2"}),
+            (slope(1.0), {"version": "1"})
+        ]:
             with self.assertRaisesRegex(MishandleError, "hash of the target"):
                 self.falsify(system, resume=True, **options)
         data.write_bytes(b"2")
@@ -331,8 +357,12 @@ class Resumed(Folder):
             self.falsify(slope(1.0), resume=True, **known)
         data.write_bytes(b"1")
         self.assertEqual(self.falsify(slope(1.0), resume=True, **known).simulations, 10)
-        with self.assertRaisesRegex(ValueError, "nothing.bin in `files` cannot be read: No such file"):
-            self.falsify(slope(1.0), files=[self.path / "nothing.bin"], out=self.path / "other.sqlite")
+        with self.assertRaisesRegex(
+            ValueError, "nothing.bin in `files` cannot be read: No such file"
+        ):
+            self.falsify(
+                slope(1.0), files=[self.path / "nothing.bin"], out=self.path / "other.sqlite"
+            )
         with self.assertRaisesRegex(TypeError, "version is 2"):
             self.falsify(slope(1.0), version=2, out=self.path / "other.sqlite")
 
@@ -341,7 +371,10 @@ class Resumed(Folder):
             return lambda scenario: {"y": [held.gain * scenario["a"]] * 2}
 
         self.stopped(reading(Hidden(1.0)))
-        with self.assertRaisesRegex(MishandleError, "although its hash is the recorded one: the first recorded simulation differs: rob"):
+        with self.assertRaisesRegex(
+            MishandleError,
+            "although its hash is the recorded one: the first recorded simulation differs: rob"
+        ):
             self.falsify(reading(Hidden(2.0)), resume=True)
         self.assertEqual(self.falsify(reading(Hidden(1.0)), resume=True).simulations, 10)
 
@@ -354,7 +387,9 @@ class Resumed(Folder):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self.stopped(noisy)
-        with self.assertWarnsRegex(UserWarning, "not deterministic, so no recorded simulation was repeated"):
+        with self.assertWarnsRegex(
+            UserWarning, "not deterministic, so no recorded simulation was repeated"
+        ):
             self.falsify(noisy, resume=True)
         lock, other = threading.Lock(), self.path / "other.sqlite"
 
@@ -362,17 +397,23 @@ class Resumed(Folder):
             return {"y": [scenario["a"]] * 2}
 
         self.stopped(locked, out=other, version="1")
-        with self.assertWarnsRegex(UserWarning, "does not cover an object of _thread.lock .*repeating the first recorded simulation"):
+        with self.assertWarnsRegex(
+            UserWarning,
+            "does not cover an object of _thread.lock .*repeating the first recorded simulation"
+        ):
             self.falsify(locked, resume=True, out=other, version="1")
 
     def test_another_build_continues_a_run_only_if_it_is_recorded(self):
         run = self.path / "run.sqlite"
         system = slope(1.0)
         self.stopped(system)
-        real = mishandle.targets._versions
-        mishandle.targets._versions = lambda *arguments: [*real(*arguments), ("engine", "2.0")]
-        self.addCleanup(setattr, mishandle.targets, "_versions", real)
-        with self.assertRaisesRegex(MishandleError, "another build made the run.*recorded engine unknown, now 2.0.*any_build=True"):
+        real = mishandle.runs.targets._versions
+        mishandle.runs.targets._versions = lambda *arguments: [*real(*arguments), ("engine", "2.0")]
+        self.addCleanup(setattr, mishandle.runs.targets, "_versions", real)
+        with self.assertRaisesRegex(
+            MishandleError,
+            "another build made the run.*recorded engine unknown, now 2.0.*any_build=True"
+        ):
             self.falsify(system, resume=True)
         self.assertEqual(len(mishandle.open_run(run).builds), 1)
         self.stopped(system, resume=True, any_build=True)
@@ -381,18 +422,24 @@ class Resumed(Folder):
         # It is recorded now.
         self.assertEqual(self.falsify(system, resume=True).simulations, 10)
         self.assertEqual(len(mishandle.open_run(run).builds), 2)
-        mishandle.targets._versions = real
-        self.assertEqual(self.falsify(system, resume=True).simulations, 10, "nothing is added to a complete run")
+        mishandle.runs.targets._versions = real
+        self.assertEqual(
+            self.falsify(system, resume=True).simulations, 10, "nothing is added to a complete run"
+        )
         found = mishandle.replay(run, system, "always(y >= -9)", SPACE, name="slope")
         self.assertEqual(found.differences, ())
-        self.assertTrue(any("engine 2.0" in difference for difference in found.build_differences), found.build_differences)
+        self.assertTrue(
+            any("engine 2.0" in difference for difference in found.build_differences),
+            found.build_differences
+        )
         with self.assertRaisesRegex(ValueError, "needs resume=True"):
             self.falsify(system, any_build=True, out=self.path / "new.sqlite")
 
     def test_a_comparison_calls_nothing_the_same_that_no_hash_covers(self):
         def evaluated(name, system):
             return mishandle.evaluate(
-                system, "always(y >= 0.5)", SPACE, episodes=5, name="slope", version="1", out=self.path / name
+                system, "always(y >= 0.5)", SPACE, episodes=5, name="slope", version="1",
+                out=self.path / name
             ).path
 
         lock = threading.Lock()
@@ -400,20 +447,33 @@ class Resumed(Folder):
         def locked(scenario, held=lock):
             return {"y": [scenario["a"]] * 2}
 
-        runs = [evaluated("a", locked), evaluated("b", locked), evaluated("c", slope(1.0)), evaluated("d", slope(1.0))]
+        runs = [
+            evaluated("a", locked), evaluated("b", locked), evaluated("c", slope(1.0)),
+            evaluated("d", slope(1.0))
+        ]
         found = mishandle.compare(*runs[:2])
         self.assertEqual(found.first.not_covered, ("an object of _thread.lock ((default 0))",))
-        for pair, same in [(runs[:2], "as far as their hashes cover them; not covered"), (runs[2:], "the same controller and target.")]:
+        for pair, same in [
+            (runs[:2], "as far as their hashes cover them; not covered"),
+            (runs[2:], "the same controller and target.")
+        ]:
             self.assertIn(same, _native.comparison_page(*map(str, pair)))
 
     def test_an_attribute_that_an_axis_sets_is_restored_before_the_hash(self):
         env = gymnasium.make("CartPole-v1", max_episode_steps=5)
         space = [Axis("length", 0.3, 0.7, nominal=0.5, apply=Attribute("length"))]
-        kinds = {"policy": lambda o: 1, "signals": {"x": "obs[0]"}, "search": "random", "trials": 1, "termination": "hold"}
+        kinds = {
+            "policy": lambda o: 1, "signals": {"x": "obs[0]"}, "search": "random", "trials": 1,
+            "termination": "hold"
+        }
         run = self.path / "run.sqlite"
         with self.assertRaises(Stop):
-            mishandle.falsify(env, "always(x <= 9)", space, out=run, budget=6, progress=self.stop_at(3), **kinds)
-        found = mishandle.falsify(env, "always(x <= 9)", space, out=run, budget=6, resume=True, **kinds)
+            mishandle.falsify(
+                env, "always(x <= 9)", space, out=run, budget=6, progress=self.stop_at(3), **kinds
+            )
+        found = mishandle.falsify(
+            env, "always(x <= 9)", space, out=run, budget=6, resume=True, **kinds
+        )
         self.assertEqual((found.simulations, env.unwrapped.length), (6, 0.5))
 
     def stop_at(self, number):

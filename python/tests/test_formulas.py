@@ -1,4 +1,5 @@
-"""Tests of formulas on traces: sub-formula signals, thresholds, samples of a violation, data frames."""
+"""Tests of formulas on traces: sub-formula signals, thresholds, samples of a violation, data
+frames."""
 
 import unittest
 
@@ -8,7 +9,8 @@ from mishandle import Formula
 
 
 def window(values, begin, end, reduce, empty):
-    """Returns the reduction over [t + begin, t + end] of each sample t, cut at the end of the trace."""
+    """Returns the reduction over [t + begin, t + end] of each sample t, cut at the end of the
+    trace."""
     ranges = [values[t + begin : None if end is None else t + end + 1] for t in range(len(values))]
     return np.array([reduce(part) if len(part) > 0 else empty for part in ranges])
 
@@ -40,7 +42,10 @@ class SubformulaSignals(unittest.TestCase):
     def test_bounds_with_units_use_the_period(self):
         x = np.array([0.0, 1.0, 5.0, 2.0])
         found = Formula("eventually[0:0.2s](x >= 4)").subformula_signals({"x": x}, period=0.1)
-        self.assertEqual([signal.tolist() for signal in found.values()], [[1.0, 1.0, 1.0, -2.0], [-4.0, -3.0, 1.0, -2.0]])
+        self.assertEqual(
+            [signal.tolist() for signal in found.values()],
+            [[1.0, 1.0, 1.0, -2.0], [-4.0, -3.0, 1.0, -2.0]]
+        )
         with self.assertRaisesRegex(ValueError, "0.2"):
             Formula("eventually[0:0.2s](x >= 4)").subformula_signals({"x": x}, period=0.15)
 
@@ -66,7 +71,9 @@ class Violation(unittest.TestCase):
         # second window is empty.
         self.check("always[0:5](once[1:2](x <= 0) or x <= 2)", [0, 3, 4, 5], x=[3, 0, 2, 3, 1, 3])
         # Operators that are not looked into.
-        self.check("always[2:5](x > 0.5 since y > 0.5)", [3], x=[1, 1, 1, 0, 1, 1], y=[0, 1, 0, 0, 1, 0])
+        self.check(
+            "always[2:5](x > 0.5 since y > 0.5)", [3], x=[1, 1, 1, 0, 1, 1], y=[0, 1, 0, 0, 1, 0]
+        )
 
     def test_every_sample_of_a_violation_of_always_matters_and_no_other(self):
         generator = np.random.default_rng(0)
@@ -79,13 +86,22 @@ class Violation(unittest.TestCase):
             self.assertGreaterEqual(formula.robustness(repaired), 0.0)
 
     def test_thresholds_are_comparisons_with_numbers(self):
-        formula = Formula("always[0:2s](-0.5 <= x and abs(y) < 2 and z >= x and 2 * x <= 3) or abs(w + 1.5) > 1 or v")
-        self.assertEqual(formula.thresholds(period=0.5), [("x", -0.5), ("y", -2.0), ("y", 2.0), ("w", -2.5), ("w", -0.5)])
+        formula = Formula(
+            "always[0:2s](-0.5 <= x and abs(y) < 2 and z >= x and 2 * x <= 3) or abs(w + 1.5) > 1 "
+            "or v"
+        )
+        self.assertEqual(
+            formula.thresholds(period=0.5),
+            [("x", -0.5), ("y", -2.0), ("y", 2.0), ("w", -2.5), ("w", -0.5)]
+        )
 
 
 class DataFrames(unittest.TestCase):
     def test_pandas_and_polars_give_the_robustness_of_a_dictionary(self):
-        columns = {"time": ["0 s", "1 s", "2 s"], "x": [0.0, 2.0, 5.0], "flag": [True, False, True], "n": [1, 2, 3]}
+        columns = {
+            "time": ["0 s", "1 s", "2 s"], "x": [0.0, 2.0, 5.0], "flag": [True, False, True],
+            "n": [1, 2, 3]
+        }
         formula = Formula("always(x <= 4 and n <= 2) or flag >= 1")
         expected = formula.robustness_signal({name: columns[name] for name in formula.signals})
         self.assertEqual(expected.tolist(), [0.0, -1.0, 0.0])
@@ -110,7 +126,9 @@ class DataFrames(unittest.TestCase):
         for call in (formula.robustness_signal, formula.subformula_signals, formula.violation):
             with self.assertRaisesRegex(ValueError, "pass the time between two samples as period"):
                 call(log)
-        with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
+        with self.assertRaisesRegex(
+            ValueError, "needs the time between two samples.*pass period=SECONDS"
+        ):
             formula.robustness(log)
         self.assertEqual(formula.robustness(log, time="t"), 1.0)
         self.assertEqual(formula.robustness(log, period=0.5), 1.0)
@@ -145,16 +163,23 @@ class DataFrames(unittest.TestCase):
 
 class Names(unittest.TestCase):
     def test_any_column_can_be_read_in_backquotes(self):
-        log = {"/arm/q[0]": [1.0, 2.0], "load/diff1": [0.0, 4.0], "until": [1.0, 1.0], "": [3.0, 3.0], "a`b": [2.0, 2.0]}
+        log = {
+            "/arm/q[0]": [1.0, 2.0], "load/diff1": [0.0, 4.0], "until": [1.0, 1.0], "": [3.0, 3.0],
+            "a`b": [2.0, 2.0]
+        }
         for name, formula in zip(log, ["`/arm/q[0]`", "`load/diff1`", "`until`", "``", "`a``b`"]):
             self.assertEqual(Formula(formula).robustness_signal(log).tolist(), log[name])
             self.assertEqual(Formula(formula).signals, [name])
-            self.assertEqual(Formula(str(Formula(f"not({formula} > 1)"))), Formula(f"not({formula} > 1)"))
+            self.assertEqual(
+                Formula(str(Formula(f"not({formula} > 1)"))), Formula(f"not({formula} > 1)")
+            )
         found = Formula("always(`/arm/q[0]` <= 3 and abs(`load/diff1` - 1) < 2)").thresholds()
         self.assertEqual(found, [("/arm/q[0]", 3.0), ("load/diff1", -1.0), ("load/diff1", 3.0)])
 
     def test_a_hint_spells_the_name_of_the_column(self):
-        with self.assertRaisesRegex(ValueError, "lacks the signals load, diff1; .*to read the signal `load/diff1`, write"):
+        with self.assertRaisesRegex(
+            ValueError, "lacks the signals load, diff1; .*to read the signal `load/diff1`, write"
+        ):
             mishandle.robustness("always(load/diff1 <= 2)", {"load/diff1": [1.0]})
         with self.assertRaisesRegex(ValueError, "did you mean `speed`"):
             mishandle.robustness("always(sped <= 2)", {"speed": [1.0]})
@@ -166,7 +191,9 @@ class Names(unittest.TestCase):
             mishandle.robustness("always(zz <= 2)", {"a\u202eb\n": [1.0], "größe": [1.0]})
 
     def test_only_columns_that_are_read_need_a_name_of_their_own(self):
-        frame = __import__("pandas").DataFrame([[1.0, 2.0, 9.0], [3.0, 4.0, 9.0]], columns=["a", "b", "b"])
+        frame = __import__("pandas").DataFrame(
+            [[1.0, 2.0, 9.0], [3.0, 4.0, 9.0]], columns=["a", "b", "b"]
+        )
         self.assertEqual(mishandle.robustness("always(a <= 2)", frame), -1.0)
         with self.assertRaisesRegex(ValueError, "several columns of the same name: b"):
             mishandle.robustness("always(b <= 2)", frame)
@@ -189,7 +216,7 @@ class Statements(unittest.TestCase):
 class Minima(unittest.TestCase):
     def test_a_function_that_is_nan_is_named_as_such(self):
         with self.assertRaisesRegex(ValueError, r"^the function is NaN at \[.*\]; return inf"):
-            mishandle.find_minimum(lambda x: float("nan"), [(0, 1)], budget=5)
+            mishandle.ask.find_minimum(lambda x: float("nan"), [(0, 1)], budget=5)
 
 
 if __name__ == "__main__":

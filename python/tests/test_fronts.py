@@ -1,4 +1,5 @@
-"""The same question on the command line, in a plan, in a campaign, on a Ray cluster and in Python: rows and results to the bit."""
+"""The same question on the command line, in a plan, in a campaign, on a Ray cluster and in Python:
+rows and results to the bit."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ import unittest
 from collections.abc import Callable
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import results
 
@@ -35,8 +37,10 @@ class Question:
     ask: Callable[[pathlib.Path], Any]
 
 
-def falsify(out: pathlib.Path, system: str, **options: Any) -> mishandle.Falsification:
-    return mishandle.falsify(system, search="random", trials=2, budget=40, batch=64, seed=3, out=out, **options)
+def falsify(out: pathlib.Path, system: str, **options: Any) -> mishandle.ask.Falsification:
+    return mishandle.falsify(
+        system, search="random", trials=2, budget=40, batch=64, seed=3, out=out, **options
+    )
 
 
 QUESTIONS = {
@@ -48,9 +52,15 @@ QUESTIONS = {
     ),
     "evaluate a task": Question(
         results.Evaluation,
-        ["evaluate", "point-reaching", "--controller", "ppo", "--space", "starts+sensing", "--episodes", "10", "--seed", "3"],
-        'target = "point-reaching"\ncontroller = "ppo"\nspace = "starts+sensing"\nseed = 3\n[evaluate]\nepisodes = 10',
-        lambda out: mishandle.evaluate("point-reaching", None, "starts+sensing", policy="ppo", episodes=10, seed=3, out=out),
+        [
+            "evaluate", "point-reaching", "--controller", "ppo", "--space", "starts+sensing",
+            "--episodes", "10", "--seed", "3"
+        ],
+        'target = "point-reaching"\ncontroller = "ppo"\nspace = "starts+sensing"\nseed = 3\n'
+        '[evaluate]\nepisodes = 10',
+        lambda out: mishandle.evaluate(
+            "point-reaching", None, "starts+sensing", policy="ppo", episodes=10, seed=3, out=out
+        ),
     ),
     "falsify a random toy": Question(
         results.Falsification,
@@ -61,7 +71,8 @@ QUESTIONS = {
     "falsify a safe toy": Question(
         results.Falsification,
         ["falsify", "toy/sphere-2d", *RANDOM, "--formula", "always(distance >= -1)"],
-        f'target = "toy/sphere-2d"\nseed = 3\n[falsify]\nformula = "always(distance >= -1)"\n{RANDOM_PLAN}',
+        'target = "toy/sphere-2d"\nseed = 3\n[falsify]\nformula = "always(distance >= -1)"\n'
+        f'{RANDOM_PLAN}',
         lambda out: falsify(out, "toy/sphere-2d", formula="always(distance >= -1)"),
     ),
     "falsify and keep going": Question(
@@ -72,61 +83,87 @@ QUESTIONS = {
     ),
     "falsify a task": Question(
         results.Falsification,
-        ["falsify", "point-reaching", "--controller", "ppo", "--formula", "strict", "--space", "starts+sensing", *RANDOM],
+        [
+            "falsify", "point-reaching", "--controller", "ppo", "--formula", "strict", "--space",
+            "starts+sensing", *RANDOM
+        ],
         'target = "point-reaching"\ncontroller = "ppo"\nspace = "starts+sensing"\nseed = 3\n'
         f'[falsify]\nformula = "strict"\n{RANDOM_PLAN}',
-        lambda out: falsify(out, "point-reaching", formula="strict", space="starts+sensing", policy="ppo"),
+        lambda out: falsify(
+            out, "point-reaching", formula="strict", space="starts+sensing", policy="ppo"
+        ),
     ),
     "falsify a task with noise": Question(
         results.Falsification,
-        ["falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM, "--repeats", "10"],
-        f'target = "ball-balancing"\ncontroller = "ppo"\naction-noise = 0.5\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
+        [
+            "falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM,
+            "--repeats", "10"
+        ],
+        'target = "ball-balancing"\ncontroller = "ppo"\naction-noise = 0.5\nseed = 3\n'
+        f'[falsify]\n{RANDOM_PLAN}',
         lambda out: falsify(out, "ball-balancing", policy="ppo", action_noise=0.5, repeats=10),
     ),
     "margin of a toy": Question(
         results.Margin,
         ["margin", *CAR, "--budget", "300", "--seed", "3"],
         'target = "toy/car-following"\nspace = "dynamics+events"\nseed = 3\n[margin]\nbudget = 300',
-        lambda out: mishandle.margin("toy/car-following", space="dynamics+events", budget=300, seed=3, out=out),
+        lambda out: mishandle.margin(
+            "toy/car-following", space="dynamics+events", budget=300, seed=3, out=out
+        ),
     ),
     "margin of a task": Question(
         results.Margin,
         ["margin", "ball-balancing", "--controller", "td3", "--budget", "40"],
-        'target = "ball-balancing"\ncontroller = "td3"\nspace = "disturbance"\n[margin]\nbudget = 40',
+        'target = "ball-balancing"\ncontroller = "td3"\nspace = "disturbance"\n'
+        '[margin]\nbudget = 40',
         lambda out: mishandle.margin("ball-balancing", policy="td3", budget=40, out=out),
     ),
     "risk of a toy by splitting": Question(
         results.Risk,
-        ["risk", "toy/hidden-corner", "--simulations", "20000", "--method", "splitting", "--seed", "4"],
+        [
+            "risk", "toy/hidden-corner", "--simulations", "20000", "--method", "splitting",
+            "--seed", "4"
+        ],
         'target = "toy/hidden-corner"\nseed = 4\n[risk]\nsimulations = 20000\nmethod = "splitting"',
-        lambda out: mishandle.risk("toy/hidden-corner", simulations=20000, method="splitting", seed=4, out=out),
+        lambda out: mishandle.risk(
+            "toy/hidden-corner", simulations=20000, method="splitting", seed=4, out=out
+        ),
     ),
     "risk of a toy with a distribution": Question(
         results.Risk,
         ["risk", "toy/sphere-2d", "--simulations", "5000", "--distribution", "y=normal:-0.4:0.05"],
-        'target = "toy/sphere-2d"\n[risk]\nsimulations = 5000\n[risk.distributions]\ny = "normal:-0.4:0.05"',
-        lambda out: mishandle.risk("toy/sphere-2d", simulations=5000, distribution={"y": "normal:-0.4:0.05"}, out=out),
+        'target = "toy/sphere-2d"\n[risk]\nsimulations = 5000\n[risk.distributions]\n'
+        'y = "normal:-0.4:0.05"',
+        lambda out: mishandle.risk(
+            "toy/sphere-2d", simulations=5000, distribution={"y": "normal:-0.4:0.05"}, out=out
+        ),
     ),
     "risk of a task": Question(
         results.Risk,
         ["risk", "ball-balancing", "--controller", "ppo", "--simulations", "100"],
         'target = "ball-balancing"\ncontroller = "ppo"\n[risk]\nsimulations = 100',
-        lambda out: mishandle.risk("ball-balancing", space="starts", policy="ppo", simulations=100, out=out),
+        lambda out: mishandle.risk(
+            "ball-balancing", space="starts", policy="ppo", simulations=100, out=out
+        ),
     ),
 }
 
 
 def tables(path: pathlib.Path) -> dict[str, list[tuple[Any, ...]]]:
-    """Returns all rows of a run file, without the order in which they were written and the commit of the build."""
+    """Returns all rows of a run file, without the order in which they were written and the commit
+    of the build."""
     with sqlite3.connect(path) as file:
-        names = [name for (name,) in file.execute("select name from sqlite_master where type = 'table'")]
+        names = [
+            name for (name,) in file.execute("select name from sqlite_master where type = 'table'")
+        ]
         rows = {name: sorted(file.execute(f"select * from {name}"), key=repr) for name in names}
     rows["header"] = [row for row in rows["header"] if row[0] not in ("git_commit", "header_hash")]
     return rows
 
 
 def bits(kind: type[Any], found: Any) -> dict[str, str]:
-    """Returns the fields of a result or a document, except for the paths of runs. The texts have all digits and the signs of zeros."""
+    """Returns the fields of a result or a document, except for the paths of runs. The texts have
+    all digits and the signs of zeros."""
     built = results.build(kind, found) if isinstance(found, dict) else found
     names = [field.name for field in dataclasses.fields(kind) if field.name != "run"]
     return {name: repr(plain(getattr(built, name))) for name in names}
@@ -135,19 +172,20 @@ def bits(kind: type[Any], found: Any) -> dict[str, str]:
 def plain(value: Any) -> Any:
     """Returns a value as tuples and dictionaries."""
     if dataclasses.is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     return tuple(plain(item) for item in value) if isinstance(value, tuple) else value
 
 
-class Fronts(unittest.TestCase):
+class Fronts(FolderCase):
     answers: dict[str, Any] = {}
-    """Answers in Python by question, each with its run file: simulations of tasks take most of the time of these tests."""
+    """Answers in Python by question, each with its run file: simulations of tasks take most of the
+    time of these tests."""
 
     @classmethod
     def setUpClass(cls) -> None:
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.runs = pathlib.Path(folder.name)
+        cls.runs = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
 
     @classmethod
     def answer(cls, name: str) -> Any:
@@ -156,15 +194,13 @@ class Fronts(unittest.TestCase):
             cls.answers[name] = QUESTIONS[name].ask(cls.runs / str(len(cls.answers)))
         return cls.answers[name]
 
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
     def command(self, *arguments: Any) -> dict[str, Any]:
         """Returns the document that the command prints."""
         words = [str(argument) for argument in arguments]
-        done = subprocess.run([COMMAND, *words, "--json"], capture_output=True, text=True, cwd=self.folder, check=False)
+        done = subprocess.run(
+            [COMMAND, *words, "--json"], capture_output=True, text=True, cwd=self.folder,
+            check=False
+        )
         self.assertIn(done.returncode, (0, 1), done.stderr)
         document: dict[str, Any] = json.loads(done.stdout)
         return document
@@ -180,7 +216,9 @@ class Fronts(unittest.TestCase):
                 flags, plan = (self.folder / f"{number}-{front}" for front in ("flags", "plan"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
                 repeats = ["--repeats", "10"] if "--repeats" in question.arguments else []
-                planned = self.command(question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats)
+                planned = self.command(
+                    question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats
+                )
                 self.assertEqual(bits(question.kind, planned), expected)
                 found = self.answer(name)
                 self.assertEqual(bits(question.kind, found), expected)
@@ -190,7 +228,9 @@ class Fronts(unittest.TestCase):
         # The questions have something to compare.
         answers = self.answers
         trials = answers["falsify a random toy"].trials
-        self.assertEqual([trial.repeats.simulations for trial in trials if trial.falsified], [10, 10])
+        self.assertEqual(
+            [trial.repeats.simulations for trial in trials if trial.falsified], [10, 10]
+        )
         self.assertGreater(answers["falsify a safe toy"].smooth_region.slope, 0)
         self.assertGreater(len(answers["falsify and keep going"].modes), 1)
         self.assertTrue(any(trial.repeats for trial in answers["falsify a task"].trials))
@@ -207,8 +247,13 @@ class Fronts(unittest.TestCase):
                 self.assertEqual(tables(file), tables(answer.path))
                 found = plain(results.build(question.kind, run["result"]))
                 # A campaign simulates nothing besides its runs.
-                left_out = {"run", "largest_difference", "exceptions", "not_covered", "smooth_region"}
-                left_out |= {field.name for field in dataclasses.fields(results.Falsification) if field.default is None}
+                left_out = {
+                    "run", "largest_difference", "exceptions", "not_covered", "smooth_region"
+                }
+                left_out |= {
+                    field.name for field in dataclasses.fields(results.Falsification)
+                    if field.default is None
+                }
                 for trial in expected.get("trials", ()):
                     trial["repeats"] = None
                 for key in set(expected) - left_out:
@@ -220,9 +265,14 @@ class Fronts(unittest.TestCase):
             question = QUESTIONS[name]
             with self.subTest(name):
                 folder = self.folder / f"{number}-ray"
-                command = [sys.executable, "-m", "mishandle.ray", self.plan(question), "--out", folder]
+                command = [
+                    sys.executable, "-m", "mishandle.cluster", self.plan(question), "--out", folder
+                ]
                 environment = {**os.environ, "RAY_AUTH_MODE": "disabled"}
-                done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=environment, check=False)
+                done = subprocess.run(
+                    command, capture_output=True, text=True, cwd=self.folder, env=environment,
+                    check=False
+                )
                 self.assertEqual(done.returncode, 0, done.stderr)
                 [file] = folder.glob("*.sqlite")
                 self.assertEqual(tables(file), tables(self.answer(name).path))
@@ -230,12 +280,17 @@ class Fronts(unittest.TestCase):
     def test_a_simulation_is_the_same(self) -> None:
         for name, arguments, options in [
             ("toy/noisy", ["--at", "0.7"], {"at": [0.7]}),
-            ("point-reaching", ["--controller", "ppo", "--space", "starts"], {"policy": "ppo", "space": "starts"}),
+            (
+                "point-reaching", ["--controller", "ppo", "--space", "starts"],
+                {"policy": "ppo", "space": "starts"}
+            ),
         ]:
             with self.subTest(name):
                 expected = self.command("simulate", name, *arguments, "--seed", "5")
                 [found] = mishandle.simulate(name, seed=5, **options)  # type: ignore[arg-type]
-                self.assertEqual(bits(results.Simulation, found.document), bits(results.Simulation, expected))
+                self.assertEqual(
+                    bits(results.Simulation, found.document), bits(results.Simulation, expected)
+                )
                 self.assertEqual(found.robustness, expected["robustness"])
 
     def test_repeats_of_a_scenario_are_the_same(self) -> None:
@@ -251,8 +306,12 @@ class Fronts(unittest.TestCase):
             with self.subTest(name):
                 counts = ["--repeat", "25", "--scenarios", "3", "--seed", "5"]
                 expected = self.command("simulate", name, *arguments, *counts)
-                found = mishandle.repeat(name, repeats=25, scenarios=3, seed=5, **options)  # type: ignore[arg-type]
-                self.assertEqual(bits(results.Simulation, found), bits(results.Simulation, expected))
+                found = mishandle.repeat(
+                    name, repeats=25, scenarios=3, seed=5, **options  # type: ignore[arg-type]
+                )
+                self.assertEqual(
+                    bits(results.Simulation, found), bits(results.Simulation, expected)
+                )
         assert found.repeats is not None
         self.assertEqual(found.repeats.simulations, 1)
         # The simulations themselves have the same seeds.
@@ -260,11 +319,17 @@ class Fronts(unittest.TestCase):
         repeated = mishandle.repeat("toy/noisy", at=[0.7], repeats=25, scenarios=0, seed=5).repeats
         assert repeated is not None and repeated.quantiles is not None
         values = sorted(found.robustness or 0.0 for found in several)
-        self.assertEqual((repeated.quantiles[0].robustness, repeated.quantiles[-1].robustness), (values[0], values[-1]))
+        self.assertEqual(
+            (repeated.quantiles[0].robustness, repeated.quantiles[-1].robustness),
+            (values[0], values[-1])
+        )
 
     def test_the_default_numbers_of_repeats_are_the_same(self) -> None:
         expected = self.command("simulate", "toy/noisy", "--repeat", "100")
-        self.assertEqual(bits(results.Simulation, mishandle.repeat("toy/noisy")), bits(results.Simulation, expected))
+        self.assertEqual(
+            bits(results.Simulation, mishandle.repeat("toy/noisy")),
+            bits(results.Simulation, expected)
+        )
 
     def test_an_explanation_is_the_same(self) -> None:
         found = self.answer("falsify a task")
@@ -278,13 +343,18 @@ class Fronts(unittest.TestCase):
         for path in (found.path, file):
             expected = results.build(results.Replay, self.command("replay", path))
             again = mishandle.replay(path, "point-reaching", **options)
-            self.assertEqual(repr(plain(results.Replay(**{key: getattr(again, key) for key in vars(expected)}))), repr(plain(expected)))
+            self.assertEqual(
+                repr(plain(results.Replay(**{key: getattr(again, key) for key in vars(expected)}))),
+                repr(plain(expected))
+            )
             self.assertTrue(again.same)
 
     def test_a_comparison_is_the_same(self) -> None:
         paths = [self.folder / "ppo", self.folder / "sac"]
         for path in paths:
-            mishandle.evaluate("point-reaching", None, "starts+sensing", policy=path.name, episodes=10, out=path)
+            mishandle.evaluate(
+                "point-reaching", None, "starts+sensing", policy=path.name, episodes=10, out=path
+            )
         expected = self.command("compare", *paths)
         found = mishandle.compare(*paths)
         self.assertEqual(bits(results.Comparison, found), bits(results.Comparison, expected))
@@ -299,27 +369,45 @@ class Fronts(unittest.TestCase):
             with self.subTest(name):
                 out = self.folder / name.replace("/", "-")
                 found = falsify(out, name, **options)
-                modes = results.build(results.Counterexamples, self.command("counterexamples", out)).modes
+                modes = results.build(
+                    results.Counterexamples, self.command("counterexamples", out)
+                ).modes
                 self.assertEqual(repr(mishandle.open_run(out).failure_modes()), repr(modes))
                 for minimize in ([], ["--minimize"]):
-                    folders = [self.folder / f"{out.name}-{front}-{len(minimize)}" for front in ("command", "python")]
-                    expected = self.command("counterexamples", "export", out, "--all", *minimize, "--out", folders[0])
+                    folders = [
+                        self.folder / f"{out.name}-{front}-{len(minimize)}"
+                        for front in ("command", "python")
+                    ]
+                    expected = self.command(
+                        "counterexamples", "export", out, "--all", *minimize, "--out", folders[0]
+                    )
                     exported = found.export(folders[1], minimize=bool(minimize))
                     texts = [
                         repr(plain(result)).replace(str(folder), "")
-                        for result, folder in zip((results.build(results.Exports, expected), exported), folders)
+                        for result, folder in zip(
+                            (results.build(results.Exports, expected), exported), folders
+                        )
                     ]
                     self.assertEqual(texts[0], texts[1])
-                    files = [{path.name: path.read_bytes() for path in folder.iterdir()} for folder in folders]
+                    files = [
+                        {path.name: path.read_bytes() for path in folder.iterdir()}
+                        for folder in folders
+                    ]
                     self.assertEqual(files[0], files[1])
                     self.assertEqual(sorted(files[1]), sorted(path.name for path in exported.paths))
                 target = {key: value for key, value in options.items() if key != "keep_going"}
                 for repeats in (0, 20):
-                    counts = ["--repeat", repeats, "--max-failure-rate", "0.1"] if repeats > 0 else []
+                    counts = (
+                        ["--repeat", repeats, "--max-failure-rate", "0.1"] if repeats > 0 else []
+                    )
                     again = self.command("regress", folders[1], *counts)
                     rate = 0.1 if repeats > 0 else 0.0
-                    tested = mishandle.regress(folders[1], name, repeats=repeats, max_failure_rate=rate, **target)
-                    self.assertEqual(bits(results.Regression, tested), bits(results.Regression, again))
+                    tested = mishandle.regress(
+                        folders[1], name, repeats=repeats, max_failure_rate=rate, **target
+                    )
+                    self.assertEqual(
+                        bits(results.Regression, tested), bits(results.Regression, again)
+                    )
 
 
 if __name__ == "__main__":

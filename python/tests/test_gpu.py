@@ -17,9 +17,10 @@ os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
     import mujoco_warp as mjw
-    from mishandle import _native, gpu, gpu_audit, gpu_networks, gpu_verdicts
+    from mishandle import _native
+    from mishandle.gpu import audit, batches, networks, verdicts
 except ImportError:
-    gpu = None
+    batches = None
 
 TWO_BOXES = """<mujoco><option integrator="implicitfast"/><worldbody>
 <body pos="0 0 0.1"><geom type="box" size="0.1 0.1 0.1"/></body>
@@ -27,18 +28,24 @@ TWO_BOXES = """<mujoco><option integrator="implicitfast"/><worldbody>
 </worldbody></mujoco>"""
 
 WELDED = """<mujoco><option integrator="implicitfast"/><worldbody>
-<body name="arm"><joint name="hinge" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02" contype="0" conaffinity="0"/></body>
-<body name="held" pos="0.5 0 0"><freejoint/><geom type="box" size="0.02 0.02 0.02" contype="0" conaffinity="0"/></body>
+<body name="arm"><joint name="hinge" axis="0 0 1"/>
+<geom type="capsule" fromto="0 0 0 0.5 0 0" size="0.02" contype="0" conaffinity="0"/></body>
+<body name="held" pos="0.5 0 0"><freejoint/>
+<geom type="box" size="0.02 0.02 0.02" contype="0" conaffinity="0"/></body>
 </worldbody><equality><weld body1="arm" body2="held"/></equality></mujoco>"""
 
 CHANGEABLE = """<mujoco><option integrator="implicitfast"/><worldbody>
 <geom name="floor" type="plane" size="1 1 0.1" friction="0.3"/>
 <body name="arm" gravcomp="1" pos="0 0 0.5"><joint name="hinge" axis="0 1 0" damping="0.1"/>
-<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="1" contype="0" conaffinity="0"/></body>
-<body name="held" pos="0.4 0 0.5"><freejoint/><geom type="box" size="0.02 0.02 0.02" mass="0.2" contype="0" conaffinity="0"/></body>
-<body name="box" pos="0 0.5 0.0299"><freejoint/><geom type="box" size="0.02 0.02 0.03" mass="0.1"/><site pos="0.01 0 0"/></body>
-<body name="ball" pos="0 -0.5 0.0299"><freejoint/><geom name="ball" type="sphere" size="0.03" mass="0.1"/></body>
-</worldbody><contact><pair geom1="floor" geom2="ball" friction="0.4 0.4 0.005 0.0001 0.0001"/></contact>
+<geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02" mass="1" contype="0" conaffinity="0"/>
+</body>
+<body name="held" pos="0.4 0 0.5"><freejoint/>
+<geom type="box" size="0.02 0.02 0.02" mass="0.2" contype="0" conaffinity="0"/></body>
+<body name="box" pos="0 0.5 0.0299"><freejoint/>
+<geom type="box" size="0.02 0.02 0.03" mass="0.1"/><site pos="0.01 0 0"/></body>
+<body name="ball" pos="0 -0.5 0.0299"><freejoint/>
+<geom name="ball" type="sphere" size="0.03" mass="0.1"/></body></worldbody>
+<contact><pair geom1="floor" geom2="ball" friction="0.4 0.4 0.005 0.0001 0.0001"/></contact>
 <equality><weld body1="arm" body2="held" relpose="0.4 0 0 1 0 0 0"/></equality>
 <actuator><position joint="hinge" kp="20" kv="1"/></actuator></mujoco>"""
 
@@ -46,7 +53,9 @@ CHANGEABLE = """<mujoco><option integrator="implicitfast"/><worldbody>
 ARM = (Path(__file__).parents[2] / "crates/world/assets/panda.xml").read_text()
 ARM = ARM.replace("<worldbody>", '<option><flag contact="disable"/></option><worldbody>', 1)
 
-DERIVED = ["body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length", "actuator_acc0"]
+DERIVED = [
+    "body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length", "actuator_acc0"
+]
 
 
 def change_geom_friction(model):
@@ -106,7 +115,10 @@ CHANGES = [
     (change_gain, ["actuator_gainprm", "actuator_biasprm"]),
     (
         change_size,
-        ["geom_size", "geom_pos", "geom_aabb", "geom_rbound", "body_inertia", "body_ipos", "site_pos", *DERIVED],
+        [
+            "geom_size", "geom_pos", "geom_aabb", "geom_rbound", "body_inertia", "body_ipos",
+            "site_pos", *DERIVED
+        ],
     ),
     (change_payload, ["body_mass", "body_gravcomp", *DERIVED]),
     (change_gravity, ["opt.gravity"]),
@@ -120,53 +132,62 @@ def state_of(model, data):
     return state
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Physics(unittest.TestCase):
     def contacts(self, flag):
-        model = gpu.compile_model(TWO_BOXES, 0.002)
+        model = batches.compile_model(TWO_BOXES, 0.002)
         if not flag:
             model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
         warp_model, data = mjw.put_model(model), mjw.put_data(model, mujoco.MjData(model))
-        gpu.step(warp_model, data, lambda: None)
+        batches.step(warp_model, data, lambda: None)
         return int(data.nacon.numpy()[0])
 
     def test_other_versions_of_the_packages_are_refused(self):
-        for package, module in (("mujoco", gpu.mujoco), ("mujoco-warp", gpu.mjw)):
+        for package, module in (("mujoco", batches.mujoco), ("mujoco-warp", batches.mjw)):
             with unittest.mock.patch.object(module, "__version__", "3.16.1"):
-                with self.assertRaisesRegex(RuntimeError, f"package {package} 3.17.0, found 3.16.1"):
-                    gpu.compile_model(TWO_BOXES, 0.002)
+                with self.assertRaisesRegex(
+                    RuntimeError, f"package {package} 3.17.0, found 3.16.1"
+                ):
+                    batches.compile_model(TWO_BOXES, 0.002)
 
     def test_all_episodes_have_the_length_of_the_audit(self):
-        for task in gpu_audit.TASKS:
+        for task in audit.TASKS:
             simulator = _native.Simulator(task, 1, preset="paper", reward="shaped", threads=1)
-            self.assertEqual(simulator.episode_steps, gpu_audit.EPISODE_STEPS, task)
+            self.assertEqual(simulator.episode_steps, audit.EPISODE_STEPS, task)
 
     def test_two_boxes_have_as_many_contacts_as_in_mujoco_c(self):
         plain = mujoco.MjModel.from_xml_string(TWO_BOXES)
         data = mujoco.MjData(plain)
         mujoco.mj_forward(plain, data)
-        with gpu.wp.ScopedDevice("cpu"):
+        with batches.wp.ScopedDevice("cpu"):
             without, corrected = self.contacts(False), self.contacts(True)
         # The overlap of the two faces is an octagon.
         self.assertEqual((data.ncon, without, corrected), (8, 4, 8))
 
     def test_a_weld_uses_the_velocities_of_the_present_state(self):
-        model = gpu.compile_model(WELDED, 1 / 240)
+        model = batches.compile_model(WELDED, 1 / 240)
         slow, fast, rotated = mujoco.MjData(model), mujoco.MjData(model), 5.0
         for data, speed in ((slow, 0.0), (fast, rotated)):
             data.qvel[0] = speed
             data.qvel[1:4] = [0.0, 0.5 * speed, 0.0]
             data.qvel[6] = speed
         expected = mujoco.MjData(model)
-        mujoco.mj_setState(model, expected, state_of(model, fast), mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_setState(
+            model, expected, state_of(model, fast), mujoco.mjtState.mjSTATE_INTEGRATION
+        )
         mujoco.mj_step(model, expected)
         found = {}
-        with gpu.wp.ScopedDevice("cpu"):
-            for name, step in (("corrected", lambda m, d: gpu.step(m, d, lambda: None)), ("plain", mjw.step)):
+        with batches.wp.ScopedDevice("cpu"):
+            for name, step in (
+                ("corrected", lambda m, d: batches.step(m, d, lambda: None)), ("plain", mjw.step)
+            ):
                 # The data hold the velocities of another state, as after a reset of the row.
                 warp_model, data = mjw.put_model(model), mjw.put_data(model, slow)
                 step(warp_model, data)
-                for target, value in ((data.qpos, fast.qpos), (data.qvel, fast.qvel), (data.qacc_warmstart, 0 * fast.qvel)):
+                for target, value in (
+                    (data.qpos, fast.qpos), (data.qvel, fast.qvel),
+                    (data.qacc_warmstart, 0 * fast.qvel)
+                ):
                     target.assign(np.array([value], dtype=np.float32))
                 step(warp_model, data)
                 found[name] = np.abs(data.qvel.numpy()[0] - expected.qvel).max()
@@ -174,11 +195,12 @@ class Physics(unittest.TestCase):
         self.assertGreater(found["plain"], 100 * found["corrected"])
 
     def test_servos_brake_as_in_mujoco_c(self):
-        """Random states of the arm near its velocity limits: the kernel and a second implementation give the same controls."""
-        model = gpu.compile_model(ARM, 1 / 480)
+        """Random states of the arm near its velocity limits: the kernel and a second implementation
+        give the same controls."""
+        model = batches.compile_model(ARM, 1 / 480)
         servos = [[i, i, 2.175 if i < 4 else 2.61, 87 if i < 4 else 12] for i in range(7)]
         random, rows = np.random.default_rng(0), 64
-        batch = gpu.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
+        batch = batches.WarpBatch(ARM, 1 / 480, rows, 1, servos, device="cpu")
         data, states, targets = mujoco.MjData(model), [], []
         limits = np.array(servos)[:, 2]
         for _ in range(rows):
@@ -195,9 +217,11 @@ class Physics(unittest.TestCase):
         for row in range(rows):
             mujoco.mj_setState(model, data, states[row], mujoco.mjtState.mjSTATE_INTEGRATION)
             mujoco.mj_step1(model, data)
-            expected = gpu.servo_rule.find_controls(np.array(servos), targets[row], model, data)
+            expected = batches.servo_rule.find_controls(np.array(servos), targets[row], model, data)
             q = data.qpos[:7].copy()
-            braking += np.abs(expected - q - np.clip(targets[row] - q, -limits / 5, limits / 5)).max() > 1e-6
+            braking += np.abs(
+                expected - q - np.clip(targets[row] - q, -limits / 5, limits / 5)
+            ).max() > 1e-6
             self.assertLess(np.abs(found[row] - expected).max(), 2e-4)
             # No joint that moves freely exceeds its limit.
             data.ctrl[:7] = expected
@@ -207,7 +231,7 @@ class Physics(unittest.TestCase):
 
     def test_an_overflow_is_the_status_of_its_row_and_lasts_one_control_step(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu", constraint_rows=8)
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu", constraint_rows=8)
         data = mujoco.MjData(model)
         touching = state_of(model, data)
         data.qpos[2] = 2.0
@@ -221,33 +245,40 @@ class Physics(unittest.TestCase):
 
     def test_a_divergence_is_the_status_of_its_row(self):
         model = mujoco.MjModel.from_xml_string(TWO_BOXES)
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         data = mujoco.MjData(model)
         data.qpos[2] = 2.0
         flying = state_of(model, data)
         data.qvel[0] = np.nan
-        batch.write_states(np.array([0, 1], dtype=np.int32), np.array([state_of(model, data), flying]))
+        batch.write_states(
+            np.array([0, 1], dtype=np.int32), np.array([state_of(model, data), flying])
+        )
         batch.step()
         self.assertEqual(list(batch.arrays()["outputs"][:, -1]), [1.0, 0.0])
 
     def test_an_unknown_device_is_an_error_that_names_the_known_ones(self):
-        with self.assertRaisesRegex(RuntimeError, "no device 'tpu' of MISHANDLE_GPU_DEVICE; expected one of cpu"):
-            gpu.find_device("tpu")
+        with self.assertRaisesRegex(
+            RuntimeError, "no device 'tpu' of MISHANDLE_GPU_DEVICE; expected one of cpu"
+        ):
+            batches.find_device("tpu")
 
     def test_a_device_that_does_not_finish_a_step_is_an_error(self):
-        batch = gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
+        batch = batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], device="cpu")
         batch.step()
         batch._control_step = lambda: None
         with self.assertRaisesRegex(RuntimeError, "did not finish"):
             batch.step()
 
     def one_step(self, models, fields, force):
-        """Takes one physics step of CHANGEABLE in MuJoCo Warp and C, with one row per model. Returns the velocities of both.
+        """Takes one physics step of CHANGEABLE in MuJoCo Warp and C, with one row per model.
+        Returns the velocities of both.
 
         Everything moves, touches something or is welded.
         """
         rows, pushed = len(models), [models[0].body("held").id]
-        batch = gpu.WarpBatch(CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 50, 1e9]], pushed, fields, device="cpu")
+        batch = batches.WarpBatch(
+            CHANGEABLE, 1 / 240, rows, 1, [[0, 0, 50, 1e9]], pushed, fields, device="cpu"
+        )
         data = mujoco.MjData(models[0])
         data.qpos[0], data.qvel[0] = 0.1, 0.5
         for body in ("box", "ball"):
@@ -255,7 +286,10 @@ class Physics(unittest.TestCase):
         states = np.tile(state_of(models[0], data), (rows, 1))
         batch.write_states(np.arange(rows, dtype=np.int32), states)
         # The first row keeps the constants of the document.
-        values = [np.concatenate([gpu.attribute(model, name).ravel() for name in fields]) for model in models[1:]]
+        values = [
+            np.concatenate([batches.attribute(model, name).ravel() for name in fields])
+            for model in models[1:]
+        ]
         batch.write_fields(np.arange(1, rows, dtype=np.int32), np.array(values))
         buffers = batch.arrays()
         buffers["inputs"][:], buffers["active"][:], buffers["forces"][:] = 0.12, 1, force
@@ -273,7 +307,7 @@ class Physics(unittest.TestCase):
 
     def test_one_step_of_changed_worlds_agrees_with_changed_models_of_mujoco_c(self):
         for change, fields in CHANGES:
-            models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(3)]
+            models = [batches.compile_model(CHANGEABLE, 1 / 240) for _ in range(3)]
             for model in models[1:]:
                 change(model)
             change(models[2])
@@ -289,7 +323,7 @@ class Physics(unittest.TestCase):
                     self.assertGreater(np.abs(expected[row] - expected[row - 1]).max(), 1e-3)
 
     def test_a_push_accelerates_a_body_as_in_mujoco_c(self):
-        models = [gpu.compile_model(CHANGEABLE, 1 / 240) for _ in range(2)]
+        models = [batches.compile_model(CHANGEABLE, 1 / 240) for _ in range(2)]
         found, expected = self.one_step(models, ["eq_data"], [1.0, -2.0, 0.5])
         _, without = self.one_step(models, ["eq_data"], [0.0, 0.0, 0.0])
         self.assertLess(np.abs(found - expected).max(), 1e-5)
@@ -297,22 +331,24 @@ class Physics(unittest.TestCase):
 
     def test_fields_that_worlds_share_are_an_error(self):
         with self.assertRaisesRegex(RuntimeError, "cannot vary geom_type.*use MuJoCo C"):
-            gpu.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], ["geom_type"], device="cpu")
+            batches.WarpBatch(TWO_BOXES, 0.002, 2, 3, [], [], ["geom_type"], device="cpu")
 
 
 AUDIT = """
 import json, sys
-from mishandle import gpu, gpu_audit
+from mishandle.gpu import audit, batches
 # Kernels without optimization compile in about half of the time.
-gpu.wp.config.optimization_level = 0
+batches.wp.config.optimization_level = 0
 states, episodes = int(sys.argv[1]), int(sys.argv[2])
 space, formula = sys.argv[3:5]
-found = {task: gpu_audit.audit(task, states=states, episodes=episodes, space=space, formula=formula) for task in sys.argv[5:]}
-print(json.dumps({task: [result.states, result.overflows, result.differences] for task, result in found.items()}))
+settings = {"states": states, "episodes": episodes, "space": space, "formula": formula}
+found = {task: audit.audit(task, **settings) for task in sys.argv[5:]}
+parts = lambda result: [result.states, result.overflows, result.differences]
+print(json.dumps({task: parts(result) for task, result in found.items()}))
 """
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class OneStep(unittest.TestCase):
     """One physics step of MuJoCo Warp against one of MuJoCo C, from states of episodes."""
 
@@ -347,8 +383,12 @@ class OneStep(unittest.TestCase):
         # Several processes, because most of the time is compilation, on one core. A step of the
         # cloth is slow, so it has fewer states.
         rigid = [task for task in cls.BOUNDS if task != "cloth-placing"]
-        cls.processes = [cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)]
-        cls.changed = cls.start("starts+dynamics+events", ["ball-balancing", "cube-stacking"], 100, 10)
+        cls.processes = [
+            cls.start("starts", rigid, 200, 10), cls.start("starts", ["cloth-placing"], 20, 2)
+        ]
+        cls.changed = cls.start(
+            "starts+dynamics+events", ["ball-balancing", "cube-stacking"], 100, 10
+        )
         cls.manner = cls.start("starts", list(cls.MANNER_BOUNDS), 200, 10, formula="careful")
 
     @classmethod
@@ -367,7 +407,7 @@ class OneStep(unittest.TestCase):
 
     def test_one_step_from_states_of_episodes_agrees_with_mujoco_c(self):
         found = self.found(self.processes)
-        self.assertEqual(set(found), set(gpu_audit.TASKS))
+        self.assertEqual(set(found), set(audit.TASKS))
         for task, (states, _, _) in found.items():
             self.assertEqual(states, 20 if task == "cloth-placing" else 200, task)
         self.check(found)
@@ -393,12 +433,14 @@ class OneStep(unittest.TestCase):
             self.assertEqual(overflows, 0, task)
             for name, (bound, largest) in zip(("qpos", "qvel"), self.BOUNDS[task]):
                 with self.subTest(task=task, quantity=name):
-                    self.assertLess(np.quantile(differences[name], 0.8 if largest is None else 0.99), bound)
+                    self.assertLess(
+                        np.quantile(differences[name], 0.8 if largest is None else 0.99), bound
+                    )
                     if largest is not None:
                         self.assertLess(max(differences[name]), largest)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Networks(unittest.TestCase):
     ACTIVATIONS = {
         "elu": (lambda x: np.where(x > 0, x, np.expm1(x)), lambda y: np.where(y > 0, 1, y + 1)),
@@ -409,7 +451,7 @@ class Networks(unittest.TestCase):
 
     def check(self, sizes, activation, rows):
         """Compares both passes with the same ones of NumPy in 64 bits."""
-        network = gpu_networks.WarpNetwork(sizes, activation, rows)
+        network = networks.WarpNetwork(sizes, activation, rows)
         floats = ctypes.POINTER(ctypes.c_float)
         buffers = {
             name: np.ctypeslib.as_array(ctypes.cast(address, floats), (length,))
@@ -436,7 +478,9 @@ class Networks(unittest.TestCase):
         for layer in reversed(range(len(weights))):
             expected = [(gradient.T @ values[layer]).ravel(), gradient.sum(axis=0), *expected]
             gradient = (gradient @ weights[layer]) * derivative(values[layer])
-        np.testing.assert_allclose(buffers["parameter_gradient"], np.concatenate(expected), atol=1e-6)
+        np.testing.assert_allclose(
+            buffers["parameter_gradient"], np.concatenate(expected), atol=1e-6
+        )
 
     def test_both_passes_agree_with_numpy(self):
         # Sizes below, at and above those of the tiles, and more rows than one tile for each part.
@@ -450,7 +494,7 @@ class Networks(unittest.TestCase):
                 self.check(sizes, activation, rows)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Training(unittest.TestCase):
     SETTINGS = """
         rollout_steps = 8
@@ -464,9 +508,13 @@ class Training(unittest.TestCase):
         path = f"{folder}/{name}-{steps}.toml"
         with open(path, "w") as file:
             file.write(settings.format(steps=steps))
-        outputs = ["--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"]
+        outputs = [
+            "--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"
+        ]
         command = ["train", task, "--settings", path, *outputs, *options]
-        result = subprocess.run([sys.executable, "-c", gpu_verdicts.COMMAND, *command], capture_output=True, text=True)
+        result = subprocess.run(
+            [sys.executable, "-c", verdicts.COMMAND, *command], capture_output=True, text=True
+        )
         self.assertEqual(result.returncode, 0, result.stderr)
         with open(f"{folder}/{name}.csv") as file:
             return json.loads(result.stdout), list(csv.DictReader(file))
@@ -483,35 +531,43 @@ class Training(unittest.TestCase):
 
     def test_contact_forces_cost_about_as_much_as_on_the_cpu(self):
         # One rollout of a controller that brings the peg to the block.
-        settings = self.SETTINGS.replace("rollout_steps = 8", "rollout_steps = 100\nrewards.contact_force = 1\npolicy.hidden = [128, 128]")
+        settings = self.SETTINGS.replace(
+            "rollout_steps = 8",
+            "rollout_steps = 100\nrewards.contact_force = 1\npolicy.hidden = [128, 128]"
+        )
         settings = settings.replace("environments = 32", "environments = 8")
         with tempfile.TemporaryDirectory() as folder:
             costs = []
             for device in ("cpu", "gpu"):
                 options = ("--device", device, "--from", "ppo")
-                _, rows = self.train(folder, device, 800, *options, task="peg-in-hole", settings=settings)
+                _, rows = self.train(
+                    folder, device, 800, *options, task="peg-in-hole", settings=settings
+                )
                 costs.append(float(rows[0]["reward_contact_force"]))
         self.assertLess(costs[0], -0.1)
         # Impacts amplify rounding: the means of 800 control steps differ by 4 %.
         np.testing.assert_allclose(costs[1], costs[0], rtol=0.15)
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class Commands(unittest.TestCase):
     def run_command(self, *arguments):
         subject = ["point-reaching", "--controller", "ppo", "--action-noise", "1", "--json"]
         if arguments[0] == "simulate":
-            return json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:]))
+            return json.loads(verdicts.command(arguments[0], *subject, *arguments[1:]))
         with tempfile.TemporaryDirectory() as folder:
             out = ["--out", f"{folder}/run.sqlite"]
-            found = json.loads(gpu_verdicts.command(arguments[0], *subject, *arguments[1:], *out))
+            found = json.loads(verdicts.command(arguments[0], *subject, *arguments[1:], *out))
             if arguments[0] == "falsify":
-                replayed = gpu_verdicts.command("replay", f"{folder}/run.sqlite", "--json")
+                replayed = verdicts.command("replay", f"{folder}/run.sqlite", "--json")
                 self.assertEqual(json.loads(replayed)["differences"], [])
             return found
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
-        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 --confirm 0.1"
+        options = (
+            "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 "
+            "--confirm 0.1"
+        )
         found = self.run_command("falsify", *options.split())
         self.assertEqual(found["screening"]["device"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
@@ -522,11 +578,17 @@ class Commands(unittest.TestCase):
             again = self.run_command("simulate", "--at", at, "--seed", trial["seed"])
             self.assertEqual(again["robustness"], trial["minimum_robustness"])
 
-    def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations_with_changed_constants_and_events(self):
-        options = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --formula"
+    def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations_with_changed_constants_and_events(
+        self
+    ):
+        options = (
+            "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 "
+            "--formula"
+        )
         formula = "always[285:300](finger_target_distance <= 0.03)"
         found = self.run_command(
-            "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm", "1"
+            "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm",
+            "1"
         )
         screening, failures = found["screening"], found["screening"]["findings"]["failure"]
         self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
@@ -537,22 +599,36 @@ class Commands(unittest.TestCase):
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
-        found = self.run_command("evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1")
+        found = self.run_command(
+            "evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1"
+        )
         expected = self.run_command("evaluate", *options)
-        self.assertAlmostEqual(found["success_rate"]["value"], expected["success_rate"]["value"], places=12)
+        self.assertAlmostEqual(
+            found["success_rate"]["value"], expected["success_rate"]["value"], places=12
+        )
         # A screening leaves careful success out.
         corners = expected["corners"]
-        corners = {name: value for name, value in corners.items() if not name.startswith("careful") and name != "center_carefully_succeeds"}
-        corners["points"] = [{name: value for name, value in point.items() if "careful" not in name} for point in corners["points"]]
+        corners = {
+            name: value for name, value in corners.items()
+            if not name.startswith("careful") and name != "center_carefully_succeeds"
+        }
+        corners["points"] = [
+            {name: value for name, value in point.items() if "careful" not in name}
+            for point in corners["points"]
+        ]
         self.assertEqual(found["corners"], corners)
 
 
 CART_POLE = """<mujoco><option timestep="0.005" integrator="INTEGRATOR"/><worldbody>
-<body name="cart"><joint name="slide" type="slide" axis="1 0 0" damping="0.1"/><geom type="box" size="0.15 0.1 0.06" mass="1"/>
+<body name="cart"><joint name="slide" type="slide" axis="1 0 0" damping="0.1"/>
+<geom type="box" size="0.15 0.1 0.06" mass="1"/>
 <body name="pole"><joint name="hinge" axis="0 1 0" damping="0.002"/>
-<geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/><site name="tip" pos="0 0 0.6"/></body></body>
+<geom type="capsule" fromto="0 0 0 0 0 0.6" size="0.02" mass="0.1"/>
+<site name="tip" pos="0 0 0.6"/></body></body>
 <body name="goal" mocap="true"><geom size="0.01" contype="0" conaffinity="0"/></body></worldbody>
-<actuator><general joint="slide" ctrllimited="true" ctrlrange="-8 8" dyntype="filter" dynprm="0.02"/></actuator></mujoco>"""
+<actuator>
+<general joint="slide" ctrllimited="true" ctrlrange="-8 8" dyntype="filter" dynprm="0.02"/>
+</actuator></mujoco>"""
 
 CART_POLE_FILE = """
 format = 1
@@ -560,7 +636,8 @@ name = "cart-pole"
 model.file = "cart-pole.xml"
 control = { period = 0.02, steps = 100 }
 start = { hinge = "tilt" }
-observation = { state = "[*qpos('slide') - body_pos('goal')[0], *qvel('slide'), *qpos('hinge'), *qvel('hinge')]" }
+observation = { state = "[*qpos('slide') - body_pos('goal')[0], *qvel('slide'), \
+*qpos('hinge'), *qvel('hinge')]" }
 policy = { expression = "dot([1, 2, 25, 4], state)", action = "action" }
 signals = { angle = "abs(qpos('hinge'))[0]", height = "site_pos('tip')[2]" }
 formulas = { upright = "always(angle <= 0.2) and always(height >= 0.3)" }
@@ -573,16 +650,19 @@ move = { kind = "event", jump = "goal", time = [0, 1], x = [-0.5, 0.5] }
 """
 
 
-@unittest.skipIf(gpu is None, "needs the extra gpu")
+@unittest.skipIf(batches is None, "needs the extra gpu")
 class RobotsInFiles(unittest.TestCase):
     def risk(self, integrator):
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "cart-pole.xml").write_text(CART_POLE.replace("INTEGRATOR", integrator))
             path = Path(folder, "cart-pole.toml")
             path.write_text(CART_POLE_FILE)
-            question = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --json"
+            question = (
+                "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 "
+                "--json"
+            )
             screening = f"--screening gpu --rows 40 --confirm 1 --out {folder}/run.sqlite"
-            return json.loads(gpu_verdicts.command("risk", path, *question.split(), *screening.split()))
+            return json.loads(verdicts.command("risk", path, *question.split(), *screening.split()))
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):
         found = self.risk("implicitfast")["screening"]
@@ -600,7 +680,7 @@ class RobotsInFiles(unittest.TestCase):
 
 class WithoutTheExtra(unittest.TestCase):
     def test_the_error_says_what_to_install(self):
-        code = "import sys; sys.modules['warp'] = None; import mishandle.gpu"
+        code = "import sys; sys.modules['warp'] = None; import mishandle.gpu.batches"
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertIn("pip install '.[gpu]' in a clone", result.stderr)
 

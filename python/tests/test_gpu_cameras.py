@@ -11,7 +11,7 @@ import numpy as np
 os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
 try:
     import mujoco
-    from mishandle.gpu_cameras import Cameras, wp
+    from mishandle.gpu.cameras import Cameras, wp
 except ImportError:
     mujoco = None
 
@@ -41,7 +41,8 @@ def images_of_cpu(cameras, states, before, values, seeds):
     count = len(states)
     numbers = np.arange(count)
     images = cameras._native.images(
-        states, before, values, states, numbers.astype(np.int32), seeds.astype(np.uint64), numbers.astype(np.uint64)
+        states, before, values, states, numbers.astype(np.int32), seeds.astype(np.uint64),
+        numbers.astype(np.uint64)
     )
     width, height = cameras.size
     return images.reshape(-1, height, width, 3)
@@ -66,8 +67,8 @@ class CamerasTest(unittest.TestCase):
                 self.check(task, (32, 32), [{}] * STATES)
 
     def test_images_under_random_axes_have_the_bytes_of_the_cpu(self):
-        """All axes of sight differ from their nominal values: soft shadows, patterns, distractors, lens, shutter, noise and compression. No side is a
-        whole number of blocks."""
+        """All axes of sight differ from their nominal values: soft shadows, patterns, distractors,
+        lens, shutter, noise and compression. No side is a whole number of blocks."""
         for task in ("door-opening", "cloth-placing"):
             with self.subTest(task):
                 self.check(task, (37, 29))
@@ -75,9 +76,18 @@ class CamerasTest(unittest.TestCase):
     def test_each_effect_changes_an_image(self):
         cameras = Cameras("cube-stacking", size=(32, 32), names=["over"], threads=1)
         _, _, states, before = states_of(cameras)
-        changes = [{"lamp_x": 1.0}, {"lamp_radius": 0.15}, {"floor_pattern": "wood"}, {"image_blur": 1.0}, {"image_compression": 4.0}]
-        changes += [{"image_noise": 0.05}, {"image_vignette": 0.5}, {"clutter_count": 3}, {"over_camera_yaw": 0.1}, {"lens_aperture": 0.02}]
-        images = cameras.render(np.repeat(states[:1], len(changes) + 1, axis=0), [{}, *changes], steps=np.zeros(len(changes) + 1)).numpy()
+        changes = [
+            {"lamp_x": 1.0}, {"lamp_radius": 0.15}, {"floor_pattern": "wood"}, {"image_blur": 1.0},
+            {"image_compression": 4.0}
+        ]
+        changes += [
+            {"image_noise": 0.05}, {"image_vignette": 0.5}, {"clutter_count": 3},
+            {"over_camera_yaw": 0.1}, {"lens_aperture": 0.02}
+        ]
+        images = cameras.render(
+            np.repeat(states[:1], len(changes) + 1, axis=0), [{}, *changes],
+            steps=np.zeros(len(changes) + 1)
+        ).numpy()
         self.assertEqual(len({image.tobytes() for image in images}), len(changes) + 1)
         # The rows of states choose scenarios, and images do not depend on their neighbors.
         sights = cameras.sights([{}, *changes], np.repeat(states[:1], len(changes) + 1, axis=0))
@@ -99,7 +109,9 @@ class CamerasTest(unittest.TestCase):
         )
         sights = cameras.sights([{}], states[:1])
         rows = np.zeros(STATES, int)
-        found = cameras.render(cameras.poses_of_worlds(world), sights, rows=rows).numpy().astype(int)
+        found = cameras.render(
+            cameras.poses_of_worlds(world), sights, rows=rows
+        ).numpy().astype(int)
         expected = cameras.render(states, sights, rows=rows).numpy().astype(int)
         # Quaternions in single precision move edges by less than a pixel.
         self.assertLess((np.abs(found - expected).max(axis=-1) > 2).mean(), 0.005)

@@ -1,22 +1,27 @@
-"""Tests of the command ``python -m mishandle.gpu_verdicts``, without a GPU."""
+"""Tests of the command ``python -m mishandle.gpu.verdicts``, without a GPU."""
 
 import json
 import unittest
 from dataclasses import replace
 
-from mishandle import _native, gpu_verdicts
+from mishandle import _native
+from mishandle.gpu import verdicts
 
 
 class Verdicts(unittest.TestCase):
-    CASE = gpu_verdicts.Case("point-reaching", "ppo", 1.0, ("success",))
-    SAMPLE = gpu_verdicts.Sample(simulations=100, seed=7, threads=2)
+    CASE = verdicts.Case("point-reaching", "ppo", 1.0, ("success",))
+    SAMPLE = verdicts.Sample(simulations=100, seed=7, threads=2)
 
     def test_the_simulations_are_those_of_the_command_risk(self):
         options = "--formula success --method monte-carlo --simulations 100 --seed 7 --json"
-        expected = json.loads(gpu_verdicts.command("risk", *gpu_verdicts.subject(self.CASE), *options.split()))
-        axes = _native.Target.of_task("point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)).axes
-        drawn = gpu_verdicts.draws(axes, self.SAMPLE)
-        [row] = gpu_verdicts.in_c(self.CASE, self.SAMPLE)
+        expected = json.loads(
+            verdicts.command("risk", *verdicts.subject(self.CASE), *options.split())
+        )
+        axes = _native.Target.of_task(
+            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
+        ).axes
+        drawn = verdicts.draws(axes, self.SAMPLE)
+        [row] = verdicts.in_c(self.CASE, self.SAMPLE)
         self.assertEqual(row.violated, expected["monte_carlo"]["failures"])
         names = [name for _, name, *_ in axes]
         self.assertGreater(len(expected["failures"]), 0)
@@ -25,15 +30,17 @@ class Verdicts(unittest.TestCase):
             self.assertIn((scenario, int(failure["seed"])), drawn)
 
     def test_moved_scenarios_stay_in_their_ranges(self):
-        axes = _native.Target.of_task("point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)).axes
+        axes = _native.Target.of_task(
+            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
+        ).axes
         for values in ([axis[3] for axis in axes], [axis[4] for axis in axes]):
-            for axis, value, found in zip(axes, values, gpu_verdicts.moved(values, axes)):
+            for axis, value, found in zip(axes, values, verdicts.moved(values, axes)):
                 self.assertAlmostEqual(abs(found - value), 1e-7, places=12)
                 self.assertTrue(axis[3] <= found <= axis[4])
 
     def test_a_larger_move_flips_more_verdicts(self):
         def flips(move):
-            [row] = gpu_verdicts.in_c(self.CASE, replace(self.SAMPLE, move=move))
+            [row] = verdicts.in_c(self.CASE, replace(self.SAMPLE, move=move))
             return row.moved_missed + row.moved_refuted
 
         small, large = flips(1e-7), flips(0.05)
@@ -41,7 +48,7 @@ class Verdicts(unittest.TestCase):
         self.assertGreater(large, small)
 
     def test_every_task_has_a_case_for_each_formula(self):
-        found = [(case.task, formula) for case in gpu_verdicts.CASES for formula in case.formulas]
+        found = [(case.task, formula) for case in verdicts.CASES for formula in case.formulas]
         self.assertEqual(len(found), 16)
         self.assertEqual(len(set(found)), 16)
 

@@ -11,12 +11,13 @@ import shlex
 import signal
 import subprocess
 import sys
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import _native, results
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 ROOT = pathlib.Path(__file__).parents[2]
 
@@ -40,7 +41,8 @@ def settings(folder: pathlib.Path) -> str:
     """Returns a file of training settings with which an iteration takes few steps."""
     file = folder / "settings.toml"
     file.write_text(
-        'rollout_steps = 8\n[episodes]\nenvironments = 16\n[policy]\nhidden = [64, 64]\nactivation = "elu"\n'
+        'rollout_steps = 8\n[episodes]\nenvironments = 16\n[policy]\nhidden = [64, 64]\n'
+        'activation = "elu"\n'
         "[run]\nvalidation_episodes = 2\nvalidation_interval = 2\n"
     )
     return str(file)
@@ -51,13 +53,8 @@ def without_paths(found: results.Hardening) -> dict[str, Any]:
     return dataclasses.asdict(dataclasses.replace(found, folder="", after=after))
 
 
-class Hardenings(unittest.TestCase):
-    def setUp(self) -> None:
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
-
-    def harden(self, name: str, **arguments: Any) -> mishandle.Hardening:
+class Hardenings(FolderCase):
+    def harden(self, name: str, **arguments: Any) -> mishandle.ask.Hardening:
         given = {**ARGUMENTS, "settings": settings(self.folder), **arguments}
         return mishandle.harden("point-reaching", out=self.folder / name, **given)
 
@@ -70,22 +67,35 @@ class Hardenings(unittest.TestCase):
                 phases.append(phase)
 
         whole = self.harden("whole.safetensors", progress=note)
-        self.assertEqual((whole.target, whole.before, whole.path), ("point-reaching", "ppo", self.folder / "whole.harden"))
+        self.assertEqual(
+            (whole.target, whole.before, whole.path),
+            ("point-reaching", "ppo", self.folder / "whole.harden")
+        )
         self.assertGreater(whole.rounds[0].failures, 0)
         self.assertEqual((self.folder / "whole.safetensors").exists(), whole.after is not None)
-        for part in ("round 0: validation", "round 1: search", "round 1: training", "final, before"):
+        for part in (
+            "round 0: validation", "round 1: search", "round 1: training", "final, before"
+        ):
             self.assertTrue(any(phase.startswith(part) for phase in phases), phases)
 
         plan = self.folder / "plan.toml"
         plan.write_text((whole.path / "harden.toml").read_text())
-        command = ["import sys; from mishandle.command import main; sys.exit(main())", "harden", "--plan", str(plan), "--json"]
+        command = [
+            "import sys; from mishandle.command import main; sys.exit(main())", "harden", "--plan",
+            str(plan), "--json"
+        ]
         command += ["--out", str(self.folder / "command.safetensors")]
         done = subprocess.run([sys.executable, "-c", *command], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0 if whole.after else 1, done.stderr)
-        self.assertEqual(without_paths(results.build(results.Hardening, json.loads(done.stdout))), without_paths(whole))
+        self.assertEqual(
+            without_paths(results.build(results.Hardening, json.loads(done.stdout))),
+            without_paths(whole)
+        )
 
         # A third one is interrupted by Ctrl-C and by exceptions in each phase.
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         stopped: list[str] = []
 
         def stop(phase: str, done: int, total: int) -> None:
@@ -112,7 +122,9 @@ class Hardenings(unittest.TestCase):
             self.harden("whole.safetensors", resume=True, seed=6)
         with self.assertRaisesRegex(mishandle.MishandleError, "harden.budget: recorded 8, given 9"):
             self.harden("whole.safetensors", resume=True, budget=9)
-        with self.assertRaisesRegex(mishandle.MishandleError, "whole.harden exists already; choose another `out`"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, "whole.harden exists already; choose another `out`"
+        ):
             self.harden("whole.safetensors")
 
     def test_mistakes_are_errors_before_anything_is_written(self) -> None:
@@ -120,9 +132,11 @@ class Hardenings(unittest.TestCase):
             return {"gap": [1.0, scenario["x"]]}
 
         out = self.folder / "out.safetensors"
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "function is not the name of a task.*mishandle.ScenarioEnv"):
+        with self.assertRaisesRegex(
+            InvalidTypeError, "function is not the name of a task.*mishandle.ScenarioEnv"
+        ):
             mishandle.harden(system, policy="ppo", out=out)  # type: ignore[arg-type]
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "not a function; write a network"):
+        with self.assertRaisesRegex(InvalidTypeError, "not a function; write a network"):
             mishandle.harden("point-reaching", policy=system, out=out)
         for message, arguments in [
             ("trains one of our controllers, by name or path, not a NoneType", {"policy": None}),
@@ -141,11 +155,13 @@ class Hardenings(unittest.TestCase):
         ]:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 self.harden("out.safetensors", **arguments)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "toy/sphere-2d"):
+        with self.assertRaisesRegex(InvalidValueError, "toy/sphere-2d"):
             mishandle.harden("toy/sphere-2d", policy="ppo", out=out)
         with self.assertRaisesRegex(mishandle.MishandleError, "ends in .safetensors"):
             self.harden("out.onnx")
-        with self.assertRaisesRegex(mishandle.MishandleError, "there is no hardening in .*out.harden to continue"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, "there is no hardening in .*out.harden to continue"
+        ):
             self.harden("out.safetensors", resume=True)
         self.assertEqual(sorted(each.name for each in self.folder.iterdir()), ["settings.toml"])
 
@@ -170,7 +186,7 @@ class Hardenings(unittest.TestCase):
         self.assertTrue(digest.startswith(found.rounds[0].file_hash or "none"), found.rounds)
         with self.assertRaisesRegex(mishandle.MishandleError, "harden.settings is .*trainer"):
             self.harden("second.safetensors", trainer=trainer)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "trainer is a list; expected a command"):
+        with self.assertRaisesRegex(InvalidTypeError, "trainer is a list; expected a command"):
             self.harden("second.safetensors", settings=None, trainer=[trainer])
 
     def test_the_plan_of_a_run_says_whether_it_is_a_hardening(self) -> None:

@@ -1,13 +1,14 @@
-"""Tests of the adapters of LeRobot that need no LeRobot. `cargo xtask examples pusht point_reaching_lerobot` tests the others with it."""
+"""Tests of the adapters of LeRobot that need no LeRobot. `cargo xtask examples pusht
+point_reaching_lerobot` tests the others with it."""
 
 import json
-import pathlib
-import tempfile
 import unittest
 
+from cases import FolderCase
 import numpy as np
 
 import mishandle
+from mishandle.errors import MissingPackageError
 
 # As lerobot-eval of LeRobot 0.4.4 writes it, without the paths of videos. Threads finish tasks in
 # any order.
@@ -16,12 +17,18 @@ TASKS = {
         {
             "task_group": "libero_10",
             "task_id": 1,
-            "metrics": {"sum_rewards": [0.0, 1.0], "max_rewards": [0.0, 1.0], "successes": [False, True], "video_paths": []},
+            "metrics": {
+                "sum_rewards": [0.0, 1.0], "max_rewards": [0.0, 1.0], "successes": [False, True],
+                "video_paths": []
+            },
         },
         {
             "task_group": "libero_10",
             "task_id": 0,
-            "metrics": {"sum_rewards": [1.5, 2.5, 0.5], "max_rewards": [1.0, 0.75, 0.5], "successes": [True, False, False], "video_paths": []},
+            "metrics": {
+                "sum_rewards": [1.5, 2.5, 0.5], "max_rewards": [1.0, 0.75, 0.5],
+                "successes": [True, False, False], "video_paths": []
+            },
         },
     ],
     "per_group": {},
@@ -33,42 +40,56 @@ def of_episodes(successes, seeds):
     """Returns what LeRobot 0.3 and older wrote."""
     return {
         "per_episode": [
-            {"episode_ix": index, "sum_reward": 1.0, "max_reward": 1.0, "success": success, "seed": seed}
+            {
+                "episode_ix": index, "sum_reward": 1.0, "max_reward": 1.0, "success": success,
+                "seed": seed
+            }
             for index, (success, seed) in enumerate(zip(successes, seeds))
         ],
-        "aggregated": {},
+        "aggregated": {}
     }
 
 
-class Evaluations(unittest.TestCase):
+class Evaluations(FolderCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         self.runs = 0
 
     def read(self, document, *arguments, **options):
         self.runs += 1
         path = self.folder / "eval_info.json"
         path.write_text(json.dumps(document))
-        return mishandle.lerobot.read_evaluation(path, *arguments, out=self.folder / f"{self.runs}.sqlite", **options)
+        return mishandle.lerobot.read_evaluation(
+            path, *arguments, out=self.folder / f"{self.runs}.sqlite", **options
+        )
 
     def simulations(self, found):
         return mishandle.open_run(found.path).simulations.sort_values("number")
 
     def test_each_episode_is_one_simulation_in_the_order_of_the_tasks(self):
         found = self.read(TASKS)
-        self.assertEqual([found.simulations, found.target, found.corners, found.control], [5, "python/libero_10", None, None])
-        self.assertEqual(self.simulations(found)["total_reward"].tolist(), [1.5, 2.5, 0.5, 0.0, 1.0])
-        self.assertEqual((self.simulations(found)["robustness"] > 0).tolist(), [True, False, False, False, True])
+        self.assertEqual(
+            [found.simulations, found.target, found.corners, found.control],
+            [5, "python/libero_10", None, None]
+        )
+        self.assertEqual(
+            self.simulations(found)["total_reward"].tolist(), [1.5, 2.5, 0.5, 0.0, 1.0]
+        )
+        self.assertEqual(
+            (self.simulations(found)["robustness"] > 0).tolist(), [True, False, False, False, True]
+        )
         self.assertEqual(100 * found.success_rate.value, TASKS["overall"]["pc_success"])
 
     def test_the_interval_is_that_of_wilson(self):
         found = self.read(TASKS, task="libero_10/0").success_rate
         z, n, p = 1.959963984540054, 3, 1 / 3
-        center, half = (p + z**2 / (2 * n)) / (1 + z**2 / n), z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+        center, half = (p + z**2 / (2 * n)) / (1 + z**2 / n), z / (1 + z**2 / n) * np.sqrt(
+            p * (1 - p) / n + z**2 / (4 * n**2)
+        )
         self.assertEqual(found.n, n)
-        np.testing.assert_allclose([found.low, found.high], [center - half, center + half], rtol=1e-9)
+        np.testing.assert_allclose(
+            [found.low, found.high], [center - half, center + half], rtol=1e-9
+        )
 
     def test_a_formula_may_ask_for_a_reward(self):
         self.assertEqual(self.read(TASKS, "always(max_reward >= 0.75)").success_rate.value, 3 / 5)
@@ -79,7 +100,9 @@ class Evaluations(unittest.TestCase):
         difference = mishandle.compare(first.path, second.path)
         self.assertEqual([len(difference.new_failures), len(difference.fixed_failures)], [1, 4])
         self.assertNotEqual(first.target_hash, second.target_hash)
-        self.assertEqual(first.target_hash, self.read(of_episodes(old, range(1000, 1006))).target_hash)
+        self.assertEqual(
+            first.target_hash, self.read(of_episodes(old, range(1000, 1006))).target_hash
+        )
         # McNemar's exact test of 1 and 4: twice the sum of the binomials of 5 up to 1.
         self.assertAlmostEqual(difference.success.p_value, 2 * (1 + 5) / 2**5)
 
@@ -89,7 +112,10 @@ class Evaluations(unittest.TestCase):
             mishandle.compare(first.path, second.path)
         with self.assertRaisesRegex(ValueError, "do not count up from 7"):
             self.read(of_episodes([True, True], [7, 9]))
-        self.assertEqual(self.simulations(self.read(of_episodes([True, True], [7, 8])))["start_seed"].tolist(), [7, 7])
+        self.assertEqual(
+            self.simulations(self.read(of_episodes([True, True], [7, 8])))["start_seed"].tolist(),
+            [7, 7]
+        )
 
     def test_a_report_simulates_nothing(self):
         found = self.read(TASKS)
@@ -98,13 +124,20 @@ class Evaluations(unittest.TestCase):
         self.assertIsNone(found.remembered)
 
     def test_mistakes_are_named(self):
-        with self.assertRaisesRegex(ValueError, "no episodes of the task 'libero_10/7'; its tasks are libero_10/0, libero_10/1"):
+        with self.assertRaisesRegex(
+            ValueError,
+            "no episodes of the task 'libero_10/7'; its tasks are libero_10/0, libero_10/1"
+        ):
             self.read(TASKS, task="libero_10/7")
-        with self.assertRaisesRegex(ValueError, "is not an eval_info.json of lerobot-eval: KeyError: 'per_task'"):
+        with self.assertRaisesRegex(
+            ValueError, "is not an eval_info.json of lerobot-eval: KeyError: 'per_task'"
+        ):
             self.read({"overall": {}})
         cut = json.loads(json.dumps(TASKS))
         cut["per_task"][0]["metrics"]["successes"].pop()
-        with self.assertRaisesRegex(ValueError, "is not an eval_info.json of lerobot-eval: ValueError"):
+        with self.assertRaisesRegex(
+            ValueError, "is not an eval_info.json of lerobot-eval: ValueError"
+        ):
             self.read(cut)
         with self.assertRaisesRegex(ValueError, "nothing.json cannot be read"):
             mishandle.lerobot.read_evaluation(self.folder / "nothing.json")
@@ -112,7 +145,7 @@ class Evaluations(unittest.TestCase):
 
 class Policies(unittest.TestCase):
     def test_a_policy_without_lerobot_says_what_to_install(self):
-        with self.assertRaisesRegex(mishandle.MissingPackageError, r"pip install '\.\[lerobot\]' in a clone"):
+        with self.assertRaisesRegex(MissingPackageError, r"pip install '\.\[lerobot\]' in"):
             mishandle.lerobot.policy("checkpoints/last/pretrained_model")
 
 

@@ -12,8 +12,12 @@ import unittest
 import gymnasium
 import mishandle
 import numpy as np
-from mishandle import Axis, InvalidStateError, MishandleError
-from mishandle.limits import TimeLimitExceeded, limited
+from mishandle import Axis, MishandleError
+from mishandle.errors import (
+    InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
+)
+from mishandle.errors import TimeLimitExceeded
+from mishandle.base.limits import limited
 
 SPACE = [Axis("delay", 0.0, 1.0, "s", nominal=0.0)]
 
@@ -69,7 +73,9 @@ class Systems(unittest.TestCase):
         self.assertEqual(signal.getitimer(signal.ITIMER_REAL), (0.0, 0.0))
 
     def end(self, delay, system=sleepy, limit=0.3, **options):
-        [found] = mishandle.simulate(system, "always(d >= 0)", SPACE, at={"delay": delay}, time_limit=limit, **options)
+        [found] = mishandle.simulate(
+            system, "always(d >= 0)", SPACE, at={"delay": delay}, time_limit=limit, **options
+        )
         return found.end
 
     def test_a_function_in_the_main_thread_is_interrupted(self):
@@ -77,16 +83,25 @@ class Systems(unittest.TestCase):
         self.assertEqual(self.end(0.0), "completed")
 
     def test_a_function_in_another_thread_is_refused(self):
-        with self.assertRaisesRegex(InvalidStateError, "only the main thread of Python can interrupt a function"):
+        with self.assertRaisesRegex(
+            InvalidStateError, "only the main thread of Python can interrupt a function"
+        ):
             in_thread(lambda: self.end(0.0))
         self.assertEqual(in_thread(lambda: self.end(0.0, limit=None)), "completed")
 
     def test_a_nominal_scenario_that_hangs_is_an_error(self):
-        with self.assertRaisesRegex(ValueError, "nominal scenario takes longer than the time limit of 0.1 s"):
-            mishandle.simulate(lambda scenario: time.sleep(5), "always(d >= 0)", SPACE, time_limit=0.1)
+        with self.assertRaisesRegex(
+            ValueError, "nominal scenario takes longer than the time limit of 0.1 s"
+        ):
+            mishandle.simulate(
+                lambda scenario: time.sleep(5), "always(d >= 0)", SPACE, time_limit=0.1
+            )
 
     def test_an_environment_is_limited_in_every_thread(self):
-        kinds = dict(system=Slow(), policy=lambda o: np.zeros(1, np.float32), signals={"d": "reward"}, steps=20)
+        kinds = dict(
+            system=Slow(), policy=lambda o: np.zeros(1, np.float32), signals={"d": "reward"},
+            steps=20
+        )
         # Seven steps of 0.05 s are longer than 0.3 s; in another thread the limit is checked after
         # a step. A busy machine does fewer.
         ends = {f"timed out in control step {step}" for step in range(8)}
@@ -163,10 +178,10 @@ class Timers(unittest.TestCase):
 class Exceptions(unittest.TestCase):
     def test_all_have_one_base_and_the_usual_one(self):
         for kind, usual in [
-            (mishandle.InvalidValueError, ValueError),
-            (mishandle.InvalidTypeError, TypeError),
-            (mishandle.InvalidStateError, RuntimeError),
-            (mishandle.MissingPackageError, ImportError),
+            (InvalidValueError, ValueError),
+            (InvalidTypeError, TypeError),
+            (InvalidStateError, RuntimeError),
+            (MissingPackageError, ImportError),
             (mishandle.InvalidScenario, Exception),
         ]:
             self.assertTrue(issubclass(kind, MishandleError) and issubclass(kind, usual), kind)
@@ -176,7 +191,7 @@ class Exceptions(unittest.TestCase):
             lambda: mishandle.Formula("always(x <"),
             lambda: mishandle.TaskEnv("point-reachin"),
             lambda: mishandle.load_controller("ball-catching/none"),
-            lambda: mishandle.Search("randon", [(0, 1)]),
+            lambda: mishandle.ask.Search("randon", [(0, 1)]),
             lambda: mishandle.robustness("x <= 1", {"x": [1.0]}, period=-1.0),
         ]:
             with self.assertRaises(MishandleError) as raised:
@@ -192,12 +207,23 @@ class Exceptions(unittest.TestCase):
     def test_another_version_of_mujoco_is_refused_at_import(self):
         with tempfile.TemporaryDirectory() as folder:
             folder = pathlib.Path(folder)
-            (folder / "other.c").write_text('const char* mj_versionString(void) { return "3.3.0"; }\n')
-            subprocess.run(["cc", "-shared", "-fPIC", "-o", folder / "other.so", folder / "other.c"], check=True)
-            command = ["env", f"LD_PRELOAD={folder / 'other.so'}", sys.executable, "-c", "import mishandle"]
+            (folder / "other.c").write_text(
+                'const char* mj_versionString(void) { return "3.3.0"; }\n'
+            )
+            subprocess.run(
+                ["cc", "-shared", "-fPIC", "-o", folder / "other.so", folder / "other.c"],
+                check=True
+            )
+            command = [
+                "env", f"LD_PRELOAD={folder / 'other.so'}", sys.executable, "-c", "import mishandle"
+            ]
             found = subprocess.run(command, capture_output=True, text=True)
         self.assertNotEqual(found.returncode, 0)
-        self.assertIn("ImportError: mishandle needs MuJoCo 3.17.0, but the library that was loaded is MuJoCo 3.3.0", found.stderr)
+        self.assertIn(
+            "ImportError: mishandle needs MuJoCo 3.17.0, but the library that was loaded is "
+            "MuJoCo 3.3.0",
+            found.stderr
+        )
 
 
 if __name__ == "__main__":

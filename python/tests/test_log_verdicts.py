@@ -1,4 +1,5 @@
-"""Tests of verdicts on logs: the same for files, logs that were read, columns in memory, and the command."""
+"""Tests of verdicts on logs: the same for files, logs that were read, columns in memory, and the
+command."""
 
 import dataclasses
 import json
@@ -8,6 +9,7 @@ import sys
 import tempfile
 import unittest
 
+from cases import FolderCase
 import mishandle
 import numpy as np
 import pandas
@@ -16,6 +18,7 @@ import pyarrow
 import pyarrow.parquet
 from mcap.writer import Writer as McapWriter
 from mishandle import results
+from mishandle.errors import InvalidValueError
 
 START = 1_764_000_000_123_456_789
 
@@ -23,13 +26,16 @@ START = 1_764_000_000_123_456_789
 def command(*words):
     """Returns the document of the command."""
     done = subprocess.run(
-        [sys.executable, "-c", "import sys; from mishandle.command import main; sys.exit(main())", "monitor", "--json", *words],
-        capture_output=True,
-        text=True,
+        [
+            sys.executable, "-c",
+            "import sys; from mishandle.command import main; sys.exit(main())", "monitor", "--json",
+            *words
+        ],
+        capture_output=True, text=True
     )
     if done.returncode not in (0, 1):
         raise AssertionError(done.stderr)
-    return results.build(mishandle.Monitoring, json.loads(done.stdout))
+    return results.build(mishandle.logs.Monitoring, json.loads(done.stdout))
 
 
 def without_names(found):
@@ -37,12 +43,7 @@ def without_names(found):
     return [dataclasses.replace(verdict, log="") for verdict in found.verdicts]
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Files(FolderCase):
     def csv(self, name, columns):
         path = self.folder / name
         pandas.DataFrame(columns).to_csv(path, index=False)
@@ -96,13 +97,22 @@ class SameAnswers(Files):
             expected = command("--formula", formula, str(paths[0]), *flags)
             self.assertTrue(expected.violated)
             for path in paths:
-                asked = {"path": path, "log": mishandle.read_log(path), "columns": columns, "pandas": pandas.DataFrame(columns)}
+                asked = {
+                    "path": path, "log": mishandle.read_log(path), "columns": columns,
+                    "pandas": pandas.DataFrame(columns)
+                }
                 asked["polars"] = polars.DataFrame(columns)
                 for name, log in asked.items():
                     found = mishandle.monitor(formula, log, **reading)
-                    self.assertEqual(without_names(found), without_names(expected), (path.suffix, name, reading))
-                    self.assertEqual(mishandle.robustness(formula, log, **reading), expected.robustness)
-                self.assertEqual(mishandle.monitor(formula, path, **reading).verdicts[0].log, str(path))
+                    self.assertEqual(
+                        without_names(found), without_names(expected), (path.suffix, name, reading)
+                    )
+                    self.assertEqual(
+                        mishandle.robustness(formula, log, **reading), expected.robustness
+                    )
+                self.assertEqual(
+                    mishandle.monitor(formula, path, **reading).verdicts[0].log, str(path)
+                )
 
     def test_times_in_other_units_and_dates_count_from_the_first_sample(self):
         instants = [1_700_000_000_000_000_000 + 20_000_000 * row for row in range(5)]
@@ -125,7 +135,10 @@ class SameAnswers(Files):
 
     def test_the_robustness_is_the_first_value_of_the_signal(self):
         generator = np.random.default_rng(2)
-        for text in ("always(x <= 1)", "eventually[2:5](x >= 1 and y <= 0)", "(x <= 1) until[0:4] (y >= 1)", "x >= y"):
+        for text in (
+            "always(x <= 1)", "eventually[2:5](x >= 1 and y <= 0)", "(x <= 1) until[0:4] (y >= 1)",
+            "x >= y"
+        ):
             formula = mishandle.Formula(text)
             for length in (1, 3, 20):
                 columns = dict(zip("xy", generator.normal(size=(2, length))))
@@ -137,7 +150,9 @@ class SameAnswers(Files):
     def test_values_are_those_at_each_sample(self):
         columns = {"x": [0.0, 3.0, 1.0]}
         found = mishandle.monitor("x <= 2", columns, values=True, period=0.5)
-        self.assertEqual((found.robustness_signal, found.robustness_times), ((2.0, -1.0, 1.0), (0.0, 0.5, 1.0)))
+        self.assertEqual(
+            (found.robustness_signal, found.robustness_times), ((2.0, -1.0, 1.0), (0.0, 0.5, 1.0))
+        )
         found = mishandle.monitor("always[0:4](x <= 2)", columns, strict_horizon=False)
         self.assertTrue(found.cuts_windows)
         with self.assertRaisesRegex(ValueError, "needs 5 samples.*without strict_horizon=True"):
@@ -149,32 +164,59 @@ class SameAnswers(Files):
 class Choices(Files):
     def test_each_undecided_choice_names_the_argument(self):
         cases = [
-            ({"time": [0.0, 0.1, 0.3], "x": [1, 1, 1]}, {}, r'pass resample="hold"\|"linear" or dense="hold"\|"linear", or period if'),
+            (
+                {"time": [0.0, 0.1, 0.3], "x": [1, 1, 1]}, {},
+                r'pass resample="hold"\|"linear" or dense="hold"\|"linear", or period if'
+            ),
             ({"time": [0.0, 0.2, 0.1], "x": [1, 1, 1]}, {}, "sort=True orders the rows by time"),
-            ({"time": [0.0, 0.1, 0.1], "x": [1, 1, 1]}, {}, r'duplicates="first"\|"last" keeps one of both'),
+            (
+                {"time": [0.0, 0.1, 0.1], "x": [1, 1, 1]}, {},
+                r'duplicates="first"\|"last" keeps one of both'
+            ),
             ({"time": [0, 10**13], "x": [1, 1]}, {}, r'pass time_unit="s"\|"ms"\|"us"\|"ns"'),
             ({"x": [1.0, np.nan]}, {}, r'row 2: `x` has no number \(missing="hold"\|"drop" reads'),
             ({"x": [1.0, np.inf]}, {}, "row 2: `x` has no number"),
-            ({"x": [1.0, 2.0]}, {"resample": "hold"}, "resample needs the new period: period=SECONDS"),
+            (
+                {"x": [1.0, 2.0]}, {"resample": "hold"},
+                "resample needs the new period: period=SECONDS"
+            ),
             ({"x": [1.0, 2.0]}, {"dense": "hold"}, "name their column with time=COLUMN"),
-            ({"x": [1.0, 2.0]}, {"tolerance": 1.0}, "tolerance is the longest step that resample or dense bridges"),
+            (
+                {"x": [1.0, 2.0]}, {"tolerance": 1.0},
+                "tolerance is the longest step that resample or dense bridges"
+            ),
             ({"x": [1.0, 2.0]}, {"dense": "hold", "resample": "hold"}, "exclude each other"),
-            ({"x": [1.0, 2.0]}, {"missing": "skip"}, "missing is `skip`; it must be one of error, hold, drop"),
-            ({"x": [1.0, 2.0]}, {"period": 0.0}, "period is 0; it must be a number of seconds above 0"),
+            (
+                {"x": [1.0, 2.0]}, {"missing": "skip"},
+                "missing is `skip`; it must be one of error, hold, drop"
+            ),
+            (
+                {"x": [1.0, 2.0]}, {"period": 0.0},
+                "period is 0; it must be a number of seconds above 0"
+            ),
             ({"x": [1.0, 2.0]}, {"time": "t"}, "time is `t`, but no column has this name"),
-            ({"time": [0.0, 1.0], "x": [1, 1]}, {"period": 0.5}, "period is 0.5 s, but the mean step"),
+            (
+                {"time": [0.0, 1.0], "x": [1, 1]}, {"period": 0.5},
+                "period is 0.5 s, but the mean step"
+            ),
         ]
         for log, reading, message in cases:
             for ask in (mishandle.monitor, mishandle.robustness):
-                with self.assertRaisesRegex(mishandle.InvalidValueError, message) as raised:
+                with self.assertRaisesRegex(InvalidValueError, message) as raised:
                     ask("always(x <= 2)", log, **reading)
                 self.assertNotIn("--", str(raised.exception))
-        with self.assertRaisesRegex(TypeError, "there is no argument `resampled`; did you mean `resample`?"):
+        with self.assertRaisesRegex(
+            TypeError, "there is no argument `resampled`; did you mean `resample`?"
+        ):
             mishandle.monitor("always(x <= 2)", {"x": [1.0]}, resampled="hold")
-        with self.assertRaisesRegex(ValueError, "needs the time between two samples.*pass period=SECONDS"):
+        with self.assertRaisesRegex(
+            ValueError, "needs the time between two samples.*pass period=SECONDS"
+        ):
             mishandle.robustness("always[0:2s](x <= 2)", {"x": [1.0]})
-        read = mishandle.Log("read", {"": mishandle.Topic("", None, {"x": np.zeros(2)})})
-        for log, name in [({"x": [1.0]}, "format"), (read, "time"), ({"a": {"x": [1.0]}}, "delimiter")]:
+        read = mishandle.logs.Log("read", {"": mishandle.logs.Topic("", None, {"x": np.zeros(2)})})
+        for log, name in [
+            ({"x": [1.0]}, "format"), (read, "time"), ({"a": {"x": [1.0]}}, "delimiter")
+        ]:
             with self.assertRaisesRegex(TypeError, f"the argument `{name}` has no effect on"):
                 mishandle.monitor("always(x <= 2)", log, **{name: "csv"})
         path = self.csv("t.csv", {"stamp": [0.0, 1.0], "x": [1.0, 1.0]})
@@ -187,19 +229,32 @@ class Choices(Files):
             ({"duplicates": "first", "missing": "hold"}, -3.0),
             ({"duplicates": "last", "missing": "hold"}, 0.0),
         ]:
-            self.assertEqual(mishandle.robustness("always(x <= 2)", log, sort=True, **reading), expected)
-        found = mishandle.monitor("always(x <= 2)", log, sort=True, duplicates="last", missing="drop", dense="linear")
+            self.assertEqual(
+                mishandle.robustness("always(x <= 2)", log, sort=True, **reading), expected
+            )
+        found = mishandle.monitor(
+            "always(x <= 2)", log, sort=True, duplicates="last", missing="drop", dense="linear"
+        )
         self.assertEqual((found.robustness, found.verdicts[0].missing_values), (0.0, 1))
 
 
 class Tables(Files):
     def test_all_formats_give_the_columns_that_were_written(self):
-        columns = {"time": [0.5, 0.75, 1.0], "q[0]": [1.0, -2.0, 3.5], "flag": [True, False, True], "name": ["a", "b", "c"]}
+        columns = {
+            "time": [0.5, 0.75, 1.0], "q[0]": [1.0, -2.0, 3.5], "flag": [True, False, True],
+            "name": ["a", "b", "c"]
+        }
         for path in self.files(columns):
             log = mishandle.read_log(path)
             topic = log.topics[""]
-            self.assertEqual((topic.times.dtype, topic.times.tolist()), (np.int64, [500_000_000, 750_000_000, 1_000_000_000]))
-            self.assertEqual({name: values.tolist() for name, values in topic.columns.items()}, {"q[0]": [1, -2, 3.5], "flag": [1, 0, 1]})
+            self.assertEqual(
+                (topic.times.dtype, topic.times.tolist()),
+                (np.int64, [500_000_000, 750_000_000, 1_000_000_000])
+            )
+            self.assertEqual(
+                {name: values.tolist() for name, values in topic.columns.items()},
+                {"q[0]": [1, -2, 3.5], "flag": [1, 0, 1]}
+            )
             if path.suffix != ".npz":
                 self.assertEqual(topic.left_out, {"name": "it has no numbers"})
             self.assertEqual((log.name, log.signals), (str(path), ["q[0]", "flag"]))
@@ -209,7 +264,9 @@ class Tables(Files):
         for path in self.files({"time": times, "x": [1.0, 2.0, 3.0]}):
             with self.assertRaisesRegex(ValueError, r'time_unit="s"\|"ms"'):
                 mishandle.read_log(path)
-            self.assertEqual(mishandle.read_log(path, time_unit="ns").topics[""].times.tolist(), times)
+            self.assertEqual(
+                mishandle.read_log(path, time_unit="ns").topics[""].times.tolist(), times
+            )
 
     def test_a_table_without_times_has_none(self):
         log = mishandle.read_log(self.csv("x.csv", {"x": [1.0, 2.0], "y": [np.nan, 3.0]}))
@@ -220,21 +277,32 @@ class Tables(Files):
             mishandle.robustness("always(y <= 2)", log)
 
     def test_topics_of_a_column_and_of_several_files(self):
-        rows = {"time": [0.0, 0.1, 0.5, 1.0], "topic": ["arm", "hand", "arm", "hand"], "v": [1.0, 2.0, 3.0, 4.0]}
+        rows = {
+            "time": [0.0, 0.1, 0.5, 1.0], "topic": ["arm", "hand", "arm", "hand"],
+            "v": [1.0, 2.0, 3.0, 4.0]
+        }
         log = mishandle.read_log(self.csv("split.csv", rows), topic_column="topic")
         self.assertEqual(log.signals, ["arm/v", "hand/v"])
         self.assertEqual(log.topics["hand"].times.tolist(), [100_000_000, 1_000_000_000])
         formula = "always(`hand/v` - `arm/v` <= 0.5)"
-        topics = {"arm": {"time": [0.0, 0.5], "v": [1.0, 3.0]}, "hand": {"time": [0.1, 1.0], "v": [2.0, 4.0]}}
+        topics = {
+            "arm": {"time": [0.0, 0.5], "v": [1.0, 3.0]},
+            "hand": {"time": [0.1, 1.0], "v": [2.0, 4.0]}
+        }
         files = {name: self.csv(f"{name}.csv", columns) for name, columns in topics.items()}
         frames = {name: pandas.DataFrame(columns) for name, columns in topics.items()}
-        expected = command("--formula", formula, "--dense", "hold", *[f"--topic={name}={path}" for name, path in files.items()])
+        expected = command(
+            "--formula", formula, "--dense", "hold",
+            *[f"--topic={name}={path}" for name, path in files.items()]
+        )
         for each in (log, log.topics, topics, files, frames):
             found = mishandle.monitor(formula, each, dense="hold")
             self.assertEqual(without_names(found), without_names(expected))
         with self.assertRaisesRegex(ValueError, "different times; pass resample"):
             mishandle.monitor(formula, topics)
-        with self.assertRaisesRegex(ValueError, "lacks the signals hand/w; it has arm/time, arm/v, hand/time, hand/v"):
+        with self.assertRaisesRegex(
+            ValueError, "lacks the signals hand/w; it has arm/time, arm/v, hand/time, hand/v"
+        ):
             mishandle.monitor("`hand/w` <= 1", topics, dense="hold")
 
 
@@ -243,10 +311,15 @@ class SeveralLogs(Files):
         columns = {"time": [0.0, 1.0], "force": [1.0, 3.0]}
         file = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "log.csv"
         file.write_text("time,force\n0,1\n1,3\n")
-        formulas = {"soft": "always(force <= 2)", "other": "always(speed <= 1)", "odd": "always(sqrt(force - 2) <= 1)"}
+        formulas = {
+            "soft": "always(force <= 2)", "other": "always(speed <= 1)",
+            "odd": "always(sqrt(force - 2) <= 1)"
+        }
         for log in (columns, file):
             found = mishandle.monitor(formulas, log)
-            self.assertEqual([(verdict.name, verdict.violated) for verdict in found.verdicts], [("soft", True)])
+            self.assertEqual(
+                [(verdict.name, verdict.violated) for verdict in found.verdicts], [("soft", True)]
+            )
             self.assertEqual(len(found.without_verdict), 2)
             self.assertIn("speed", found.without_verdict[0])
             self.assertIn("no verdict", str(found))
@@ -254,8 +327,13 @@ class SeveralLogs(Files):
                 mishandle.monitor({"other": "always(speed <= 1)"}, log)
 
     def test_verdicts_are_worst_first_and_logs_of_one_name_are_told_apart(self):
-        paths = [self.csv(f"{name}.csv", {"x": values}) for name, values in [("a", [1.0, 0.5]), ("b", [3.0, 1.0])]]
-        found = mishandle.monitor({"low": "always(x <= 2)", "high": "always(x >= -4)"}, [*paths, paths[0], {"x": [7.0]}])
+        paths = [
+            self.csv(f"{name}.csv", {"x": values})
+            for name, values in [("a", [1.0, 0.5]), ("b", [3.0, 1.0])]
+        ]
+        found = mishandle.monitor(
+            {"low": "always(x <= 2)", "high": "always(x >= -4)"}, [*paths, paths[0], {"x": [7.0]}]
+        )
         # The robustness of each by hand.
         expected = [
             ("log 4", "low", -5.0),
@@ -267,13 +345,19 @@ class SeveralLogs(Files):
             (str(paths[1]), "high", 5.0),
             ("log 4", "high", 11.0),
         ]
-        self.assertEqual([(each.log, each.name, each.robustness) for each in found.verdicts], expected)
+        self.assertEqual(
+            [(each.log, each.name, each.robustness) for each in found.verdicts], expected
+        )
         self.assertEqual((found.robustness, found.violated), (-5.0, True))
         lines = str(found).splitlines()
         self.assertEqual((len(lines), lines[1].split()[:3]), (9, ["log", "4", "low"]))
-        self.assertEqual(list(pandas.DataFrame(found.verdicts)["robustness"]), [value for *_, value in expected])
+        self.assertEqual(
+            list(pandas.DataFrame(found.verdicts)["robustness"]), [value for *_, value in expected]
+        )
         same = command("--requirement=low=always(x <= 2)", *map(str, [paths[0], paths[0]]))
-        self.assertEqual([each.log for each in same.verdicts], [f"{paths[0]} (1)", f"{paths[0]} (2)"])
+        self.assertEqual(
+            [each.log for each in same.verdicts], [f"{paths[0]} (1)", f"{paths[0]} (2)"]
+        )
         with self.assertRaisesRegex(ValueError, f"trace {paths[0]}: "):
             mishandle.monitor("always(y <= 2)", paths[:1])
         self.assertEqual(len(mishandle.monitor("x <= 2", self.folder.glob("*.csv")).verdicts), 2)
@@ -282,25 +366,35 @@ class SeveralLogs(Files):
 
     def test_episodes_of_a_data_set_are_logs(self):
         (self.folder / "meta").mkdir()
-        (self.folder / "meta" / "info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}}))
+        (self.folder / "meta" / "info.json").write_text(
+            json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}})
+        )
         (self.folder / "data" / "chunk-000").mkdir(parents=True)
         lengths = (10, 25, 15)
         columns = {
-            "action": np.concatenate([np.full(length, float(number)) for number, length in enumerate(lengths)]),
-            "timestamp": np.concatenate([(np.arange(length) / 30).astype(np.float32) for length in lengths]),
+            "action": np.concatenate([
+                np.full(length, float(number)) for number, length in enumerate(lengths)
+            ]),
+            "timestamp": np.concatenate([
+                (np.arange(length) / 30).astype(np.float32) for length in lengths
+            ]),
             "frame_index": np.concatenate([np.arange(length) for length in lengths]),
             "episode_index": np.repeat(range(3), lengths),
         }
-        pyarrow.parquet.write_table(pyarrow.table(columns), self.folder / "data" / "chunk-000" / "file-000.parquet")
+        pyarrow.parquet.write_table(
+            pyarrow.table(columns), self.folder / "data" / "chunk-000" / "file-000.parquet"
+        )
         formula = "always[0:0.2s](action <= 1.5)"
-        for log in (self.folder, mishandle.read_logs(self.folder)):
+        for log in (self.folder, mishandle.logs.read_logs(self.folder)):
             found = mishandle.monitor(formula, log)
             rows = [(each.log, each.robustness, each.samples) for each in found.verdicts]
             names = [f"{self.folder} episode {number}" for number in range(3)]
             self.assertEqual(rows, [(names[2], -0.5, 15), (names[1], 0.5, 25), (names[0], 1.5, 10)])
         with self.assertRaisesRegex(ValueError, "has 3 logs; ask mishandle.monitor"):
             mishandle.robustness(formula, self.folder)
-        self.assertEqual(mishandle.robustness(formula, mishandle.read_log(self.folder, episode=2)), -0.5)
+        self.assertEqual(
+            mishandle.robustness(formula, mishandle.read_log(self.folder, episode=2)), -0.5
+        )
 
 
 class Recordings(Files):
@@ -308,8 +402,13 @@ class Recordings(Files):
         path = self.mcap([{"q": [0.1 * row], "mode": "run"} for row in range(10)])
         formula = "always(`/arm/state/q[0]` <= 0.45)"
         for log in (path, mishandle.read_log(path), mishandle.read_log(path, ["/arm/state"])):
-            [verdict] = mishandle.monitor(formula, log, time="log").verdicts if log is path else mishandle.monitor(formula, log).verdicts
-            self.assertEqual((verdict.log, verdict.origin_ns, verdict.samples), (str(path), START, 10))
+            [verdict] = (
+                mishandle.monitor(formula, log, time="log").verdicts if log is path
+                else mishandle.monitor(formula, log).verdicts
+            )
+            self.assertEqual(
+                (verdict.log, verdict.origin_ns, verdict.samples), (str(path), START, 10)
+            )
             [violation] = verdict.violations
             self.assertEqual((violation.start, violation.end), (0.05, 0.09))
         self.assertAlmostEqual(mishandle.robustness(formula, path), 0.45 - 0.9)
@@ -322,9 +421,13 @@ class Recordings(Files):
     def test_a_field_that_a_message_lacks_is_a_missing_value(self):
         path = self.mcap([{"q": 1.0}, {}, {"q": 3.0}])
         formula = "always(`/arm/state/q` <= 2)"
-        with self.assertRaisesRegex(ValueError, r'row 2: .* has no number \(missing="hold"\|"drop"'):
+        with self.assertRaisesRegex(
+            ValueError, r'row 2: .* has no number \(missing="hold"\|"drop"'
+        ):
             mishandle.monitor(formula, path)
-        self.assertEqual(mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1)
+        self.assertEqual(
+            mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1
+        )
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
 """Tests of logs: files that the packages of ROS, MCAP and Arrow write, and damaged ones."""
 
 import json
-import pathlib
 import random
 import struct
-import tempfile
 import unittest
 from types import SimpleNamespace
 
+from cases import FolderCase
 import mishandle
+from mishandle.errors import InvalidValueError
 import numpy as np
 import pyarrow
 import pyarrow.parquet
@@ -54,21 +54,20 @@ def wrench(index, stamp):
 def joint_state(store, stamp, names, positions):
     types = store.types
     header = types["std_msgs/msg/Header"](
-        stamp=types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id=""
+        stamp=types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
+        frame_id=""
     )
     empty = np.array([], dtype=np.float64)
     state = types["sensor_msgs/msg/JointState"]
-    return state(header=header, name=names, position=np.array(positions), velocity=empty, effort=empty)
+    return state(
+        header=header, name=names, position=np.array(positions), velocity=empty, effort=empty
+    )
 
 
-class Files(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Files(FolderCase):
     def ros2_mcap(self, name="wrench.mcap", messages=20, **options):
-        """Messages whose stamp is 2 ms, and whose publish time is 1 ms, before the recorder receives them."""
+        """Messages whose stamp is 2 ms, and whose publish time is 1 ms, before the recorder
+        receives them."""
         path = self.folder / name
         with open(path, "wb") as stream:
             writer = Ros2Writer(stream, **options)
@@ -77,7 +76,8 @@ class Files(unittest.TestCase):
             for index in range(messages):
                 received = START + index * 10_000_000
                 writer.write_message(
-                    "/wrench", schema, wrench(index, received - 2_000_000), received, received - 1_000_000
+                    "/wrench", schema, wrench(index, received - 2_000_000), received,
+                    received - 1_000_000
                 )
                 writer.write_message("/status", text, {"data": "ok"}, received)
             writer.finish()
@@ -106,7 +106,10 @@ class Files(unittest.TestCase):
             schema = writer.register_schema("state", "jsonschema", b'{"type": "object"}')
             channel = writer.register_channel("/state", "json", schema)
             for index, message in enumerate(messages):
-                writer.add_message(channel, START + index * 10**7, json.dumps(message).encode(), START + index * 10**7)
+                writer.add_message(
+                    channel, START + index * 10**7, json.dumps(message).encode(),
+                    START + index * 10**7
+                )
             writer.finish()
         return path
 
@@ -114,12 +117,20 @@ class Files(unittest.TestCase):
 class Mcap(Files):
     def test_nested_fields_of_ros_2_are_columns_in_nanoseconds(self):
         for compression in CompressionType:
-            log = mishandle.read_log(self.ros2_mcap(f"{compression.name}.mcap", compression=compression))
+            log = mishandle.read_log(
+                self.ros2_mcap(f"{compression.name}.mcap", compression=compression)
+            )
             topic = log.topics["/wrench"]
             self.assertEqual(topic.times.dtype, np.int64)
-            self.assertEqual(topic.times.tolist(), [START + index * 10_000_000 for index in range(20)])
-            self.assertEqual(topic.columns["wrench/force/x"].tolist(), [index * 0.5 for index in range(20)])
-            self.assertEqual(topic.columns["gains[1]"].tolist(), [index * 2.0 for index in range(20)])
+            self.assertEqual(
+                topic.times.tolist(), [START + index * 10_000_000 for index in range(20)]
+            )
+            self.assertEqual(
+                topic.columns["wrench/force/x"].tolist(), [index * 0.5 for index in range(20)]
+            )
+            self.assertEqual(
+                topic.columns["gains[1]"].tolist(), [index * 2.0 for index in range(20)]
+            )
             self.assertIn("/wrench/wrench/torque/z", log.signals)
             self.assertEqual(topic.left_out, {"header/frame_id": "it is text"})
             self.assertEqual(log.topics["/status"].columns, {})
@@ -145,7 +156,10 @@ class Mcap(Files):
                 writer.add_message(channel, stamp, json.dumps({"value": stamp}).encode(), stamp)
             writer.finish()
         topic = mishandle.read_log(path).topics["/x"]
-        self.assertEqual((topic.times.tolist(), topic.columns["value"].tolist()), ([10, 20, 30], [10.0, 20.0, 30.0]))
+        self.assertEqual(
+            (topic.times.tolist(), topic.columns["value"].tolist()),
+            ([10, 20, 30], [10.0, 20.0, 30.0])
+        )
 
     def test_fields_that_messages_lack_are_nan(self):
         messages = [{"a": 1}, {"b": [2, {"c": True}]}, {"a": None, "text": "x"}, {"a": 4, "b": []}]
@@ -164,7 +178,9 @@ class Mcap(Files):
         with open(path, "wb") as stream, ProtobufWriter(stream) as writer:
             for index in range(3):
                 writer.write_message("/time", Timestamp(seconds=index, nanos=7), START + index)
-                writer.write_message("/value", Value(number_value=0.0) if index else Value(), START + index)
+                writer.write_message(
+                    "/value", Value(number_value=0.0) if index else Value(), START + index
+                )
         log = mishandle.read_log(path)
         self.assertEqual(log.topics["/time"].columns["seconds"].tolist(), [0, 1, 2])
         # A number that is set to 0 is a value, and one that is not set is none.
@@ -194,7 +210,10 @@ class Mcap(Files):
         self.assertEqual(mishandle.read_log(self.json_mcap([deep])).topics["/state"].columns, {})
         many = [{f"key{index}_{part}": 1 for part in range(100)} for index in range(101)]
         self.assertIn("10000 fields", mishandle.read_log(self.json_mcap(many)).not_read["/state"])
-        self.assertIn("two fields", mishandle.read_log(self.json_mcap([{"a/b": 1, "a": {"b": 2}}])).not_read["/state"])
+        self.assertIn(
+            "two fields",
+            mishandle.read_log(self.json_mcap([{"a/b": 1, "a": {"b": 2}}])).not_read["/state"]
+        )
 
 
 class DamagedMcap(Files):
@@ -228,7 +247,7 @@ class DamagedMcap(Files):
             path.write_bytes(changed)
             try:
                 found = mishandle.read_log(path).topics
-            except mishandle.InvalidValueError:
+            except InvalidValueError:
                 refused += 1
                 continue
             if "/wrench" in found:
@@ -240,12 +259,16 @@ class DamagedMcap(Files):
 
         bomb = zstandard.ZstdCompressor().compress(bytes(2**20))
         for stated in (2**40, 10):
-            chunk = struct.pack("<QQQII", 0, 1, stated, 0, 4) + b"zstd" + struct.pack("<Q", len(bomb)) + bomb
+            chunk = struct.pack("<QQQII", 0, 1, stated, 0, 4) + b"zstd" + struct.pack(
+                "<Q", len(bomb)
+            ) + bomb
             path = self.folder / "bomb.mcap"
             magic = b"\x89MCAP0\r\n"
             header = struct.pack("<I", 0) * 2
             path.write_bytes(
-                magic + b"\x01" + struct.pack("<Q", 8) + header + b"\x06" + struct.pack("<Q", len(chunk)) + chunk
+                magic + b"\x01" + struct.pack("<Q", 8) + header + b"\x06" + struct.pack(
+                    "<Q", len(chunk)
+                ) + chunk
             )
             with self.assertRaisesRegex(ValueError, "after decompression|another size"):
                 mishandle.read_log(path)
@@ -257,7 +280,9 @@ class DamagedMcap(Files):
         (self.folder / "a.hdf5").write_bytes(b"")
         with self.assertRaisesRegex(ValueError, "a.hdf5: the file is empty"):
             mishandle.read_log(self.folder / "a.hdf5")
-        with self.assertRaisesRegex(TypeError, "no table, so the argument `time_unit` has no effect"):
+        with self.assertRaisesRegex(
+            TypeError, "no table, so the argument `time_unit` has no effect"
+        ):
             mishandle.read_log(self.folder / "a.mcap", time_unit="ns")
         with self.assertRaisesRegex(ValueError, "neither metadata.yaml"):
             mishandle.read_log(self.folder)
@@ -273,15 +298,11 @@ class Bags(Files):
         self.assertEqual(log.signals[-1], "/joint_states/position[1]")
 
     def test_both_storages_and_compressions_give_the_same_table(self):
-        for number, (storage, compression) in enumerate(
-            [
-                (StoragePlugin.SQLITE3, None),
-                (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-                (StoragePlugin.SQLITE3, CompressionMode.FILE),
-                (StoragePlugin.MCAP, None),
-                (StoragePlugin.MCAP, CompressionMode.STORAGE),
-            ]
-        ):
+        for number, (storage, compression) in enumerate([
+            (StoragePlugin.SQLITE3, None), (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+            (StoragePlugin.SQLITE3, CompressionMode.FILE), (StoragePlugin.MCAP, None),
+            (StoragePlugin.MCAP, CompressionMode.STORAGE)
+        ]):
             path = self.bag(storage, compression, f"bag{number}")
             self.check(mishandle.read_log(path))
             if storage == StoragePlugin.MCAP:
@@ -331,7 +352,7 @@ class Bags(Files):
         data = file.read_bytes()
         for damaged in (b"", data[: len(data) // 2], b"SQLite format 3\0" + bytes(4096)):
             file.write_bytes(damaged)
-            with self.assertRaises(mishandle.InvalidValueError):
+            with self.assertRaises(InvalidValueError):
                 mishandle.read_log(path)
         (self.folder / "a.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
         with self.assertRaisesRegex(ValueError, "no bag"):
@@ -349,18 +370,22 @@ class DataSets(Files):
         tables = []
         for episode, length in enumerate(lengths):
             frames = np.arange(length)
-            state = pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(np.arange(2.0 * length, dtype=np.float32)), 2)
+            state = pyarrow.FixedSizeListArray.from_arrays(
+                pyarrow.array(np.arange(2.0 * length, dtype=np.float32)), 2
+            )
             tables.append(
-                pyarrow.table(
-                    {
-                        "observation.state": state,
-                        "action": pyarrow.array([[float(episode)]] * length, pyarrow.list_(pyarrow.float32())),
-                        "observation.image": pyarrow.array([{"bytes": b"png", "path": None}] * length),
-                        "timestamp": pyarrow.array((frames / fps + jitter * (frames % 2)).astype(np.float32)),
-                        "frame_index": pyarrow.array(frames),
-                        "episode_index": pyarrow.array(np.full(length, episode)),
-                    }
-                )
+                pyarrow.table({
+                    "observation.state": state,
+                    "action": pyarrow.array(
+                        [[float(episode)]] * length, pyarrow.list_(pyarrow.float32())
+                    ),
+                    "observation.image": pyarrow.array([{"bytes": b"png", "path": None}] * length),
+                    "timestamp": pyarrow.array(
+                        (frames / fps + jitter * (frames % 2)).astype(np.float32)
+                    ),
+                    "frame_index": pyarrow.array(frames),
+                    "episode_index": pyarrow.array(np.full(length, episode))
+                })
             )
         if version.startswith("v3"):
             pyarrow.parquet.write_table(pyarrow.concat_tables(tables), chunk / "file-000.parquet")
@@ -373,9 +398,11 @@ class DataSets(Files):
         found = []
         for version in ("v2.1", "v3.0"):
             path = self.data_set(version)
-            logs = mishandle.read_logs(path)
+            logs = mishandle.logs.read_logs(path)
             self.assertEqual([len(log.topics[""].times) for log in logs], [40, 25])
-            self.assertEqual(logs[1].topics[""].columns["observation.state[1]"][:3].tolist(), [1, 3, 5])
+            self.assertEqual(
+                logs[1].topics[""].columns["observation.state[1]"][:3].tolist(), [1, 3, 5]
+            )
             self.assertEqual(logs[1].topics[""].columns["action"][0], 1.0)
             found.append(logs[1].topics[""].times.tolist())
             one = mishandle.read_log(path, episode=1)
@@ -404,10 +431,10 @@ class DataSets(Files):
         [file] = (path / "data" / "chunk-000").iterdir()
         file.write_bytes(file.read_bytes()[:-100])
         with self.assertRaisesRegex(ValueError, "damaged or no Parquet file"):
-            mishandle.read_logs(path)
+            mishandle.logs.read_logs(path)
         (path / "meta" / "info.json").write_text('{"codebase_version": "v1.6", "fps": 30}')
         with self.assertRaisesRegex(ValueError, "v2 and v3"):
-            mishandle.read_logs(path)
+            mishandle.logs.read_logs(path)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Axis
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 def half_space(scenario: dict[str, Any]) -> dict[str, list[float]]:
     return {"y": [0.3 - (0.5 * scenario["a"] - 0.3 * scenario["b"] + 0.2 * scenario["c"])] * 2}
@@ -30,7 +31,9 @@ class Push(gymnasium.Env[Any, Any]):
         self.action_space = gymnasium.spaces.Box(-1, 1, (1,))
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
         self.push, self.x = float((options or {}).get("push", 0.0)), 0.0
         return np.array([self.push]), {}
@@ -51,7 +54,9 @@ class Margins(unittest.TestCase):
         values = [abs(value) for value in witness.scenario.values()]
         self.assertAlmostEqual(witness.amplitude, max(values), places=12)
         self.assertAlmostEqual(witness.l1, sum(values), places=12)
-        self.assertAlmostEqual(witness.l2, math.sqrt(sum(value * value for value in values)), places=12)
+        self.assertAlmostEqual(
+            witness.l2, math.sqrt(sum(value * value for value in values)), places=12
+        )
         self.assertLess(witness.robustness, 0)
         self.assertIsNone(witness.repeats)
         assert found.no_violation_up_to is not None
@@ -68,9 +73,11 @@ class Margins(unittest.TestCase):
             assert found.witness is not None
             self.assertEqual(again.repetition.scenario, found.witness.scenario)
             self.assertEqual(again.recorded_robustness, found.witness.robustness)
-            test = mishandle.regress(folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half")
+            test = mishandle.regress(
+                folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half"
+            )
             self.assertEqual((test.passes, test.fails), (1, 0))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "leave out `trial`"):
+            with self.assertRaisesRegex(InvalidValueError, "leave out `trial`"):
                 mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
             with self.assertRaisesRegex(mishandle.MishandleError, "must end with .json"):
                 found.export(os.path.join(folder, "witness.txt"))
@@ -81,7 +88,8 @@ class Margins(unittest.TestCase):
         space = [Axis("push", -2, 2, kind="event")]
         policy = lambda observation: -observation
         found = mishandle.margin(
-            Push(), "always(abs(x) <= 1)", space, policy=policy, signals={"x": "x"}, steps=10, budget=300
+            Push(), "always(abs(x) <= 1)", space, policy=policy, signals={"x": "x"}, steps=10,
+            budget=300
         )
         assert found.witness is not None
         self.assertTrue(0.55 <= found.witness.amplitude < 0.57, found.witness)
@@ -104,23 +112,37 @@ class Margins(unittest.TestCase):
 
         found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
         assert found.witness is not None and found.witness.repeats is not None
-        self.assertTrue(0 < found.witness.repeats.failures < 30 and found.witness.fails_in_most_repeats is False)
+        self.assertTrue(
+            0 < found.witness.repeats.failures < 30 and found.witness.fails_in_most_repeats is False
+        )
         always = lambda scenario, seed: {"y": [scenario["a"]] * 2}
         found = mishandle.margin(always, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
         assert found.witness is not None and found.witness.repeats is not None
-        self.assertEqual((found.witness.repeats.failures, found.witness.fails_in_most_repeats), (100, True))
+        self.assertEqual(
+            (found.witness.repeats.failures, found.witness.fails_in_most_repeats), (100, True)
+        )
 
-    def test_a_system_that_fails_in_a_third_of_its_simulations_is_called_safe_by_no_seed(self) -> None:
+    def test_a_system_that_fails_in_a_third_of_its_simulations_is_called_safe_by_no_seed(
+        self
+    ) -> None:
         def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
             return {"y": [-1.0 if random.Random(seed).random() < 0.3 else 1.0] * 2}
 
         for seed in range(30):
             with self.subTest(seed):
-                self.assertIsNotNone(mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=100, seed=seed).witness)
-        found = mishandle.margin(lambda scenario, seed: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS[:1], budget=100)
+                self.assertIsNotNone(
+                    mishandle.margin(
+                        system, "always(y >= 0)", INPUTS[:1], budget=100, seed=seed
+                    ).witness
+                )
+        found = mishandle.margin(
+            lambda scenario, seed: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS[:1], budget=100
+        )
         self.assertEqual((found.no_violation_simulations, found.no_violation_seeds), (100, 100))
 
-    def test_a_margin_names_the_categories_that_it_keeps_and_searches_each_of_them_if_asked(self) -> None:
+    def test_a_margin_names_the_categories_that_it_keeps_and_searches_each_of_them_if_asked(
+        self
+    ) -> None:
         # A push of 80 % fails on dry ground, of 30 % on wet ground.
         space = [Axis("ground", values=["dry", "wet"], kind="model"), *INPUTS[:1]]
         limits = {"dry": 0.8, "wet": 0.3}
@@ -131,7 +153,9 @@ class Margins(unittest.TestCase):
         self.assertTrue(0.8 <= found.witness.amplitude < 0.82)
         found = mishandle.margin(system, "always(y >= 0)", space, budget=200, each_category=True)
         assert found.witness is not None
-        self.assertEqual((found.categories, found.witness.scenario["ground"]), ({"ground": "wet"}, "wet"))
+        self.assertEqual(
+            (found.categories, found.witness.scenario["ground"]), ({"ground": "wet"}, "wet")
+        )
         self.assertTrue(0.3 <= found.witness.amplitude < 0.32)
         dry, wet = found.each_category
         assert dry.amplitude is not None
@@ -141,8 +165,12 @@ class Margins(unittest.TestCase):
 
     def test_a_safe_system_has_no_witness(self) -> None:
         found = mishandle.margin(half_space, "always(y >= -2)", INPUTS, budget=200)
-        self.assertEqual((found.witness, found.no_violation_up_to, len(found.levels)), (None, 1.0, 1))
-        self.assertEqual((found.no_violation_simulations, found.simulations, found.is_complete), (200, 200, True))
+        self.assertEqual(
+            (found.witness, found.no_violation_up_to, len(found.levels)), (None, 1.0, 1)
+        )
+        self.assertEqual(
+            (found.no_violation_simulations, found.simulations, found.is_complete), (200, 200, True)
+        )
         with self.assertRaisesRegex(mishandle.MishandleError, "no witness"):
             found.export("witness.json")
 
@@ -159,17 +187,22 @@ class Margins(unittest.TestCase):
             (INPUTS, {"budget": 2_000_000}, "the budget is 2000000"),
             (INPUTS, {"seed": -1}, "seed is -1"),
         ]:
-            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
-                mishandle.margin(system, "always(y >= 0)", space, **options)  # type: ignore[arg-type]
+            with self.subTest(text), self.assertRaisesRegex(InvalidValueError, text):
+                mishandle.margin(
+                    system, "always(y >= 0)", space, **options  # type: ignore[arg-type]
+                )
         self.assertEqual(calls, [])
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "no argument `budgets`"):
+        with self.assertRaisesRegex(InvalidTypeError, "no argument `budgets`"):
             mishandle.margin(system, "always(y >= 0)", INPUTS, budgets=3)  # type: ignore[call-arg]
 
     def test_a_system_without_a_verdict_was_not_tested(self) -> None:
         with self.assertWarnsRegex(UserWarning, "no verdict"), self.assertRaisesRegex(
-            mishandle.MishandleError, "simulations have no verdict, so the search stopped.*`y` is not finite"
+            mishandle.MishandleError,
+            "simulations have no verdict, so the search stopped.*`y` is not finite"
         ):
-            mishandle.margin(lambda scenario: {"y": [float("nan")] * 2}, "always(y >= 0)", INPUTS, budget=50)
+            mishandle.margin(
+                lambda scenario: {"y": [float("nan")] * 2}, "always(y >= 0)", INPUTS, budget=50
+            )
 
     def test_an_exception_of_the_progress_ends_the_search(self) -> None:
         def progress(done: int, total: int) -> None:
@@ -178,12 +211,14 @@ class Margins(unittest.TestCase):
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(half_space, "always(y >= 0)", INPUTS, progress=progress)
-        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        result: mishandle.ask.Margin = raised.exception.result  # type: ignore[attr-defined]
         self.assertTrue(100 < result.simulations < 100 + 2 * 64 and not result.is_complete)
 
     def test_ctrl_c_ends_the_search_after_the_batch_and_keeps_the_witness_so_far(self) -> None:
         # A shell starts background jobs with SIGINT ignored.
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         calls = 0
 
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
@@ -197,7 +232,7 @@ class Margins(unittest.TestCase):
 
         with self.assertRaises(KeyboardInterrupt) as raised:
             mishandle.margin(system, "always(y >= 0)", INPUTS)
-        result: mishandle.Margin = raised.exception.result  # type: ignore[attr-defined]
+        result: mishandle.ask.Margin = raised.exception.result  # type: ignore[attr-defined]
         self.assertTrue(500 < result.simulations <= calls < 1500 + 64, (result.simulations, calls))
         self.assertFalse(result.is_complete)
         assert result.witness is not None
@@ -207,7 +242,9 @@ class Margins(unittest.TestCase):
             self.assertTrue(result.export(os.path.join(folder, "witness.json")).exists())
 
     def test_a_second_ctrl_c_interrupts_at_once(self) -> None:
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         calls = 0
 
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:

@@ -1,4 +1,5 @@
-"""Tests of online monitors: equality with the monitor of whole traces at every prefix, forms of a sample, errors, reset."""
+"""Tests of online monitors: equality with the monitor of whole traces at every prefix, forms of a
+sample, errors, reset."""
 
 import unittest
 
@@ -17,7 +18,10 @@ BOUNDED = [
     "eventually[0:5]((x <= 1) since (y >= 0))",
     "always[0:5](rise(x >= 0) -> eventually[0:2](y >= 0))",
 ]
-UNBOUNDED = ["always(x <= 1)", "eventually(y >= 2)", "always(eventually[0:3](x >= 0))", "(x <= 2) until (y >= 1)"]
+UNBOUNDED = [
+    "always(x <= 1)", "eventually(y >= 2)", "always(eventually[0:3](x >= 0))",
+    "(x <= 2) until (y >= 1)"
+]
 INFINITY = float("inf")
 
 
@@ -56,12 +60,16 @@ class Prefixes(unittest.TestCase):
             for text in UNBOUNDED:
                 monitor = OnlineMonitor(text, ["x", "y"], samples=len(rows))
                 monitor.push_many(rows)
-                self.assertEqual(monitor.bounds(), Formula(text).robustness_bounds(columns(rows)), text)
+                self.assertEqual(
+                    monitor.bounds(), Formula(text).robustness_bounds(columns(rows)), text
+                )
 
     def test_a_trace_of_unknown_length_leaves_the_future_open(self):
         monitor = OnlineMonitor(["always(x <= 1)", "eventually(x >= 3)"])
         monitor.push_many([0.5, 0.0])
-        self.assertEqual([monitor.bounds(0), monitor.bounds(1)], [(-INFINITY, 0.5), (-2.5, INFINITY)])
+        self.assertEqual(
+            [monitor.bounds(0), monitor.bounds(1)], [(-INFINITY, 0.5), (-2.5, INFINITY)]
+        )
         self.assertEqual([monitor.verdict(0), monitor.verdict(1)], [None, None])
         monitor.push_many([4.0])
         self.assertEqual([monitor.verdict(0), monitor.verdict(1)], [False, True])
@@ -74,7 +82,10 @@ class Prefixes(unittest.TestCase):
             together.push(row)
             for index, monitor in enumerate(alone):
                 monitor.push(row)
-                found = together.bounds(index), together.verdict(index), together.decided(index), len(together)
+                found = (
+                    together.bounds(index), together.verdict(index), together.decided(index),
+                    len(together)
+                )
                 self.assertEqual(found, answers(monitor))
 
     def test_bounds_with_units_use_the_period(self):
@@ -112,7 +123,10 @@ class Samples(unittest.TestCase):
         self.assertEqual(answers(whole), answers(expected))
 
     def test_one_signal_takes_numbers(self):
-        for value in [3, 3.0, np.float64(3.0), np.float32(3.0), np.int64(3), np.array(3.0), (3,), [3.0], {"x": 3}]:
+        for value in [
+            3, 3.0, np.float64(3.0), np.float32(3.0), np.int64(3), np.array(3.0), (3,), [3.0],
+            {"x": 3}
+        ]:
             monitor = OnlineMonitor("x <= 1")
             monitor.push(value)
             self.assertEqual(monitor.decided(), (0, -2.0), repr(value))

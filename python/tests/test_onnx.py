@@ -6,10 +6,13 @@ import unittest
 
 import gymnasium
 import mishandle
+from mishandle.errors import InvalidStateError, InvalidValueError
 import numpy as np
 import onnx
 import onnxruntime
-from onnx import helper, numpy_helper
+import onnx_models
+from onnx import helper
+from onnx_models import numbers
 
 ROOT = pathlib.Path(__file__).parents[2]
 TOLERANCE = 1e-5
@@ -53,36 +56,34 @@ class Export(unittest.TestCase):
                 self.assertEqual(ours.task, task)
                 observations = observations_of(task, controller)
                 own = controller(observations)
-                action, unclipped = session(data).run(["action", "unclipped_action"], {"observation": observations})
-                np.testing.assert_allclose(unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
+                action, unclipped = session(data).run(
+                    ["action", "unclipped_action"], {"observation": observations}
+                )
+                np.testing.assert_allclose(
+                    unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name
+                )
                 clipped = np.clip(own, -1, 1)
                 np.testing.assert_allclose(action, clipped, atol=TOLERANCE, rtol=0, err_msg=name)
                 # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the
                 # largest difference.
                 bound = 2e-5 if path.stem.split("-")[0] in ("td3", "ddpg") else TOLERANCE
-                np.testing.assert_allclose(ours(observations), clipped, atol=bound, rtol=0, err_msg=name)
+                np.testing.assert_allclose(
+                    ours(observations), clipped, atol=bound, rtol=0, err_msg=name
+                )
 
 
-def model(nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), opset=17, **properties):
-    info = lambda name, shape: helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
-    graph = helper.make_graph(
-        nodes, "policy", [info(*i) for i in inputs], [info(*o) for o in outputs],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
-    helper.set_model_props(made, {f"mishandle.{key}": value for key, value in properties.items()})
-    return made
-
-
-def numbers(*shape, seed=0):
-    return (np.random.default_rng(seed).normal(size=shape) * 0.3).astype(np.float32)
+def model(
+    nodes, weights, inputs=(("observation", ["N", 27]),), outputs=(("action", ["N", 9]),), **more
+):
+    return onnx_models.model(nodes, inputs, outputs, weights, **more)
 
 
 def linear(path, weights, **properties):
     """Writes a model that multiplies an observation by a matrix."""
     inputs, outputs = weights.shape
     made = model(
-        [helper.make_node("MatMul", ["observation", "w"], ["action"])], {"w": weights.astype(np.float32)},
+        [helper.make_node("MatMul", ["observation", "w"], ["action"])],
+        {"w": weights.astype(np.float32)},
         [("observation", ["N", inputs])], [("action", ["N", outputs])], **properties,
     )
     onnx.save(made, path)
@@ -92,16 +93,16 @@ class WithoutTask(unittest.TestCase):
     """Models of robots that are none of our tasks."""
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
 
     def test_a_model_has_the_sizes_that_it_states(self):
         for inputs, outputs in [(1, 1), (4, 1), (5, 12), (300, 2)]:
             weights = numbers(inputs, outputs)
             linear(self.path, weights)
             policy = mishandle.load_controller(self.path)
-            self.assertEqual((policy.observation_size, policy.action_size, policy.task), (inputs, outputs, ""))
+            self.assertEqual(
+                (policy.observation_size, policy.action_size, policy.task), (inputs, outputs, "")
+            )
             self.assertFalse(policy.is_recurrent)
             observations = numbers(7, inputs, seed=1)
             np.testing.assert_allclose(policy.act(observations), observations @ weights, atol=1e-5)
@@ -110,7 +111,9 @@ class WithoutTask(unittest.TestCase):
     def test_a_model_may_name_a_robot_that_is_no_task(self):
         linear(self.path, numbers(4, 1), task="my-robot")
         self.assertEqual(mishandle.load_controller(self.path).task, "my-robot")
-        with self.assertRaisesRegex(Exception, "the ONNX model is for my-robot, not for point-reaching"):
+        with self.assertRaisesRegex(
+            Exception, "the ONNX model is for my-robot, not for point-reaching"
+        ):
             mishandle.load_controller(self.path, task="point-reaching")
 
     def test_a_chunk_of_actions_is_played_from_its_first_step(self):
@@ -120,8 +123,8 @@ class WithoutTask(unittest.TestCase):
             helper.make_node("Reshape", ["all", "shape"], ["action"]),
         ]
         made = model(
-            nodes, {"w": weights.astype(np.float32), "shape": np.array([-1, 3, 2])}, [("observation", ["N", 4])],
-            [("action", ["N", 3, 2])], chunk='{"execute": 2}',
+            nodes, {"w": weights.astype(np.float32), "shape": np.array([-1, 3, 2])},
+            [("observation", ["N", 4])], [("action", ["N", 3, 2])], chunk='{"execute": 2}'
         )
         onnx.save(made, self.path)
         policy = mishandle.load_controller(self.path)
@@ -138,15 +141,24 @@ class WithoutTask(unittest.TestCase):
         linear(self.path, numbers(4, 1))
         policy = mishandle.load_controller(self.path)
         for wrong in (np.zeros(3), np.zeros((2, 5))):
-            with self.assertRaisesRegex(mishandle.InvalidValueError, r"an observation has [35] numbers; the controller takes 4"):
+            with self.assertRaisesRegex(
+                InvalidValueError, r"an observation has [35] numbers; the controller takes 4"
+            ):
                 policy(wrong)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the shape \(1, 1, 4\); expected one observation of 4 numbers"):
+        with self.assertRaisesRegex(
+            InvalidValueError, r"the shape \(1, 1, 4\); expected one observation of 4 numbers"
+        ):
             policy(np.zeros((1, 1, 4)))
 
     def test_a_model_without_a_fixed_size_is_an_error(self):
-        made = model([helper.make_node("Tanh", ["observation"], ["action"])], {}, [("observation", ["N", "M"])], [("action", ["N", "M"])])
+        made = model(
+            [helper.make_node("Tanh", ["observation"], ["action"])], {},
+            [("observation", ["N", "M"])], [("action", ["N", "M"])]
+        )
         onnx.save(made, self.path)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"the observation `observation` .* has the shape \[N, N\]; expected"):
+        with self.assertRaisesRegex(
+            InvalidValueError, r"the observation `observation` .* has the shape \[N, N\]; expected"
+        ):
             mishandle.load_controller(self.path)
 
     def test_a_function_acts_with_the_model_and_its_hash_is_a_part_of_the_identity(self):
@@ -167,7 +179,9 @@ class WithoutTask(unittest.TestCase):
 
             path = self.path.with_name(f"{gain}.sqlite")
             path.unlink(missing_ok=True)
-            return mishandle.evaluate(simulate, "always(position <= 2)", space, episodes=4, out=path)
+            return mishandle.evaluate(
+                simulate, "always(position <= 2)", space, episodes=4, out=path
+            )
 
         first, again, other = evaluated(1.0), evaluated(1.0), evaluated(0.5)
         self.assertEqual(first.success_rate.value, 1.0)
@@ -178,9 +192,7 @@ class WithoutTask(unittest.TestCase):
 
 class Import(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "policy.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
         self.observations = np.random.default_rng(4).normal(size=(32, 27)).astype(np.float32)
 
     def load(self, made):
@@ -203,7 +215,8 @@ class Import(unittest.TestCase):
         gemm = helper.make_node("Gemm", ["observation", "w", "b"], ["h"])
         last = helper.make_node("MatMul", ["a", "v"], ["action"])
         for operator in (
-            "Elu", "Relu", "Tanh", "Sigmoid", "LeakyRelu", "Softplus", "Erf", "Exp", "Abs", "Neg", "Sin", "Cos", "Softmax",
+            "Elu", "Relu", "Tanh", "Sigmoid", "LeakyRelu", "Softplus", "Erf", "Exp", "Abs", "Neg",
+            "Sin", "Cos", "Softmax",
             "Softsign", "HardSigmoid", "Identity", "HardSwish",
         ):
             with self.subTest(operator):
@@ -211,32 +224,80 @@ class Import(unittest.TestCase):
         for opset, nodes, more in (
             (20, [helper.make_node("Gelu", ["h"], ["a"])], {}),
             (20, [helper.make_node("Gelu", ["h"], ["a"], approximate="tanh")], {}),
-            (17, [helper.make_node("LayerNormalization", ["h", "g", "s"], ["a"])],
-             {"g": numbers(16, seed=5), "s": numbers(16, seed=6)}),
-            (18, [helper.make_node("ReduceMean", ["h", "axes"], ["m"]), helper.make_node("Sub", ["h", "m"], ["a"])],
-             {"axes": np.array([-1])}),
-            (13, [helper.make_node("Split", ["h", "sizes"], ["p", "q"], axis=1),
-                  helper.make_node("Concat", ["q", "p"], ["a"], axis=-1)], {"sizes": np.array([6, 10])}),
-            (17, [helper.make_node("Slice", ["h", "from", "to", "axis"], ["p"]),
-                  helper.make_node("Concat", ["p", "p"], ["a"], axis=1)],
-             {"from": np.array([8]), "to": np.array([16]), "axis": np.array([1])}),
-            (17, [helper.make_node("Clip", ["h", "low", "high"], ["a"])], {"low": np.float32(-0.2), "high": np.float32(0.3)}),
-            (17, [helper.make_node("Shape", ["h"], ["size"]), helper.make_node("ConstantOfShape", ["size"], ["zero"]),
-                  helper.make_node("Add", ["h", "zero"], ["a"])], {}),
-            (17, [helper.make_node("Pow", ["h", "two"], ["p"]), helper.make_node("Sqrt", ["p"], ["a"])],
-             {"two": np.float32(2)}),
-            (17, [helper.make_node("Greater", ["h", "zero"], ["c"]), helper.make_node("Where", ["c", "h", "zero"], ["a"])],
-             {"zero": np.float32(0)}),
-            (17, [helper.make_node("Gather", ["h", "order"], ["a"], axis=1)], {"order": np.arange(15, -1, -1)}),
+            (
+                17, [helper.make_node("LayerNormalization", ["h", "g", "s"], ["a"])],
+                {"g": numbers(16, seed=5), "s": numbers(16, seed=6)}
+            ),
+            (
+                18,
+                [
+                    helper.make_node("ReduceMean", ["h", "axes"], ["m"]),
+                    helper.make_node("Sub", ["h", "m"], ["a"])
+                ],
+                {"axes": np.array([-1])}
+            ),
+            (
+                13,
+                [
+                    helper.make_node("Split", ["h", "sizes"], ["p", "q"], axis=1),
+                    helper.make_node("Concat", ["q", "p"], ["a"], axis=-1)
+                ],
+                {"sizes": np.array([6, 10])}
+            ),
+            (
+                17,
+                [
+                    helper.make_node("Slice", ["h", "from", "to", "axis"], ["p"]),
+                    helper.make_node("Concat", ["p", "p"], ["a"], axis=1)
+                ],
+                {"from": np.array([8]), "to": np.array([16]), "axis": np.array([1])}
+            ),
+            (
+                17, [helper.make_node("Clip", ["h", "low", "high"], ["a"])],
+                {"low": np.float32(-0.2), "high": np.float32(0.3)}
+            ),
+            (
+                17,
+                [
+                    helper.make_node("Shape", ["h"], ["size"]),
+                    helper.make_node("ConstantOfShape", ["size"], ["zero"]),
+                    helper.make_node("Add", ["h", "zero"], ["a"])
+                ],
+                {}
+            ),
+            (
+                17,
+                [
+                    helper.make_node("Pow", ["h", "two"], ["p"]),
+                    helper.make_node("Sqrt", ["p"], ["a"])
+                ],
+                {"two": np.float32(2)}
+            ),
+            (
+                17,
+                [
+                    helper.make_node("Greater", ["h", "zero"], ["c"]),
+                    helper.make_node("Where", ["c", "h", "zero"], ["a"])
+                ],
+                {"zero": np.float32(0)}
+            ),
+            (
+                17, [helper.make_node("Gather", ["h", "order"], ["a"], axis=1)],
+                {"order": np.arange(15, -1, -1)}
+            )
         ):
             with self.subTest(nodes[0].op_type):
                 self.check(model([gemm, *nodes, last], weights | more, opset=opset))
 
     def test_operators_that_the_runtime_computes_otherwise_are_refused(self):
-        """Each part goes from `h` [N, 9] to `a` [N, 9]. Those without words agree with ONNX Runtime."""
+        """Each part goes from `h` [N, 9] to `a` [N, 9]. Those without words agree with ONNX
+        Runtime."""
         cube = helper.make_node("Reshape", ["h", "cube"], ["c"])
         flat = helper.make_node("Reshape", ["d", "flat"], ["a"])
-        cast = lambda to: [helper.make_node("Cast", ["h"], ["k"], to=to), helper.make_node("Cast", ["k"], ["a"], to=1)]
+        cast = lambda to: [
+            helper.make_node("Cast", ["h"], ["k"], to=to),
+            helper.make_node("Cast", ["k"], ["a"], to=1)
+        ]
         types = onnx.TensorProto
         lstm = lambda *more: [
             helper.make_node("Reshape", ["h", "steps"], ["s"]),
@@ -246,35 +307,65 @@ class Import(unittest.TestCase):
         for opset in (8, 12, 13, 17, 20, 22):
             old = opset < 13
             cases = [
-                ([cube, helper.make_node("Softmax", ["c"], ["d"]), flat], "reduces several dimensions" if old else ""),
-                ([cube, helper.make_node("LogSoftmax", ["c"], ["d"], axis=1), flat], "reduces several dimensions" if old else ""),
+                (
+                    [cube, helper.make_node("Softmax", ["c"], ["d"]), flat],
+                    "reduces several dimensions" if old else ""
+                ),
+                (
+                    [cube, helper.make_node("LogSoftmax", ["c"], ["d"], axis=1), flat],
+                    "reduces several dimensions" if old else ""
+                ),
                 ([cube, helper.make_node("Softmax", ["c"], ["d"], axis=2), flat], ""),
                 ([helper.make_node("Softmax", ["h"], ["a"])], ""),
                 (cast(types.BOOL), "converts numbers to truth values"),
                 (cast(types.INT8), "rounds to 8 or 16 bits"),
                 (cast(types.UINT8), "rounds to 8 or 16 bits"),
-                (cast(types.FLOAT16), "rounds to 8 or 16 bits"),
-                (cast(types.INT32), ""),
-                (cast(types.INT64), ""),
-                (lstm(), ""),
-                (lstm("lengths"), "a part of the sequence"),
-                ([helper.make_node("ArgMax", ["h"], ["k"], axis=1), helper.make_node("Cast", ["k"], ["m"], to=1),
-                  helper.make_node("Add", ["h", "m"], ["a"])], "operator `ArgMax`"),
-                ([helper.make_node("Cast", ["big"], ["m"], to=1), helper.make_node("Add", ["h", "m"], ["a"])], "more than 32 bits"),
+                (cast(types.FLOAT16), "rounds to 8 or 16 bits"), (cast(types.INT32), ""),
+                (cast(types.INT64), ""), (lstm(), ""), (lstm("lengths"), "a part of the sequence"),
+                (
+                    [
+                        helper.make_node("ArgMax", ["h"], ["k"], axis=1),
+                        helper.make_node("Cast", ["k"], ["m"], to=1),
+                        helper.make_node("Add", ["h", "m"], ["a"])
+                    ],
+                    "operator `ArgMax`"
+                ),
+                (
+                    [
+                        helper.make_node("Cast", ["big"], ["m"], to=1),
+                        helper.make_node("Add", ["h", "m"], ["a"])
+                    ],
+                    "more than 32 bits"
+                )
             ]
             if opset >= 12:
-                less = [helper.make_node("Less", ["h", "half"], ["l"]), helper.make_node("Cast", ["l"], ["t"], to=types.BOOL),
-                        helper.make_node("Not", ["t"], ["n"]), helper.make_node("Cast", ["n"], ["a"], to=1)]
+                less = [
+                    helper.make_node("Less", ["h", "half"], ["l"]),
+                    helper.make_node("Cast", ["l"], ["t"], to=types.BOOL),
+                    helper.make_node("Not", ["t"], ["n"]),
+                    helper.make_node("Cast", ["n"], ["a"], to=1)
+                ]
                 cases.append((less, ""))
-                cases.append(([helper.make_node("Slice", ["h", "first", "last", "one"], ["a"])], ""))
-            weights = {"w": numbers(27, 9) * 9, "v": numbers(9, 9, seed=2), "cube": np.array([-1, 3, 3]), "flat": np.array([-1, 9]),
-                       "steps": np.array([3, 1, 3]), "lw": numbers(1, 12, 3), "lr": numbers(1, 12, 3, seed=1),
-                       "lengths": np.array([2], np.int32), "half": np.float32(0.5),
-                       "big": np.array(2**40), "first": np.array([0]), "last": np.array([2**63 - 1]), "one": np.array([1])}
-            ends = [helper.make_node("MatMul", ["observation", "w"], ["h"]), helper.make_node("MatMul", ["a", "v"], ["action"])]
+                cases.append(
+                    ([helper.make_node("Slice", ["h", "first", "last", "one"], ["a"])], "")
+                )
+            weights = {
+                "w": numbers(27, 9) * 9, "v": numbers(9, 9, seed=2), "cube": np.array([-1, 3, 3]),
+                "flat": np.array([-1, 9]), "steps": np.array([3, 1, 3]), "lw": numbers(1, 12, 3),
+                "lr": numbers(1, 12, 3, seed=1), "lengths": np.array([2], np.int32),
+                "half": np.float32(0.5), "big": np.array(2**40), "first": np.array([0]),
+                "last": np.array([2**63 - 1]), "one": np.array([1])
+            }
+            ends = [
+                helper.make_node("MatMul", ["observation", "w"], ["h"]),
+                helper.make_node("MatMul", ["a", "v"], ["action"])
+            ]
             for nodes, words in cases:
                 read = {name for each in [*nodes, *ends] for name in each.input}
-                made = model([ends[0], *nodes, ends[1]], {name: weights[name] for name in weights if name in read}, opset=opset)
+                made = model(
+                    [ends[0], *nodes, ends[1]],
+                    {name: weights[name] for name in weights if name in read}, opset=opset
+                )
                 made.ir_version = 8 if opset < 21 else 10
                 with self.subTest(opset=opset, nodes=[each.op_type for each in nodes], words=words):
                     if words:
@@ -284,11 +375,16 @@ class Import(unittest.TestCase):
                     ours = self.load(made)(self.observations)
                     run = session(made.SerializeToString()).run
                     # Some of these models compute one row only.
-                    theirs = np.concatenate([run(None, {"observation": row[None]})[0] for row in self.observations])
+                    theirs = np.concatenate([
+                        run(None, {"observation": row[None]})[0] for row in self.observations
+                    ])
                     np.testing.assert_allclose(ours, theirs, atol=TOLERANCE, rtol=TOLERANCE)
 
     def test_the_opsets_from_7_to_22_agree_with_onnx_runtime(self):
-        weights = {"w": numbers(16, 27), "b": numbers(16, seed=1), "v": numbers(9, 16, seed=2), "c": numbers(9, seed=3)}
+        weights = {
+            "w": numbers(16, 27), "b": numbers(16, seed=1), "v": numbers(9, 16, seed=2),
+            "c": numbers(9, seed=3)
+        }
         nodes = [
             helper.make_node("Gemm", ["observation", "w", "b"], ["h"], transB=1),
             helper.make_node("Elu", ["h"], ["a"]),
@@ -313,10 +409,19 @@ class Import(unittest.TestCase):
 
     def test_a_wrong_shape_names_both_shapes(self):
         wide = {"w": numbers(27, 7)}
-        with self.assertRaisesRegex(Exception, r"action `action` has the shape \[1, 7\], but the task has 9 numbers"):
-            self.load(model([helper.make_node("MatMul", ["observation", "w"], ["action"])], wide, outputs=[("action", ["N", 7])]))
+        with self.assertRaisesRegex(
+            Exception, r"action `action` has the shape \[1, 7\], but the task has 9 numbers"
+        ):
+            self.load(
+                model(
+                    [helper.make_node("MatMul", ["observation", "w"], ["action"])], wide,
+                    outputs=[("action", ["N", 7])]
+                )
+            )
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
-        with self.assertRaisesRegex(Exception, r"observation `observation` has the shape \[N, 5\], but the task has 27"):
+        with self.assertRaisesRegex(
+            Exception, r"observation `observation` has the shape \[N, 5\], but the task has 27"
+        ):
             self.load(model([node], {"w": numbers(5, 9)}, inputs=[("observation", ["N", 5])]))
 
     def test_metadata_and_side_file(self):
@@ -344,11 +449,16 @@ class Import(unittest.TestCase):
 
     def test_a_recurrent_policy_keeps_its_state(self):
         size = 8
-        weights = {"w": numbers(1, 4 * size, 27), "r": numbers(1, 4 * size, size, seed=1), "v": numbers(size, 9, seed=2),
-                   "first": np.array([0])}
+        weights = {
+            "w": numbers(1, 4 * size, 27), "r": numbers(1, 4 * size, size, seed=1),
+            "v": numbers(size, 9, seed=2), "first": np.array([0])
+        }
         nodes = [
             helper.make_node("Unsqueeze", ["observation", "first"], ["x"]),
-            helper.make_node("LSTM", ["x", "w", "r", "", "", "h_in", "c_in"], ["", "h_out", "c_out"], hidden_size=size),
+            helper.make_node(
+                "LSTM", ["x", "w", "r", "", "", "h_in", "c_in"], ["", "h_out", "c_out"],
+                hidden_size=size
+            ),
             helper.make_node("Squeeze", ["h_out", "first"], ["h"]),
             helper.make_node("MatMul", ["h", "v"], ["action"]),
         ]
@@ -360,19 +470,29 @@ class Import(unittest.TestCase):
         onnx.checker.check_model(made)
         # These names are those of Isaac Lab's exporter. A description says the same.
         self.assertTrue(self.load(made).is_recurrent)
-        self.path.with_suffix(".onnx.json").write_text('{"state": [["h_in", "h_out"], ["c_in", "c_out"]]}')
+        self.path.with_suffix(".onnx.json").write_text(
+            '{"state": [["h_in", "h_out"], ["c_in", "c_out"]]}'
+        )
         ours = self.load(made)
         self.assertTrue(ours.is_recurrent)
         theirs = session(made.SerializeToString())
         batches = np.random.default_rng(5).normal(size=(4, 3, 27)).astype(np.float32)
         for _ in range(2):
             ours.reset()
-            states = {"h_in": np.zeros((1, 3, size), np.float32), "c_in": np.zeros((1, 3, size), np.float32)}
+            states = {
+                "h_in": np.zeros((1, 3, size), np.float32),
+                "c_in": np.zeros((1, 3, size), np.float32)
+            }
             for observations in batches:
-                expected, hidden, cell = theirs.run(["action", "h_out", "c_out"], {"observation": observations, **states})
+                expected, hidden, cell = theirs.run(
+                    ["action", "h_out", "c_out"], {"observation": observations, **states}
+                )
                 states = {"h_in": hidden, "c_in": cell}
                 np.testing.assert_allclose(ours.act(observations), expected, atol=TOLERANCE)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"):
+        with self.assertRaisesRegex(
+            InvalidStateError,
+            r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"
+        ):
             ours(batches[0, 0])
         ours.reset()
         self.assertEqual(ours(batches[0, 0]).shape, (9,))
@@ -380,32 +500,59 @@ class Import(unittest.TestCase):
     def test_hostile_models_are_refused_before_they_take_memory(self):
         huge = np.array([1 << 31, 1 << 31])
         node = helper.make_node
-        project = [node("ReduceSum", ["big"], ["s"]), node("MatMul", ["observation", "w"], ["m"]), node("Add", ["m", "s"], ["action"])]
+        project = [
+            node("ReduceSum", ["big"], ["s"]), node("MatMul", ["observation", "w"], ["m"]),
+            node("Add", ["m", "s"], ["action"])
+        ]
         weights = {"w": numbers(27, 9)}
         for nodes, more, message in (
             ([node("ConstantOfShape", ["size"], ["big"])], {"size": huge}, "too large"),
-            ([node("Expand", ["one", "size"], ["big"])], {"size": huge, "one": np.float32(1)}, "too large"),
-            ([node("Tile", ["row", "size"], ["big"])], {"size": np.array([1 << 40]), "row": numbers(1)}, "too large"),
-            ([node("Add", ["column", "row"], ["big"])],
-             {"column": numbers(10000, 1), "row": numbers(1, 10000)}, "too large"),
-            ([node("Cast", ["observation"], ["i"], to=onnx.TensorProto.INT64), node("Squeeze", ["i", "zero"], ["j"]),
-              node("ConstantOfShape", ["j"], ["big"])], {"zero": np.array([0])}, "shape depends on the observation"),
+            (
+                [node("Expand", ["one", "size"], ["big"])], {"size": huge, "one": np.float32(1)},
+                "too large"
+            ),
+            (
+                [node("Tile", ["row", "size"], ["big"])],
+                {"size": np.array([1 << 40]), "row": numbers(1)}, "too large"
+            ),
+            (
+                [node("Add", ["column", "row"], ["big"])],
+                {"column": numbers(10000, 1), "row": numbers(1, 10000)}, "too large"
+            ),
+            (
+                [
+                    node("Cast", ["observation"], ["i"], to=onnx.TensorProto.INT64),
+                    node("Squeeze", ["i", "zero"], ["j"]), node("ConstantOfShape", ["j"], ["big"])
+                ],
+                {"zero": np.array([0])}, "shape depends on the observation"
+            ),
             ([node("NonZero", ["observation"], ["big"])], {}, "operator `NonZero`"),
             ([node("RandomUniform", [], ["big"], shape=[2])], {}, "operator `RandomUniform`"),
-            ([node("Gelu", ["observation"], ["big"], domain="com.microsoft")], {}, "of the domain `com.microsoft`"),
+            (
+                [node("Gelu", ["observation"], ["big"], domain="com.microsoft")], {},
+                "of the domain `com.microsoft`"
+            )
         ):
-            with self.subTest(message + nodes[0].op_type), self.assertRaisesRegex(Exception, message):
+            with self.subTest(message + nodes[0].op_type), self.assertRaisesRegex(
+                Exception, message
+            ):
                 self.load(model([*nodes, *project], weights | more))
         doubled = {"row": numbers(1 << 12)}
-        nodes = [node("Concat", ["row" if i == 0 else f"d{i}"] * 2, [f"d{i + 1}"], axis=0) for i in range(40)]
+        nodes = [
+            node("Concat", ["row" if i == 0 else f"d{i}"] * 2, [f"d{i + 1}"], axis=0)
+            for i in range(40)
+        ]
         with self.assertRaisesRegex(Exception, "too large"):
-            self.load(model([*nodes, node("Identity", ["d40"], ["big"]), *project], weights | doubled))
+            self.load(
+                model([*nodes, node("Identity", ["d40"], ["big"]), *project], weights | doubled)
+            )
 
     def test_weights_are_read_from_the_file_beside_the_model_only(self):
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
         plain = self.load(model([node], {"w": numbers(27, 9)}))
         save = lambda name: onnx.save(
-            model([node], {"w": numbers(27, 9)}), self.path, save_as_external_data=True, location=name, size_threshold=0
+            model([node], {"w": numbers(27, 9)}), self.path, save_as_external_data=True,
+            location=name, size_threshold=0
         )
         load = lambda: mishandle.load_controller(str(self.path), task="point-reaching")
         save("policy.onnx.data")
@@ -419,10 +566,14 @@ class Import(unittest.TestCase):
         with self.assertRaisesRegex(Exception, "weights of `w` are not inside `policy.onnx.data`"):
             load()
         weights.unlink()
-        with self.assertRaisesRegex(Exception, "in another file, `policy.onnx.data`.*no file MODEL.onnx.data"):
+        with self.assertRaisesRegex(
+            Exception, "in another file, `policy.onnx.data`.*no file MODEL.onnx.data"
+        ):
             load()
         save("other.data")
-        with self.assertRaisesRegex(Exception, "in another file, `other.data`.*no file MODEL.onnx.data"):
+        with self.assertRaisesRegex(
+            Exception, "in another file, `other.data`.*no file MODEL.onnx.data"
+        ):
             load()
         # Files that were renamed together name the old file.
         self.path.with_name("other.data").rename(weights)
@@ -432,7 +583,9 @@ class Import(unittest.TestCase):
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
         made = model([node], {"w": numbers(27, 9)})
         branch = helper.make_graph([helper.make_node("Identity", ["action"], ["a"])], "b", [], [])
-        made.graph.node.append(helper.make_node("If", ["c"], ["z"], then_branch=branch, else_branch=branch))
+        made.graph.node.append(
+            helper.make_node("If", ["c"], ["z"], then_branch=branch, else_branch=branch)
+        )
         with self.assertRaisesRegex(Exception, "subgraph"):
             self.load(made)
         whole = model([node], {"w": numbers(27, 9)}).SerializeToString()
@@ -440,8 +593,12 @@ class Import(unittest.TestCase):
         for _ in range(300):
             data = bytearray(whole)
             for _ in range(random.integers(1, 4)):
-                data[random.integers(len(data) if random.random() < 0.3 else 60)] = random.integers(256)
-            self.path.write_bytes(data[: random.integers(len(data))] if random.random() < 0.2 else data)
+                data[
+                    random.integers(len(data) if random.random() < 0.3 else 60)
+                ] = random.integers(256)
+            self.path.write_bytes(
+                data[: random.integers(len(data))] if random.random() < 0.2 else data
+            )
             try:
                 mishandle.load_controller(str(self.path), task="point-reaching")
             except Exception as error:

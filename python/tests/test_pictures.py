@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import base64
-import pathlib
 import re
 import struct
-import tempfile
 import unittest
 import zlib
 from typing import Any
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from mishandle import Axis
-from mishandle.pictures import HEIGHT, WIDTH, picture
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.base.pictures import HEIGHT, WIDTH, picture
 
 SPACE = [Axis("speed", 0.0, 1.0, nominal=0.0)]
 FORMULA = "always(place <= 8)"
@@ -31,7 +31,8 @@ def gray(value: float) -> Any:
 
 
 def pixels(png: bytes) -> Any:
-    """Decodes an RGB image whose lines have any filter of PNG, and returns the color of its first pixel."""
+    """Decodes an RGB image whose lines have any filter of PNG, and returns the color of its first
+    pixel."""
     width, height = struct.unpack(">II", png[16:24])
     data, place = b"", 8
     while place < len(png):
@@ -66,24 +67,21 @@ class Moving(gymnasium.Env[Any, Any]):
         return gray(10 * self.place)
 
 
-class Pictures(unittest.TestCase):
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def page(self, system: Any, **options: Any) -> tuple[str, mishandle.Falsification]:
+class Pictures(FolderCase):
+    def page(self, system: Any, **options: Any) -> tuple[str, mishandle.ask.Falsification]:
         found = mishandle.falsify(
-            system, FORMULA, SPACE, search="random", trials=1, budget=40, out=self.folder / "run.sqlite", name="moving", **options
+            system, FORMULA, SPACE, search="random", trials=1, budget=40,
+            out=self.folder / "run.sqlite", name="moving", **options
         )
         self.assertEqual(found.falsified_trials, 1)
         found.report(self.folder / "page.html", probes=4)
         return (self.folder / "page.html").read_text(), found
 
-    def check(self, page: str, found: mishandle.Falsification) -> None:
+    def check(self, page: str, found: mishandle.ask.Falsification) -> None:
         """Checks that each picture shows the place at its time."""
         speed = found.counterexamples[0].scenario["speed"]
-        frames = re.findall(r'<figure class="frame[^>]*><img src="data:image/png;base64,([^"]*)".*?<figcaption>([0-9.]+) s', page)
+        frame = r'<figure class="frame[^>]*><img src="data:image/png;base64,([^"]*)"'
+        frames = re.findall(frame + r".*?<figcaption>([0-9.]+) s", page)
         self.assertGreaterEqual(len(frames), 3)
         for data, time in frames:
             size, color = pixels(base64.b64decode(data))
@@ -94,16 +92,20 @@ class Pictures(unittest.TestCase):
         self.assertIn("Film from", page)
 
     def test_a_function_draws_its_trace(self) -> None:
-        frame = lambda scenario, trace, samples: [gray(10 * trace["place"][sample]) for sample in samples]
+        frame = lambda scenario, trace, samples: [
+            gray(10 * trace["place"][sample]) for sample in samples
+        ]
         self.check(*self.page(run, frame=frame, control_dt=0.1))
 
     def test_an_environment_draws_itself(self) -> None:
-        options = {"policy": lambda observation: [0.0], "signals": {"place": "obs[0]"}, "steps": 20, "control_dt": 0.1}
+        options = {
+            "policy": lambda observation: [0.0], "signals": {"place": "obs[0]"}, "steps": 20,
+            "control_dt": 0.1
+        }
         for made in (
-            Moving("rgb_array"),
-            SyncVectorEnv([lambda: Moving("rgb_array")] * 2),
+            Moving("rgb_array"), SyncVectorEnv([lambda: Moving("rgb_array")] * 2),
             AsyncVectorEnv([lambda: Moving("rgb_array")] * 2),
-            AsyncVectorEnv([lambda: Moving("rgb_array")] * 2, autoreset_mode=AutoresetMode.DISABLED),
+            AsyncVectorEnv([lambda: Moving("rgb_array")] * 2, autoreset_mode=AutoresetMode.DISABLED)
         ):
             self.check(*self.page(made, **options))
             (self.folder / "run.sqlite").unlink()
@@ -118,14 +120,17 @@ class Pictures(unittest.TestCase):
         good = gray(0)
         for returned, message in [
             (lambda samples: [good], "there are 1 frames of .* samples"),
-            (lambda samples: [good[..., 0] for _ in samples], r"shape \(240, 320\) and the type uint8; expected \(height, width, 3\)"),
+            (
+                lambda samples: [good[..., 0] for _ in samples],
+                r"shape \(240, 320\) and the type uint8; expected \(height, width, 3\)"
+            ),
             (lambda samples: [good / 255 for _ in samples], "the type float64; expected .* uint8"),
             (lambda samples: [None for _ in samples], "there is no frame"),
         ]:
-            with self.assertRaisesRegex(mishandle.InvalidValueError, message):
+            with self.assertRaisesRegex(InvalidValueError, message):
                 self.page(run, frame=lambda scenario, trace, samples: returned(samples))
             (self.folder / "run.sqlite").unlink()
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a function frame"):
+        with self.assertRaisesRegex(InvalidTypeError, "expected a function frame"):
             self.page(run, frame=3)
 
     def test_pictures_of_another_trace_are_not_shown(self) -> None:
@@ -134,12 +139,17 @@ class Pictures(unittest.TestCase):
         def drifting(scenario: dict[str, Any]) -> dict[str, Any]:
             calls.append(0.0)
             # The same until the report.
-            return {"place": scenario["speed"] * np.arange(21.0) + (0.5 if len(calls) > limit[0] else 0.0)}
+            return {
+                "place": scenario["speed"] * np.arange(21.0) + (
+                    0.5 if len(calls) > limit[0] else 0.0
+                )
+            }
 
         limit = [10**6]
         frame = lambda scenario, trace, samples: [gray(0) for _ in samples]
         found = mishandle.falsify(
-            drifting, FORMULA, SPACE, search="random", trials=1, budget=40, out=self.folder / "run.sqlite", frame=frame, version="1"
+            drifting, FORMULA, SPACE, search="random", trials=1, budget=40,
+            out=self.folder / "run.sqlite", frame=frame, version="1"
         )
         limit[0] = 0
         found.report(self.folder / "page.html", probes=0)

@@ -30,11 +30,10 @@ def system(scenario):
 class Plots(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.path = pathlib.Path(folder.name) / "run.sqlite"
+        cls.path = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory())) / "run.sqlite"
         cls.found = mishandle.falsify(
-            system, "always(d >= -0.8)", SPACE, search="random", trials=3, budget=15, seed=1, out=cls.path
+            system, "always(d >= -0.8)", SPACE, search="random", trials=3, budget=15, seed=1,
+            out=cls.path
         )
         cls.columns = mishandle.open_run(cls.path).columns()
 
@@ -42,10 +41,12 @@ class Plots(unittest.TestCase):
         plt.close("all")
 
     def points(self, ax):
-        return {collection.get_label(): collection.get_offsets().data for collection in ax.collections}
+        return {
+            collection.get_label(): collection.get_offsets().data for collection in ax.collections
+        }
 
     def test_a_map_shows_each_simulation_once(self):
-        ax = mishandle.plot_robustness_map(self.found)
+        ax = mishandle.plots.plot_robustness_map(self.found)
         values = self.columns["robustness"]
         points = self.points(ax)
         violated = [row for row, value in enumerate(values) if value is not None and value < 0]
@@ -55,21 +56,27 @@ class Plots(unittest.TestCase):
         for label, rows in [("violation", violated), ("no verdict", unknown)]:
             expected = [[self.columns["x"][row], self.columns["mass"][row]] for row in rows]
             np.testing.assert_array_equal(points[label], expected)
-        self.assertEqual((ax.get_xlabel(), ax.get_ylabel(), ax.get_yscale()), ("x [m]", "mass [kg]", "log"))
+        self.assertEqual(
+            (ax.get_xlabel(), ax.get_ylabel(), ax.get_yscale()), ("x [m]", "mass [kg]", "log")
+        )
         self.assertEqual(len(ax.figure.axes), 2, "a bar explains the colors")
 
     def test_a_map_of_chosen_axes_in_given_axes(self):
         _, given = plt.subplots()
-        ax = mishandle.plot_robustness_map(mishandle.open_run(self.path), x="surface", y="robustness", ax=given)
+        ax = mishandle.plots.plot_robustness_map(
+            mishandle.open_run(self.path), x="surface", y="robustness", ax=given
+        )
         self.assertIs(ax, given)
         self.assertEqual([label.get_text() for label in ax.get_xticklabels()], ["dry", "wet"])
         self.assertEqual(ax.get_ylabel(), "robustness")
         with self.assertRaisesRegex(ValueError, "no axis 'z'; its axes: x, mass, surface"):
-            mishandle.plot_robustness_map(self.path, x="z")
+            mishandle.plots.plot_robustness_map(self.path, x="z")
 
     def test_the_progress_of_each_trial_ends_at_its_minimum(self):
-        ax = mishandle.plot_search_progress(self.path)
-        lines = [line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 0][:3]
+        ax = mishandle.plots.plot_search_progress(self.path)
+        lines = [
+            line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 0
+        ][:3]
         by_trial = {trial.trial: trial for trial in self.found.trials}
         found = [line.get_ydata()[-1] for line in ax.lines if line.get_drawstyle() == "steps-post"]
         self.assertEqual(found, [by_trial[trial].minimum_robustness for trial in (1, 2, 3)])
@@ -78,7 +85,9 @@ class Plots(unittest.TestCase):
 
     def test_a_trace_has_its_thresholds_and_the_interval_of_violation(self):
         trace = {"x": np.array([0.0, 2.0, 3.0, 0.5, 0.0]), "y": np.zeros(5)}
-        axes = mishandle.plot_trace(trace, "always[2:4](x <= 1)", units={"x": "m"}, period=0.5)
+        axes = mishandle.plots.plot_trace(
+            trace, "always[2:4](x <= 1)", units={"x": "m"}, period=0.5
+        )
         self.assertEqual([ax.get_ylabel() for ax in axes], ["x [m]", "robustness"])
         self.assertEqual(axes[-1].get_xlabel(), "time [s]")
         self.assertEqual(axes[0].lines[1].get_ydata(), [1.0, 1.0])
@@ -87,9 +96,9 @@ class Plots(unittest.TestCase):
         self.assertEqual((shade.get_x(), shade.get_x() + shade.get_width()), (0.75, 1.25))
         self.assertEqual(axes[1].lines[0].get_ydata()[0], -2.0)
         [simulation] = mishandle.simulate(system, "always(d >= -0.8)", SPACE)
-        self.assertEqual(len(mishandle.plot_trace(simulation)), 1)
+        self.assertEqual(len(mishandle.plots.plot_trace(simulation)), 1)
         with self.assertRaisesRegex(ValueError, "no signal z; it has x, y"):
-            mishandle.plot_trace(trace, signals=["z"])
+            mishandle.plots.plot_trace(trace, signals=["z"])
 
     def test_a_cut_window_is_not_drawn_as_a_verdict(self):
         trace = {"x": np.array([0.0, 2.0, 0.5])}
@@ -100,12 +109,15 @@ class Plots(unittest.TestCase):
             ("eventually[0:9](x >= 1)", "at least 1", 0),
             ("always[0:2](x <= 1)", "-1", 1),
         ]:
-            axes = mishandle.plot_trace(trace, formula)
+            axes = mishandle.plots.plot_trace(trace, formula)
             self.assertTrue(axes[0].get_title().endswith(f": {title}"), axes[0].get_title())
             self.assertEqual(len(axes[0].patches), shades, formula)
         # `always[0:2]` is decided at sample 0 only; the line of the cut windows starts there.
         solid, dotted = axes[1].lines[:2]
-        self.assertEqual((len(solid.get_xdata()), dotted.get_linestyle(), list(dotted.get_xdata())), (1, ":", [0, 1, 2]))
+        self.assertEqual(
+            (len(solid.get_xdata()), dotted.get_linestyle(), list(dotted.get_xdata())),
+            (1, ":", [0, 1, 2])
+        )
 
     def test_colors_near_zero_differ_from_the_background(self):
         from mishandle.plots import _colors
@@ -124,12 +136,15 @@ class Plots(unittest.TestCase):
             "import sys; sys.modules['matplotlib'] = None\n"
             "import mishandle\n"
             "try:\n"
-            "    mishandle.plot_trace({'x': [1.0]})\n"
+            "    mishandle.plots.plot_trace({'x': [1.0]})\n"
             "except ImportError as error:\n"
             "    print(error)\n"
         )
-        found = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-        self.assertEqual(found.stdout, "plots need matplotlib: pip install '.[plots]' in a clone of Mishandle\n")
+        found = subprocess.run(
+            [sys.executable, "-c", program], check=True, capture_output=True, text=True
+        )
+        advice = "pip install '.[plots]' in a clone of Mishandle"
+        self.assertEqual(found.stdout, f"plots need matplotlib: {advice}\n")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Models of other libraries as policies, and paths of signals. Stand-ins replace PyTorch and Stable-Baselines3."""
+"""Models of other libraries as policies, and paths of signals. Stand-ins replace PyTorch and
+Stable-Baselines3."""
 
 import functools
 import unittest
@@ -7,7 +8,7 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, ResetOption
-from mishandle.policies import as_policy, policy_hash
+from mishandle.policies.kinds import as_policy, policy_hash
 
 
 class Tensor:
@@ -24,7 +25,10 @@ class Tensor:
 
 
 # The package recognizes PyTorch by the name of the base class, because it must not import it.
-Module = type("Module", (), {"__module__": "torch.nn.modules.module", "state_dict": lambda self: {"w": Tensor(self.w)}})
+Module = type(
+    "Module", (),
+    {"__module__": "torch.nn.modules.module", "state_dict": lambda self: {"w": Tensor(self.w)}}
+)
 
 
 class Network(Module):
@@ -76,12 +80,17 @@ class Hashes(unittest.TestCase):
             def act(self, observation):
                 return self.model.predict(observation)
 
-        makers = [Network, Model, lambda w: calls(Model(w)), lambda w: calls(Network(w)), lambda w: Wrapper(Model(w))]
+        makers = [
+            Network, Model, lambda w: calls(Model(w)), lambda w: calls(Network(w)),
+            lambda w: Wrapper(Model(w))
+        ]
         makers += [lambda w: Wrapper(Model(w)).act, lambda w: functools.partial(calls(Network(w)))]
         for maker in makers:
             self.assertEqual(policy_hash(maker([1.0])), policy_hash(maker([1.0])))
             self.assertNotEqual(policy_hash(maker([1.0])), policy_hash(maker([2.0])))
-        self.assertNotEqual(policy_hash(Model([1.0], mean=0.0)), policy_hash(Model([1.0], mean=1.0)))
+        self.assertNotEqual(
+            policy_hash(Model([1.0], mean=0.0)), policy_hash(Model([1.0], mean=1.0))
+        )
 
     def test_the_state_that_a_reset_clears_is_not_a_part_of_a_controller(self):
         class Integrator:
@@ -118,23 +127,31 @@ class Actions(unittest.TestCase):
     def test_the_number_of_actions_must_be_that_of_the_observations(self):
         env = gymnasium.make("Pendulum-v1", max_episode_steps=5)
         space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
-        with self.assertRaisesRegex(RuntimeError, "the policy returned 3 actions for 1 observations"):
+        with self.assertRaisesRegex(
+            RuntimeError, "the policy returned 3 actions for 1 observations"
+        ):
             mishandle.simulate(
-                env, "always(c <= 2)", space, policy=lambda batch: np.zeros(3), batched_policy=True, signals={"c": "obs[0]"}
+                env, "always(c <= 2)", space, policy=lambda batch: np.zeros(3), batched_policy=True,
+                signals={"c": "obs[0]"}
             )
 
     def test_huge_actions_are_finite(self):
         env = gymnasium.make("Pendulum-v1", max_episode_steps=5)
         space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
         huge = np.array([3e38], np.float32)
-        [found] = mishandle.simulate(env, "always(c <= 2)", space, policy=lambda o: huge, signals={"c": "obs[0]"})
+        [found] = mishandle.simulate(
+            env, "always(c <= 2)", space, policy=lambda o: huge, signals={"c": "obs[0]"}
+        )
         self.assertEqual(found.end, "completed")
 
 
 class Goal(gymnasium.Env):
-    """Moves by its action towards a goal; its observations, settings and information are dictionaries."""
+    """Moves by its action towards a goal; its observations, settings and information are
+    dictionaries."""
 
-    observation_space = gymnasium.spaces.Dict({"position": gymnasium.spaces.Box(-9, 9, (2,)), "goal": gymnasium.spaces.Box(-9, 9, (2,))})
+    observation_space = gymnasium.spaces.Dict({
+        "position": gymnasium.spaces.Box(-9, 9, (2,)), "goal": gymnasium.spaces.Box(-9, 9, (2,))
+    })
     action_space = gymnasium.spaces.Box(-1, 1, (2,))
 
     def __init__(self):
@@ -161,13 +178,18 @@ class Paths(unittest.TestCase):
         policy = lambda observation: np.clip(observation["goal"] - observation["position"], -1, 1)
         formula = " and ".join(f"always({name} >= -100)" for name in signals)
         [found] = mishandle.simulate(
-            Goal(), formula, space, at={"x": 2.0, "gain": 0.5}, policy=policy, signals=signals, steps=3
+            Goal(), formula, space, at={"x": 2.0, "gain": 0.5}, policy=policy, signals=signals,
+            steps=3
         )
         return {name: values.tolist() for name, values in found.trace.items()}
 
     def test_paths_lead_into_dictionaries(self):
-        trace = self.simulate({"x": "obs.position[0]", "error": "info.errors.last[1]", "gain": "config.gains[0]"})
-        self.assertEqual(trace, {"x": [0.0, 0.5, 1.0, 1.5], "error": [0.5, 2.0, 2.0, 2.0], "gain": [0.5] * 4})
+        trace = self.simulate({
+            "x": "obs.position[0]", "error": "info.errors.last[1]", "gain": "config.gains[0]"
+        })
+        self.assertEqual(
+            trace, {"x": [0.0, 0.5, 1.0, 1.5], "error": [0.5, 2.0, 2.0, 2.0], "gain": [0.5] * 4}
+        )
 
     def test_functions_of_environment_and_observation_are_sources(self):
         far = lambda env, observation: float(np.abs(observation["goal"] - env.position).max())

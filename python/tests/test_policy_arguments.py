@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import pathlib
-import tempfile
 import unittest
 from typing import Any
 
-import gymnasium
+from cases import FolderCase, Line
 import mishandle
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from mishandle import Axis, PolicyArgument
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 BIAS = Axis("estimate_bias", -0.5, 0.5, "m", nominal=0.0, apply=PolicyArgument("bias"))
 DELAY = Axis("own_delay", 0, 5, values="integer", nominal=0, apply=PolicyArgument("delay"))
 START = Axis("start", -1.0, 1.0, "m", nominal=0.0)
-
-
-class Line(gymnasium.Env[Any, Any]):
-    """A point whose velocity is the action: 0.1 s per control step."""
-
-    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-10, 10, (1,), np.float64)
-    metadata: dict[str, Any] = {}
-    dt = 0.1
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        self.place = float((options or {}).get("start", 0.0))
-        return np.array([self.place]), {}
-
-    def step(self, action: Any) -> Any:
-        self.place += 0.1 * float(action[0])
-        return np.array([self.place]), 0.0, False, False, {}
 
 
 def estimated(observation: Any, bias: float) -> Any:
@@ -59,11 +42,15 @@ OPTIONS: dict[str, Any] = {"signals": {"place": ("obs[0]", "m")}, "steps": 60}
 NEAR = "always[50:60](abs(place) <= 0.2)"
 
 
-class Arguments(unittest.TestCase):
-    def ends(self, environment: Any, policy: Any, space: Any, scenarios: Any, **options: Any) -> list[float]:
+class Arguments(FolderCase):
+    def ends(
+        self, environment: Any, policy: Any, space: Any, scenarios: Any, **options: Any
+    ) -> list[float]:
         found = []
         for scenario in scenarios:
-            [episode] = mishandle.simulate(environment, NEAR, space, at=scenario, policy=policy, **OPTIONS, **options)
+            [episode] = mishandle.simulate(
+                environment, NEAR, space, at=scenario, policy=policy, **OPTIONS, **options
+            )
             found.append(float(episode.trace["place"][-1]))
         return found
 
@@ -79,9 +66,13 @@ class Arguments(unittest.TestCase):
 
     def test_the_rows_of_a_batch_have_values_of_their_own(self) -> None:
         made = SyncVectorEnv([Line] * 4)
-        options = {"search": "random", "trials": 1, "budget": 60, "batch": 4, "keep_going": True, "new_mode_rate": 0.0}
+        options = {
+            "search": "random", "trials": 1, "budget": 60, "batch": 4, "keep_going": True,
+            "new_mode_rate": 0.0
+        }
         found = mishandle.falsify(
-            made, NEAR, [START, BIAS], policy=estimated_rows, batched_policy=True, **OPTIONS, **options, out=self.file("rows")
+            made, NEAR, [START, BIAS], policy=estimated_rows, batched_policy=True, **OPTIONS,
+            **options, out=self.file("rows")
         )
         columns = mishandle.open_run(found.path).columns()
         self.assertEqual(len(columns["robustness"]), 60)
@@ -89,7 +80,9 @@ class Arguments(unittest.TestCase):
             self.assertAlmostEqual(robustness, 0.2 - abs(bias), delta=1e-6)
 
     def test_a_delay_of_the_policy_makes_the_loop_unstable(self) -> None:
-        [steady, swinging] = self.ends(Line(), Late(), [START, DELAY], [{"start": 0.5, "own_delay": d} for d in (0, 5)])
+        [steady, swinging] = self.ends(
+            Line(), Late(), [START, DELAY], [{"start": 0.5, "own_delay": d} for d in (0, 5)]
+        )
         self.assertLess(abs(steady), 1e-9)
         # Without a delay the place halves in each step; five steps at this gain are unstable.
         self.assertGreater(abs(swinging), 0.5)
@@ -97,15 +90,21 @@ class Arguments(unittest.TestCase):
     def test_failures_replay_and_are_tested_again(self) -> None:
         space = [START, BIAS]
         run = {"policy": estimated, **OPTIONS}
-        found = mishandle.falsify(Line(), NEAR, space, search="random", trials=1, budget=40, out=self.file("line"), **run)
+        found = mishandle.falsify(
+            Line(), NEAR, space, search="random", trials=1, budget=40, out=self.file("line"), **run
+        )
         worst = found.counterexamples[0]
-        again = mishandle.replay(found.path, Line(), NEAR, space, trial=worst.trial, number=worst.simulation, **run)
+        again = mishandle.replay(
+            found.path, Line(), NEAR, space, trial=worst.trial, number=worst.simulation, **run
+        )
         self.assertEqual(again.differences, ())
         found.export(self.folder / "suite", minimize=True)
         failing = mishandle.regress(self.folder / "suite", Line(), NEAR, space, **run)
         self.assertEqual([test.result for test in failing.tests], ["still fails"])
         better = lambda observation, bias: -5.0 * (observation + 0.1 * bias)
-        passing = mishandle.regress(self.folder / "suite", Line(), NEAR, space, **{**run, "policy": better})
+        passing = mishandle.regress(
+            self.folder / "suite", Line(), NEAR, space, **{**run, "policy": better}
+        )
         self.assertEqual([test.result for test in passing.tests], ["passes"])
 
     def test_a_policy_of_a_task_gets_the_value(self) -> None:
@@ -115,29 +114,35 @@ class Arguments(unittest.TestCase):
         space = [Axis("own_speed", 0.0, 1.0, nominal=0.0, apply=PolicyArgument("speed"))]
         traces = []
         for speed in (0.0, 1.0):
-            [episode] = mishandle.simulate("point-reaching", None, space, at={"own_speed": speed}, policy=push, rows=2)
+            [episode] = mishandle.simulate(
+                "point-reaching", None, space, at={"own_speed": speed}, policy=push, rows=2
+            )
             traces.append(next(iter(episode.trace.values())))
         self.assertGreater(np.abs(traces[0] - traces[1]).max(), 0.05)
 
     def test_mistakes_are_errors(self) -> None:
-        call = lambda policy, space: mishandle.simulate(Line(), NEAR, space, policy=policy, **OPTIONS)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "no keyword argument `bias`, which the axis `estimate_bias` sets; .*: observation"):
+        call = lambda policy, space: mishandle.simulate(
+            Line(), NEAR, space, policy=policy, **OPTIONS
+        )
+        with self.assertRaisesRegex(
+            InvalidTypeError,
+            "no keyword argument `bias`, which the axis `estimate_bias` sets; .*: observation"
+        ):
             call(lambda observation: observation, [BIAS])
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "a Model takes observations only; wrap it in a function"):
+        with self.assertRaisesRegex(
+            InvalidTypeError, "a Model takes observations only; wrap it in a function"
+        ):
             call(type("Model", (), {"predict": lambda self, observation: observation})(), [BIAS])
         other = Axis("bias_too", -1, 1, apply=PolicyArgument("bias"))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "`estimate_bias` and `bias_too` both set the policy argument 'bias'"):
+        with self.assertRaisesRegex(
+            InvalidValueError, "`estimate_bias` and `bias_too` both set the policy argument 'bias'"
+        ):
             call(estimated, [BIAS, other])
 
     def test_an_environment_to_train_in_leaves_the_value_to_the_policy(self) -> None:
         training = mishandle.ScenarioEnv(Line(), [START, BIAS], nominal=0.0, corners=0.0, seed=1)
         _, info = training.reset(options={"at": {"start": 0.25, "estimate_bias": 0.5}})
         self.assertEqual(info["scenario"]["estimate_bias"], 0.5)
-
-    def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
 
     def file(self, name: str) -> pathlib.Path:
         return self.folder / f"{name}.sqlite"

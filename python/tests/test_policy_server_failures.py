@@ -1,4 +1,5 @@
-"""Policy servers that hang, break, restart or answer nonsense: simulations end without a verdict, and the next ones are right."""
+"""Policy servers that hang, break, restart or answer nonsense: simulations end without a verdict,
+and the next ones are right."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from typing import Any
 import mishandle
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
-from mishandle import Axis, PolicyServer, PolicyServerError
+from mishandle import Axis, PolicyServer
+from mishandle.errors import InvalidStateError, InvalidValueError, PolicyServerError
 from openpi_client import msgpack_numpy
 from servers import Line, openpi_server, proportional
 
@@ -48,14 +50,17 @@ with serve(found.handle, "127.0.0.1", {port}) as server:
 
 def simulate(policy: Any, start: float, environment: Any = None, **options: Any) -> Any:
     found = mishandle.simulate(
-        environment or Line(), "always(abs(place) <= 3)", SPACE, at={"start": start}, policy=policy, **{**OPTIONS, **options}
+        environment or Line(), "always(abs(place) <= 3)", SPACE, at={"start": start}, policy=policy,
+        **{**OPTIONS, **options}
     )
     return found[0]
 
 
 def failing(what: Any) -> Any:
     """A policy that does something else at places above 1."""
-    return lambda request: what(request) if request["observation/state"][0] > 1.0 else proportional(request)
+    return lambda request: what(request) if request[
+        "observation/state"
+    ][0] > 1.0 else proportional(request)
 
 
 class Failures(unittest.TestCase):
@@ -67,18 +72,25 @@ class Failures(unittest.TestCase):
     def test_a_server_that_is_not_there_is_an_error_before_the_first_simulation(self) -> None:
         with socket.create_server(("127.0.0.1", 0)) as closed:
             port = closed.getsockname()[1]
-        with self.assertRaisesRegex(PolicyServerError, f"ws://127.0.0.1:{port} cannot be reached: .*refused.*'openpi' running there"):
+        with self.assertRaisesRegex(
+            PolicyServerError,
+            f"ws://127.0.0.1:{port} cannot be reached: .*refused.*'openpi' running there"
+        ):
             simulate(f"ws://127.0.0.1:{port}", 0.5)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "is not the address of a policy server"):
+        with self.assertRaisesRegex(InvalidValueError, "is not the address of a policy server"):
             simulate("ws://", 0.5)
 
     def test_a_server_of_something_else_is_an_error_before_the_first_simulation(self) -> None:
         with socket.create_server(("127.0.0.1", 0)) as silent:
             policy = PolicyServer(f"ws://127.0.0.1:{silent.getsockname()[1]}", time_limit=0.3)
-            with self.assertRaisesRegex(PolicyServerError, "did not answer within 0.3 s; is a server of the protocol"):
+            with self.assertRaisesRegex(
+                PolicyServerError, "did not answer within 0.3 s; is a server of the protocol"
+            ):
                 simulate(policy, 0.5)
         with openpi_server(proportional) as server:
-            with self.assertRaisesRegex(PolicyServerError, "sent .* that are no message|sent the message|sent a"):
+            with self.assertRaisesRegex(
+                PolicyServerError, "sent .* that are no message|sent the message|sent a"
+            ):
                 simulate(PolicyServer(server.url, protocol="vla-eval", time_limit=0.5), 0.5)
 
     def test_the_late_answer_of_a_simulation_is_never_that_of_the_next(self) -> None:
@@ -89,11 +101,16 @@ class Failures(unittest.TestCase):
         with openpi_server(failing(late)) as server:
             policy = PolicyServer(server.url, time_limit=0.3)
             expected = simulate(policy, 0.5).trace["place"]
-            self.assert_no_verdict(simulate(policy, 1.5), "timed out", "did not answer within 0.3 s")
+            self.assert_no_verdict(
+                simulate(policy, 1.5), "timed out", "did not answer within 0.3 s"
+            )
             connections = server.connections
             np.testing.assert_array_equal(simulate(policy, 0.5).trace["place"], expected)
             # In one run, too, and with a connection that the time-out closed.
-            found = mishandle.evaluate(Line(), "always(abs(place) <= 3)", SPACE, policy=policy, episodes=12, seed=1, **OPTIONS)
+            found = mishandle.evaluate(
+                Line(), "always(abs(place) <= 3)", SPACE, policy=policy, episodes=12, seed=1,
+                **OPTIONS
+            )
         columns = mishandle.open_run(found.path).columns()
         for start, end, robustness in zip(columns["start"], columns["end"], columns["robustness"]):
             if start > 1.0:
@@ -113,7 +130,8 @@ class Failures(unittest.TestCase):
             found = simulate(server.url, 1.5, time_limit=0.3)
             self.assertTrue(found.end.startswith("timed out"), found.end)
             episodes = mishandle.simulate(
-                SyncVectorEnv([Line] * 2), "always(abs(place) <= 3)", SPACE, at={"start": 0.5}, policy=server.url, time_limit=5, **OPTIONS
+                SyncVectorEnv([Line] * 2), "always(abs(place) <= 3)", SPACE, at={"start": 0.5},
+                policy=server.url, time_limit=5, **OPTIONS
             )
             self.assertEqual(episodes[0].robustness, 2.5)
 
@@ -123,8 +141,15 @@ class Failures(unittest.TestCase):
             (b"\xc1\xc1", "that are no message in msgpack"),
             (msgpack_numpy.packb([1, 2]), "is a list; expected a dictionary with `actions`"),
             (b"", "that are no message in msgpack"),
-            ({"action": np.zeros((1, 1))}, "has the keys action; expected a dictionary with `actions`"),
-            ({"actions": np.zeros((10, 7))}, "have the shape (10, 7); expected (horizon, action), where an action of the environment is 1 number"),
+            (
+                {"action": np.zeros((1, 1))},
+                "has the keys action; expected a dictionary with `actions`"
+            ),
+            (
+                {"actions": np.zeros((10, 7))},
+                "have the shape (10, 7); expected (horizon, action), where an action of the "
+                "environment is 1 number"
+            ),
             ({"actions": np.zeros((0, 1))}, "have the shape (0, 1)"),
             ({"actions": "left"}, "are not numbers"),
             ({"actions": None}, "have the shape ()"),
@@ -136,12 +161,16 @@ class Failures(unittest.TestCase):
 
     def test_a_chunk_that_is_too_short_is_an_error(self) -> None:
         with openpi_server(failing(lambda request: {"actions": np.zeros((3, 1))})) as server:
-            with self.assertRaisesRegex(mishandle.InvalidStateError, r"shape \(1, 1\).* and 4 actions are executed"):
+            with self.assertRaisesRegex(
+                InvalidStateError, r"shape \(1, 1\).* and 4 actions are executed"
+            ):
                 simulate(PolicyServer(server.url, execute=4), 1.5)
 
     def test_nan_is_an_invalid_action(self) -> None:
         for value in (np.nan, np.inf):
-            with openpi_server(failing(lambda request: {"actions": np.full((1, 1), value)})) as server:
+            with openpi_server(
+                failing(lambda request: {"actions": np.full((1, 1), value)})
+            ) as server:
                 found = simulate(server.url, 1.5)
             self.assertTrue(found.end.startswith("invalid action"), found.end)
             self.assertIsNone(found.robustness)
@@ -158,12 +187,15 @@ class Failures(unittest.TestCase):
     def test_a_server_that_does_not_read_is_a_time_out(self) -> None:
         with deaf_server() as port:
             policy = PolicyServer(
-                f"ws://127.0.0.1:{port}", observation={"large": lambda observation: np.zeros(2_000_000)}, time_limit=1.0
+                f"ws://127.0.0.1:{port}",
+                observation={"large": lambda observation: np.zeros(2_000_000)}, time_limit=1.0
             )
-            with self.assertRaisesRegex(mishandle.InvalidStateError, "did not answer within 1 s"):
+            with self.assertRaisesRegex(InvalidStateError, "did not answer within 1 s"):
                 simulate(policy, 0.5)
 
-    def test_a_killed_server_ends_one_simulation_and_serves_the_next_after_its_restart(self) -> None:
+    def test_a_killed_server_ends_one_simulation_and_serves_the_next_after_its_restart(
+        self
+    ) -> None:
         with process(dies=True) as (server, port):
             policy = PolicyServer(f"ws://127.0.0.1:{port}", time_limit=20.0)
             restarted: list[Any] = []
@@ -175,8 +207,13 @@ class Failures(unittest.TestCase):
 
             watcher = threading.Thread(target=restart)
             watcher.start()
-            options = {"search": "random", "trials": 1, "budget": 30, "seed": 1, "keep_going": True, "new_mode_rate": 0.0, **OPTIONS}
-            found = mishandle.falsify(Line(), "always(abs(place) <= 1.9)", SPACE, policy=policy, **options)
+            options = {
+                "search": "random", "trials": 1, "budget": 30, "seed": 1, "keep_going": True,
+                "new_mode_rate": 0.0, **OPTIONS
+            }
+            found = mishandle.falsify(
+                Line(), "always(abs(place) <= 1.9)", SPACE, policy=policy, **options
+            )
             watcher.join()
             restarted[0].kill()
             restarted[0].communicate()
@@ -190,14 +227,19 @@ class Failures(unittest.TestCase):
         self.assertIn("broke the connection", found.exceptions[0])
 
     def test_another_policy_at_the_same_address_is_a_crash(self) -> None:
-        for before, after in [({"hash": "a"}, {"hash": "b"}), ({"size": np.zeros(2)}, {"size": np.zeros(3)})]:
+        for before, after in [
+            ({"hash": "a"}, {"hash": "b"}), ({"size": np.zeros(2)}, {"size": np.zeros(3)})
+        ]:
             with openpi_server(failing(lambda request: b""), before) as server:
                 space, options = SPACE, {"search": "random", "trials": 1, "budget": 12, **OPTIONS}
 
                 def change(done: int, total: int) -> None:
                     server.metadata = after
 
-                found = mishandle.falsify(Line(), "always(abs(place) <= 9)", space, policy=server.url, progress=change, batch=1, **options)
+                found = mishandle.falsify(
+                    Line(), "always(abs(place) <= 9)", space, policy=server.url, progress=change,
+                    batch=1, **options
+                )
                 columns = mishandle.open_run(found.path).columns()
             first = next(row for row, start in enumerate(columns["start"]) if start > 1.0)
             self.assertLess(first, 11)
@@ -207,7 +249,9 @@ class Failures(unittest.TestCase):
 
     def test_ctrl_c_ends_a_question_at_once_and_the_run_continues_later(self) -> None:
         done = threading.Event()
-        with tempfile.TemporaryDirectory() as folder, openpi_server(failing(lambda request: done.wait())) as server:
+        with tempfile.TemporaryDirectory() as folder, openpi_server(
+            failing(lambda request: done.wait())
+        ) as server:
             program = textwrap.dedent(f"""
                 import signal, sys
                 # A shell starts background jobs with SIGINT ignored, and programs inherit it.
@@ -215,13 +259,20 @@ class Failures(unittest.TestCase):
                 sys.path.insert(0, {str(pathlib.Path(__file__).parent)!r})
                 import mishandle
                 from test_policy_server_failures import Line, OPTIONS, SPACE
-                mishandle.falsify(Line(), "always(abs(place) <= 1.9)", SPACE, policy={server.url!r}, search="random", trials=1, budget=20,
-                    keep_going=True, out={folder + "/run.sqlite"!r}, batch=1, **OPTIONS)
+                mishandle.falsify(
+                    Line(), "always(abs(place) <= 1.9)", SPACE, policy={server.url!r},
+                    search="random", trials=1, budget=20, keep_going=True, batch=1,
+                    out={folder + "/run.sqlite"!r}, **OPTIONS)
             """)
-            child = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
+            child = subprocess.Popen(
+                [sys.executable, "-c", program], stderr=subprocess.PIPE, text=True
+            )
             self.addCleanup(child.kill)
             while not any(request["observation/state"][0] > 1.0 for request in server.requests):
-                self.assertIsNone(child.poll(), child.stderr.read() if child.poll() is not None and child.stderr else "")
+                self.assertIsNone(
+                    child.poll(),
+                    child.stderr.read() if child.poll() is not None and child.stderr else ""
+                )
                 time.sleep(0.05)
             child.send_signal(signal.SIGINT)
             # The server answers after the end of the child only.
@@ -230,7 +281,8 @@ class Failures(unittest.TestCase):
             server.policy = proportional
             done.set()
             found = mishandle.falsify(
-                Line(), "always(abs(place) <= 1.9)", SPACE, policy=server.url, search="random", trials=1, budget=20, keep_going=True,
+                Line(), "always(abs(place) <= 1.9)", SPACE, policy=server.url, search="random",
+                trials=1, budget=20, keep_going=True,
                 out=f"{folder}/run.sqlite", batch=1, resume=True, **OPTIONS,
             )
             columns = mishandle.open_run(found.path).columns()
@@ -270,11 +322,17 @@ def deaf_server() -> Iterator[int]:
                 connection, _ = listening.accept()
                 kept.append(connection)
                 head = connection.recv(65536).decode()
-                key = next(line.split(": ")[1] for line in head.split("\r\n") if line.lower().startswith("sec-websocket-key"))
-                digest = base64.b64encode(hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()).decode()
+                key = next(
+                    line.split(": ")[1] for line in head.split("\r\n")
+                    if line.lower().startswith("sec-websocket-key")
+                )
+                digest = base64.b64encode(
+                    hashlib.sha1((key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()
+                ).decode()
                 connection.sendall(
-                    f"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {digest}\r\n\r\n".encode()
-                    + b"\x82\x01\x80"
+                    b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\n"
+                    b"Connection: Upgrade\r\n"
+                    + f"Sec-WebSocket-Accept: {digest}\r\n\r\n".encode() + b"\x82\x01\x80"
                 )
 
     threading.Thread(target=accept, daemon=True).start()

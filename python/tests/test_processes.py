@@ -1,14 +1,14 @@
 """Simulators that are programs of their own."""
 
-import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
 import warnings
 
+from cases import FolderCase
 import mishandle
-from mishandle import Axis, InvalidTypeError, InvalidValueError, MishandleError, Process
+from mishandle import Axis, MishandleError, Process
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 CHILD = """
 import json, os, sys, time
@@ -16,7 +16,8 @@ for line in sys.stdin:
     question = json.loads(line)
     answer = {"id": question["id"]}
     if question["type"] == "hello":
-        answer |= {"protocol": 1, "name": "child", "control_dt": 1.0, "steps": 1, "seeded": True, "time_limit": 1}
+        answer |= {"protocol": 1, "name": "child", "control_dt": 1.0, "steps": 1}
+        answer |= {"seeded": True, "time_limit": 1}
         answer["axes"] = [{"name": "a", "unit": "", "low": 0, "high": 1, "nominal": 0.5}]
         answer["signals"] = [{"name": name, "unit": ""} for name in ("y", "process", "seed")]
         answer["formulas"] = [{"name": "small", "text": "always(y <= 2)"}]
@@ -26,16 +27,15 @@ for line in sys.stdin:
             time.sleep(3)
         if a < 0.1:
             sys.exit("out of range")
-        answer["trace"] = {"y": [a] * 2, "process": [os.getpid()] * 2, "seed": [int(question["seed"]) % 1000] * 2}
+        seed = int(question["seed"]) % 1000
+        answer["trace"] = {"y": [a] * 2, "process": [os.getpid()] * 2, "seed": [seed] * 2}
     print(json.dumps(answer), flush=True)
 """
 
 
-class Processes(unittest.TestCase):
+class Processes(FolderCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         (self.folder / "child.py").write_text(CHILD)
         self.child = Process([sys.executable, "child.py"], folder=self.folder)
 
@@ -45,7 +45,10 @@ class Processes(unittest.TestCase):
     def test_the_program_states_its_axes_and_its_formula(self):
         found = self.simulate(0.5)
         self.assertEqual(found.robustness, 1.5)
-        result = mishandle.falsify(self.child, "always(y <= 0.6)", trials=1, budget=60, search="random", out=self.folder / "run.sqlite")
+        result = mishandle.falsify(
+            self.child, "always(y <= 0.6)", trials=1, budget=60, search="random",
+            out=self.folder / "run.sqlite"
+        )
         self.assertEqual(result.falsified_trials, 1)
 
     def test_failures_are_typed_ends_without_verdict_and_keep_their_reason(self):
@@ -76,8 +79,15 @@ class Processes(unittest.TestCase):
             mishandle.simulate(Process("no-such-program"), at={"a": 0.5})
 
     def test_a_process_that_outlives_a_time_limit_of_a_function_is_reported(self):
-        program = "import sys, time\nfor line in sys.stdin: time.sleep(3 * (float(line) > 0.8)); print(float(line), flush=True)"
-        child = subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        program = (
+            "import sys, time\n"
+            "for line in sys.stdin:\n"
+            "    time.sleep(3 * (float(line) > 0.8)); print(float(line), flush=True)"
+        )
+        child = subprocess.Popen(
+            [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            text=True
+        )
 
         def ask(scenario):
             child.stdin.write(f"{scenario['a']}\n")
@@ -87,8 +97,14 @@ class Processes(unittest.TestCase):
         with child:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                mishandle.simulate(ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5, version="1")
-            self.assertIn(f"the process {child.pid} that the function talks to still runs", str(caught[0].message))
+                mishandle.simulate(
+                    ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5,
+                    version="1"
+                )
+            self.assertIn(
+                f"the process {child.pid} that the function talks to still runs",
+                str(caught[0].message)
+            )
             child.kill()
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import textwrap
 import unittest
 import xml.etree.ElementTree
 from typing import Any
+
+from cases import FolderCase
 
 HEAD = """
 import mishandle
@@ -32,12 +32,11 @@ def test_gap():
 """
 
 
-class PluginTests(unittest.TestCase):
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class PluginTests(FolderCase):
     def write(self, *parts: str) -> None:
-        (self.folder / "test_car.py").write_text(textwrap.dedent("".join([HEAD, *parts])), encoding="utf-8")
+        (self.folder / "test_car.py").write_text(
+            textwrap.dedent("".join([HEAD, *parts])), encoding="utf-8"
+        )
 
     def pytest(self, *words: str, expected: int) -> str:
         command = [sys.executable, "-m", "pytest", "--color=no", "-p", "no:randomly", *words]
@@ -74,7 +73,9 @@ class PluginTests(unittest.TestCase):
         replay = re.search(r"replay: pytest (.*)", text)[1]  # type: ignore[index]
         self.assertIn("still violates", self.pytest(*replay.split(), expected=1))
 
-    def test_a_repaired_system_passes_then_is_cached_and_breaks_at_the_known_counterexample(self) -> None:
+    def test_a_repaired_system_passes_then_is_cached_and_breaks_at_the_known_counterexample(
+        self
+    ) -> None:
         self.write(GAP)
         self.pytest(expected=1)
         self.write(GAP.replace("1.0", "0.5"))
@@ -84,13 +85,22 @@ class PluginTests(unittest.TestCase):
         self.assertIn("not violated in 60 simulations", text)
         self.assertEqual(self.counts(self.pytest(expected=0)), (1, 1, 0))
         # Another budget, seed or system is another key.
-        self.assertEqual(self.counts(self.pytest("--mishandle-budget", "30", expected=0)), (1, 0, 31))
-        self.assertEqual(self.counts(self.pytest("--mishandle-budget", "30", "--mishandle-seed", "5", expected=0)), (1, 0, 31))
+        self.assertEqual(
+            self.counts(self.pytest("--mishandle-budget", "30", expected=0)), (1, 0, 31)
+        )
+        self.assertEqual(
+            self.counts(
+                self.pytest("--mishandle-budget", "30", "--mishandle-seed", "5", expected=0)
+            ),
+            (1, 0, 31)
+        )
         self.write(GAP)
         self.assertEqual(self.counts(self.pytest(expected=1)), (1, 0, 1))
 
     def test_fixtures_parameters_settings_and_junit(self) -> None:
-        (self.folder / "pytest.ini").write_text("[pytest]\nmishandle_budget = 20\nmishandle_folder = found\n")
+        (self.folder / "pytest.ini").write_text(
+            "[pytest]\nmishandle_budget = 20\nmishandle_folder = found\n"
+        )
         self.write(
             """
 import pytest
@@ -173,10 +183,12 @@ def test_noise():
 
     def test_workers_of_xdist_share_the_folder(self) -> None:
         try:
-            import xdist  # type: ignore[import-not-found, import-untyped, unused-ignore] # noqa: F401
+            import xdist  # noqa: F401
         except ImportError:
             self.skipTest("pytest-xdist is not installed")
-        self.write(GAP.replace("1.0", "0.5"), GAP.replace("test_gap", "test_more").replace("1.0", "0.5"))
+        self.write(
+            GAP.replace("1.0", "0.5"), GAP.replace("test_gap", "test_more").replace("1.0", "0.5")
+        )
         self.assertEqual(self.counts(self.pytest("-n", "2", expected=0)), (2, 0, 120))
         self.assertEqual(self.counts(self.pytest("-n", "2", expected=0)), (2, 2, 0))
 

@@ -1,25 +1,25 @@
 """Campaigns on a real Ray cluster of several nodes on this machine."""
 
 import os
-import pathlib
 import signal
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import textwrap
 import threading
 import time
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import ray
 from mishandle import Attribute, Axis
-from mishandle.ray import RayExecutor, _SystemFactory
-from mishandle.ray.plans import HardeningFactory
-from mishandle.systems import TaskSystem
+from mishandle.errors import InvalidStateError, InvalidTypeError
+from mishandle.cluster.executors import RayExecutor, _SystemFactory
+from mishandle.cluster.plans import HardeningFactory
+from mishandle.systems.tasks import TaskSystem
 from ray.cluster_utils import Cluster
 from test_fronts import COMMAND, tables
 
@@ -73,12 +73,14 @@ policy = { hidden = [64, 64], activation = "elu" }
 """
 
 
-class RayTest(unittest.TestCase):
+class RayTest(FolderCase):
     cluster: Any
 
     @classmethod
     def setUpClass(cls) -> None:
-        cls.cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        cls.cluster = Cluster(
+            initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+        )
         ray.init(address=cls.cluster.address, log_to_driver=False)
 
     @classmethod
@@ -86,13 +88,14 @@ class RayTest(unittest.TestCase):
         ray.shutdown()
         cls.cluster.shutdown()
 
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
-    def both(self, system: Any, formula: str, space: list[Axis], executor: Any = "ray", **options: Any) -> Any:
+    def both(
+        self, system: Any, formula: str, space: list[Axis], executor: Any = "ray", **options: Any
+    ) -> Any:
         """Falsifies a system in this process and on the cluster, and compares the run files."""
         local = mishandle.falsify(system, formula, space, out=self.folder / "local", **options)
-        found = mishandle.falsify(system, formula, space, out=self.folder / "ray", executor=executor, **options)
+        found = mishandle.falsify(
+            system, formula, space, out=self.folder / "ray", executor=executor, **options
+        )
         self.assertEqual(found.largest_difference, 0.0)
         self.assertEqual(tables(self.folder / "local"), tables(self.folder / "ray"))
         self.assertGreater(local.simulations, 0)
@@ -114,20 +117,19 @@ class RayTest(unittest.TestCase):
 
     def test_an_environment_is_made_again_on_each_worker(self) -> None:
         self.both(
-            gymnasium.make("CartPole-v1"),
-            "always(abs(angle) <= 0.15)",
-            [Axis("low", -0.2, 0.0, nominal=-0.05), Axis("length", 0.2, 1.5, nominal=0.5, apply=Attribute("length"))],
+            gymnasium.make("CartPole-v1"), "always(abs(angle) <= 0.15)",
+            [
+                Axis("low", -0.2, 0.0, nominal=-0.05),
+                Axis("length", 0.2, 1.5, nominal=0.5, apply=Attribute("length"))
+            ],
             policy=lambda observation: int(observation[2] + 0.3 * observation[3] > 0),
-            signals={"angle": "obs[2]"},
-            steps=50,
-            search="random",
-            trials=2,
-            budget=10,
-            batch=4,
+            signals={"angle": "obs[2]"}, steps=50, search="random", trials=2, budget=10, batch=4
         )
 
     def test_a_task_has_the_rows_of_one_machine(self) -> None:
-        options: dict[str, Any] = {"policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4, "batch": 4}
+        options: dict[str, Any] = {
+            "policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4, "batch": 4
+        }
         mishandle.falsify("point-reaching", out=self.folder / "local", **options)
         mishandle.falsify("point-reaching", out=self.folder / "ray", executor="ray", **options)
         self.assertEqual(tables(self.folder / "local"), tables(self.folder / "ray"))
@@ -155,7 +157,9 @@ class RayTest(unittest.TestCase):
         killer = threading.Thread(target=kill)
         killer.start()
         options: dict[str, Any] = {"search": "random", "trials": 4, "budget": 20, "batch": 40}
-        found = mishandle.falsify(slow, FORMULA, SPACE, out=self.folder / "ray", executor=executor, **options)
+        found = mishandle.falsify(
+            slow, FORMULA, SPACE, out=self.folder / "ray", executor=executor, **options
+        )
         killer.join()
         self.cluster.remove_node(nodes[1])
         calls = sum(file.stat().st_size for file in log.iterdir())
@@ -175,8 +179,8 @@ class RayTest(unittest.TestCase):
             return {"gap": [10.0, 10.0 - scenario["speed"]]}
 
         found = mishandle.falsify(
-            fragile, "always(gap >= 0)", SPACE, search="random", trials=1, budget=8, batch=8, seed=1, out=self.folder / "run",
-            executor="ray",
+            fragile, "always(gap >= 0)", SPACE, search="random", trials=1, budget=8, batch=8,
+            seed=1, out=self.folder / "run", executor="ray"
         )
         speeds = mishandle.open_run(found.path).columns()
         crashed = [end for end, speed in zip(speeds["end"], speeds["speed"]) if speed > 8]
@@ -187,10 +191,16 @@ class RayTest(unittest.TestCase):
 
     def test_an_unknown_executor_is_an_error(self) -> None:
         with self.assertRaisesRegex(ValueError, "there is no executor 'rai'"):
-            mishandle.falsify("point-reaching", policy="ppo", out=self.folder / "run", executor="rai")
+            mishandle.falsify(
+                "point-reaching", policy="ppo", out=self.folder / "run", executor="rai"
+            )
 
     def test_a_worker_with_other_code_is_an_error(self) -> None:
-        factory = _SystemFactory(TaskSystem("point-reaching", lambda rows: rows, preset="paper", rows=1, batched_policy=True))
+        factory = _SystemFactory(
+            TaskSystem(
+                "point-reaching", lambda rows: rows, preset="paper", rows=1, batched_policy=True
+            )
+        )
         factory._hash = "0"
         executor = RayExecutor()
         with self.assertRaisesRegex(RuntimeError, "give all nodes the same versions"):
@@ -201,7 +211,10 @@ class RayTest(unittest.TestCase):
             return {"gap": [1.0, 1.0]} if scenario["speed"] < 6 else {"other": [1.0, 1.0]}
 
         with self.assertRaisesRegex(ValueError, "lacks the signals"):
-            mishandle.falsify(wrong, FORMULA, SPACE, search="random", budget=50, out=self.folder / "run", executor="ray")
+            mishandle.falsify(
+                wrong, FORMULA, SPACE, search="random", budget=50, out=self.folder / "run",
+                executor="ray"
+            )
 
     def test_an_exit_in_the_system_ends_the_run_and_not_the_worker(self) -> None:
         def leaving(scenario: dict[str, Any]) -> dict[str, list[float]]:
@@ -209,7 +222,9 @@ class RayTest(unittest.TestCase):
                 sys.exit(3)
             return {"gap": [1.0, 1.0]}
 
-        with self.assertRaisesRegex(RuntimeError, r"the system `.*leaving` raised SystemExit\(3\), which ends a run"):
+        with self.assertRaisesRegex(
+            RuntimeError, r"the system `.*leaving` raised SystemExit\(3\), which ends a run"
+        ):
             mishandle.falsify(leaving, FORMULA, SPACE, search="random", budget=50, executor="ray")
 
     def test_a_system_that_cannot_be_sent_is_an_error_with_its_name(self) -> None:
@@ -219,19 +234,26 @@ class RayTest(unittest.TestCase):
             with lock:
                 return {"gap": [1.0, 1.0]}
 
-        expected = r"`.*locked` or what it refers to cannot be sent to the workers: cannot pickle '_thread.lock' object; make files"
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, expected):
+        expected = "`.*locked` or what it refers to cannot be sent to the workers: cannot pickle "
+        expected += "'_thread.lock' object; make files"
+        with self.assertRaisesRegex(InvalidTypeError, expected):
             mishandle.falsify(locked, FORMULA, SPACE, search="random", budget=5, executor="ray")
 
     def campaign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, cwd=self.folder, timeout=1800)
+        command = [
+            sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address, *arguments
+        ]
+        return subprocess.run(
+            command, capture_output=True, text=True, cwd=self.folder, timeout=1800
+        )
 
     def test_a_campaign_has_the_rows_of_the_command_line(self) -> None:
         (self.folder / "campaign.toml").write_text(CAMPAIGN)
         ended = self.campaign("campaign.toml", "--out", "ray")
         self.assertEqual(ended.returncode, 0, ended.stderr)
-        command = [COMMAND, "campaign", self.folder / "campaign.toml", "--out", self.folder / "local"]
+        command = [
+            COMMAND, "campaign", self.folder / "campaign.toml", "--out", self.folder / "local"
+        ]
         subprocess.run(command, check=False, capture_output=True)
         local = sorted((self.folder / "local").glob("*.sqlite"))
         self.assertEqual(len(local), 6)
@@ -248,9 +270,10 @@ class RayTest(unittest.TestCase):
                 batch = 16
             """)
         )
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address]
+        command = [sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address]
         first = subprocess.Popen(
-            [*command, "campaign.toml", "--out", "runs"], cwd=self.folder, stderr=subprocess.PIPE, text=True
+            [*command, "campaign.toml", "--out", "runs"], cwd=self.folder, stderr=subprocess.PIPE,
+            text=True
         )
         path = self.folder / "runs" / "ppo.sqlite"
 
@@ -269,7 +292,9 @@ class RayTest(unittest.TestCase):
         self.assertIn("interrupted", stderr)
         stored = count()
         self.assertLess(stored, 3000)
-        again = subprocess.Popen([*command, "--resume", "runs"], cwd=self.folder, stderr=subprocess.PIPE, text=True)
+        again = subprocess.Popen(
+            [*command, "--resume", "runs"], cwd=self.folder, stderr=subprocess.PIPE, text=True
+        )
         while count() <= stored:
             self.assertIsNone(again.poll())
             time.sleep(0.1)
@@ -277,12 +302,17 @@ class RayTest(unittest.TestCase):
         _, stderr = again.communicate(timeout=600)
         self.assertEqual(again.returncode, 130, stderr)
 
-    def test_hardenings_of_a_campaign_run_on_workers_and_continue_after_an_interruption(self) -> None:
+    def test_hardenings_of_a_campaign_run_on_workers_and_continue_after_an_interruption(
+        self
+    ) -> None:
         text = HARDENINGS.replace("SETTINGS", str(self.folder / "settings.toml"))
         (self.folder / "settings.toml").write_text(SETTINGS)
         (self.folder / "campaign.toml").write_text(text)
-        command = [sys.executable, "-m", "mishandle.ray", "--address", self.cluster.address]
-        first = subprocess.Popen([*command, "campaign.toml", "--out", "ray"], cwd=self.folder, stderr=subprocess.PIPE, text=True)
+        command = [sys.executable, "-m", "mishandle.cluster", "--address", self.cluster.address]
+        first = subprocess.Popen(
+            [*command, "campaign.toml", "--out", "ray"], cwd=self.folder, stderr=subprocess.PIPE,
+            text=True
+        )
         started = self.folder / "ray" / "5.harden" / "round-1" / "settings.toml"
         other = self.folder / "ray" / "6.harden" / "round-1" / "settings.toml"
         while not (started.exists() or other.exists()):
@@ -295,23 +325,37 @@ class RayTest(unittest.TestCase):
         ended = self.campaign("--resume", "ray")
         self.assertEqual(ended.returncode, 0, ended.stderr)
 
-        options: dict[str, Any] = {"policy": "ppo", "space": "starts+delay", "axes": {"action_delay": (1, 3)}, "seed": 6, "rounds": 1}
-        options |= {"steps": 256, "settings": self.folder / "settings.toml", "searches": ["random"], "budget": 8, "validation": 4}
+        options: dict[str, Any] = {
+            "policy": "ppo", "space": "starts+delay", "axes": {"action_delay": (1, 3)}, "seed": 6,
+            "rounds": 1
+        }
+        options |= {
+            "steps": 256, "settings": self.folder / "settings.toml", "searches": ["random"],
+            "budget": 8, "validation": 4
+        }
         options |= {"episodes": 4, "risk": 100, "margin": 10}
         local = mishandle.harden("point-reaching", out=self.folder / "6.safetensors", **options)
-        resumed = mishandle.harden("point-reaching", out=self.folder / "ray" / "6.safetensors", resume=True, **options)
-        self.assertEqual((resumed.verdict, resumed.measures, resumed.rounds), (local.verdict, local.measures, local.rounds))
+        resumed = mishandle.harden(
+            "point-reaching", out=self.folder / "ray" / "6.safetensors", resume=True, **options
+        )
+        self.assertEqual(
+            (resumed.verdict, resumed.measures, resumed.rounds),
+            (local.verdict, local.measures, local.rounds)
+        )
         self.assertEqual(local.simulations, resumed.simulations)
         for path in (self.folder / "6.harden").rglob("*.sqlite"):
             resumed_path = self.folder / "ray" / path.relative_to(self.folder)
             # Others have the path of the controller, and the hash of its file with training times.
-            found, expected = ([tables(each)[name] for name in ("simulation", "trial")] for each in (resumed_path, path))
+            found, expected = (
+                [tables(each)[name] for name in ("simulation", "trial")]
+                for each in (resumed_path, path)
+            )
             self.assertEqual(found, expected, path.name)
 
     def test_a_worker_without_the_folder_of_a_hardening_is_an_error(self) -> None:
         executor = RayExecutor()
         factory = HardeningFactory(str(self.folder / "missing"), durable=False, any_build=False)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "a file system that all nodes share"):
+        with self.assertRaisesRegex(InvalidStateError, "a file system that all nodes share"):
             executor.run(executor.share(factory), ["6"])
 
     def test_mistakes_on_the_command_line_are_errors_in_one_line(self) -> None:

@@ -10,14 +10,17 @@ import mishandle
 import mujoco
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
-from mishandle import Axis, Reduced
+from mishandle import Axis
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
+from mishandle.systems import Reduced
 
 # A ball falls 5 cm onto the ground.
 MODEL = """<mujoco>
   <option timestep="0.001"/>
   <worldbody>
     <geom type="plane" size="1 1 0.1" solref="0.005 1"/>
-    <body name="ball" pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.05" mass="0.2" solref="0.005 1"/></body>
+    <body name="ball" pos="0 0 0.1"><freejoint/>
+      <geom type="sphere" size="0.05" mass="0.2" solref="0.005 1"/></body>
   </worldbody>
 </mujoco>"""
 
@@ -55,7 +58,10 @@ class Ball(gymnasium.Env[Any, Any]):
             for _ in range(50):
                 mujoco.mj_step(self.model, self.data)
                 forces.append(contact(self))
-        return self.data.qpos[2:3].copy(), 0.0, False, False, {"forces": forces} if self.reports else {}
+        return (
+            self.data.qpos[2:3].copy(), 0.0, False, False,
+            {"forces": forces} if self.reports else {}
+        )
 
 
 def contact(env: Any) -> float:
@@ -77,13 +83,15 @@ class StepsItself(Ball):
 
 def traces(environment: Any, signals: dict[str, Any]) -> dict[str, Any]:
     [episode] = mishandle.simulate(
-        environment, f"always({next(iter(signals))} >= -1000)", SPACE, policy=lambda observation: np.zeros(1), signals=signals, steps=8
+        environment, f"always({next(iter(signals))} >= -1000)", SPACE,
+        policy=lambda observation: np.zeros(1), signals=signals, steps=8
     )
     return episode.trace
 
 
 def expected() -> tuple[list[list[float]], list[float]]:
-    """Returns the forces of all physics steps of each control step, by a loop of its own, and the heights."""
+    """Returns the forces of all physics steps of each control step, by a loop of its own, and the
+    heights."""
     env = Ball()
     env.reset()
     forces, heights = [[0.0]], [float(env.data.qpos[2])]
@@ -104,12 +112,16 @@ class Reductions(unittest.TestCase):
             found = traces(
                 environment,
                 {
-                    "peak": (Reduced("max", contact), "N"), "least": Reduced("min", contact), "mean": Reduced("mean", contact),
-                    "sum": Reduced("sum", contact), "now": contact, "height": "data.qpos[2]", "lowest": Reduced("min", "data.qpos[2]"),
+                    "peak": (Reduced("max", contact), "N"), "least": Reduced("min", contact),
+                    "mean": Reduced("mean", contact),
+                    "sum": Reduced("sum", contact), "now": contact, "height": "data.qpos[2]",
+                    "lowest": Reduced("min", "data.qpos[2]"),
                 },
             )
             for name, reduce in (("peak", max), ("least", min), ("sum", sum), ("mean", np.mean)):
-                np.testing.assert_allclose(found[name], [reduce(part) for part in forces], rtol=1e-12)
+                np.testing.assert_allclose(
+                    found[name], [reduce(part) for part in forces], rtol=1e-12
+                )
             # The physics has the same bits.
             self.assertEqual(list(found["height"]), heights)
             self.assertEqual(list(found["now"]), [part[-1] for part in forces])
@@ -125,24 +137,35 @@ class Reductions(unittest.TestCase):
     def test_a_list_of_info_is_reduced(self) -> None:
         forces, _ = expected()
         for environment in (Ball(reports=True), AsyncVectorEnv([lambda: Ball(reports=True)] * 2)):
-            found = traces(environment, {"peak": Reduced("max", "info.forces"), "total": Reduced("sum", "info.forces")})
+            found = traces(
+                environment,
+                {"peak": Reduced("max", "info.forces"), "total": Reduced("sum", "info.forces")}
+            )
             np.testing.assert_allclose(found["peak"], [max(part) for part in forces], rtol=1e-12)
             np.testing.assert_allclose(found["total"], [sum(part) for part in forces], rtol=1e-12)
             environment.close()
 
     def test_mistakes_are_errors(self) -> None:
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "over is 'median'; it must be one of max, min, mean, sum"):
+        with self.assertRaisesRegex(
+            InvalidValueError, "over is 'median'; it must be one of max, min, mean, sum"
+        ):
             Reduced("median", contact)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "does not have several values"):
+        with self.assertRaisesRegex(InvalidTypeError, "does not have several values"):
             Reduced("max", "reward")
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "called neither mujoco.mj_step nor mujoco.mj_step2"):
+        with self.assertRaisesRegex(
+            InvalidStateError, "called neither mujoco.mj_step nor mujoco.mj_step2"
+        ):
             traces(StepsItself(), {"peak": Reduced("max", contact)})
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "expected a list of the values in the control step"):
+        with self.assertRaisesRegex(
+            InvalidStateError, "expected a list of the values in the control step"
+        ):
             traces(Ball(), {"peak": Reduced("max", "obs[0]")})
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "it has no observation there"):
+        with self.assertRaisesRegex(InvalidTypeError, "it has no observation there"):
             traces(Ball(), {"peak": Reduced("max", lambda env, observation: 0.0)})
         vector = AsyncVectorEnv([Ball])
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "the source of the signal `peak` is a function"):
+        with self.assertRaisesRegex(
+            InvalidValueError, "the source of the signal `peak` is a function"
+        ):
             traces(vector, {"peak": Reduced("max", contact)})
         vector.close()
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import pathlib
 import random
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis
 
@@ -29,23 +28,21 @@ SPACE = [
 ]
 
 
-class MetamorphicTests(unittest.TestCase):
-    def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
-    def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.Metamorphic:
+class MetamorphicTests(FolderCase):
+    def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.ask.Metamorphic:
         out = self.folder / f"{len(list(self.folder.iterdir()))}.sqlite"
         return mishandle.metamorphic(system, "always(gap >= 2)", space, out=out, **asked)
 
     def test_broken_pairs_are_those_of_a_hand_calculation(self) -> None:
         found = self.ask(
-            gap,
-            SPACE,
+            gap, SPACE,
             relations={
-                "shift": {"change": {"own": "+1", "front": "+1"}, "holds": "robustness-within:1e-9"},
-                "slippery": {"change": {"friction": 0.3}, "holds": "same-verdict"},
+                "shift": {
+                    "change": {"own": "+1", "front": "+1"}, "holds": "robustness-within:1e-9"
+                },
+                "slippery": {"change": {"friction": 0.3}, "holds": "same-verdict"}
             },
-            pairs=200,
+            pairs=200
         )
         shift, slippery = found.relations
         self.assertEqual((shift.name, shift.broken), ("shift", 0))
@@ -64,7 +61,9 @@ class MetamorphicTests(unittest.TestCase):
         self.assertTrue(0.49 < float(smallest.follow_up.scenario["friction"]) < 0.5)
         case = slippery.worst[0].follow_up
         file = found.export(self.folder / "pair.json", case)
-        self.assertEqual(mishandle.replay(file, gap, "always(gap >= 2)", SPACE).robustness, case.robustness)
+        self.assertEqual(
+            mishandle.replay(file, gap, "always(gap >= 2)", SPACE).robustness, case.robustness
+        )
 
     def test_both_cases_of_a_pair_have_the_same_noise(self) -> None:
         space = [Axis("own", 0, 20)]

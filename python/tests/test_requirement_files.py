@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import pathlib
-import tempfile
 import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis
 
@@ -34,20 +33,24 @@ def car(scenario: dict[str, Any]) -> dict[str, list[float]]:
     return {"gap": [10.0, 10.0 - scenario["speed"]]}
 
 
-class CheckTests(unittest.TestCase):
+class CheckTests(FolderCase):
     def setUp(self) -> None:
-        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        super().setUp()
         self.file = self.folder / "requirements.toml"
         self.file.write_text(FILE)
 
-    def check(self, system: Any, out: str = "checked", **asked: Any) -> mishandle.Check:
-        return mishandle.check(system, self.file, SPACE, out=self.folder / out, episodes=60, budget=30, **asked)
+    def check(self, system: Any, out: str = "checked", **asked: Any) -> mishandle.ask.Check:
+        return mishandle.check(
+            system, self.file, SPACE, out=self.folder / out, episodes=60, budget=30, **asked
+        )
 
     def test_verdicts_are_those_of_a_hand_calculation(self) -> None:
         found = self.check(car)
         verdicts = {cell.requirement: cell.verdict for cell in found.cells}
         # The speed is uniform from 0 to 10, so that a fifth of the scenarios leaves less than 2.
-        self.assertEqual(verdicts, {"R-0": "not applicable", "R-1": "violated", "R-2": "not violated"})
+        self.assertEqual(
+            verdicts, {"R-0": "not applicable", "R-1": "violated", "R-2": "not violated"}
+        )
         self.assertEqual(found.exit_code, 1)
         self.assertIn("R-1: violated", str(found))
         rate = found.cells[1].failure_rate

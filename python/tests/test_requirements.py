@@ -3,6 +3,7 @@
 import unittest
 
 import mishandle
+from mishandle.errors import InvalidValueError
 
 LOGS = [
     {"time": [0.0, 0.5, 1.0, 1.5], "force": [0.0, 1.0, 4.0, 7.5]},
@@ -17,33 +18,50 @@ class TestFormula(unittest.TestCase):
         self.assertEqual([example.violated for example in found.examples], [False, True])
         for example in found.examples:
             values = {signal.signal: signal.values for signal in example.values}
-            robustness = mishandle.robustness("always[0:2s](force <= 20)", values, period=example.period)
+            robustness = mishandle.robustness(
+                "always[0:2s](force <= 20)", values, period=example.period
+            )
             self.assertEqual(robustness, example.robustness)
 
     def test_a_formula_is_drawn_over_a_log(self):
         found = mishandle.formula("always(force <= 6)", LOGS, units={"force": "N"})
-        self.assertEqual([(example.kind, example.violated) for example in found.examples], [("log", True), ("log", False)])
+        self.assertEqual(
+            [(example.kind, example.violated) for example in found.examples],
+            [("log", True), ("log", False)]
+        )
         self.assertIn("log 1: violated, robustness -1.5", str(found))
         self.assertEqual(found.signals[0].unit, "N")
 
     def test_traps(self):
-        self.assertEqual([trap.name for trap in mishandle.formula("always[0:9s](x_deg <= y_mm)", episode=5).traps][0], "horizon-beyond-episode")
+        self.assertEqual(
+            [
+                trap.name
+                for trap in mishandle.formula("always[0:9s](x_deg <= y_mm)", episode=5).traps
+            ][0],
+            "horizon-beyond-episode"
+        )
         names = {trap.name for trap in mishandle.formula("always(x_deg <= y_mm)").traps}
         self.assertEqual(names, {"unit-mismatch"})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "column"):
+        with self.assertRaisesRegex(InvalidValueError, "column"):
             mishandle.formula("always(x <= )")
 
     def test_patterns(self):
-        text = mishandle.pattern("hold-for", p="closed >= 1", q="force < 20", duration="2s")
-        self.assertEqual(text, "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))")
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "needs the parameter `q`"):
-            mishandle.pattern("hold-for", p="closed >= 1")
+        text = mishandle.logs.pattern("hold-for", p="closed >= 1", q="force < 20", duration="2s")
+        self.assertEqual(
+            text,
+            "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))"
+        )
+        with self.assertRaisesRegex(InvalidValueError, "needs the parameter `q`"):
+            mishandle.logs.pattern("hold-for", p="closed >= 1")
 
 
 class TestMine(unittest.TestCase):
     def test_the_tightest_limit_is_that_of_the_worst_log(self):
         found = mishandle.mine("always(force <= limit)", {"limit": (0, 50)}, LOGS)
-        self.assertEqual((found.outcome, found.points[0].values, found.points[0].decisive), ("found", (7.5,), "log 1"))
+        self.assertEqual(
+            (found.outcome, found.points[0].values, found.points[0].decisive),
+            ("found", (7.5,), "log 1")
+        )
         self.assertEqual([trace.value for trace in found.per_trace], [7.5, 5.0])
         self.assertIn("limit = 7.5", str(found))
         half = mishandle.mine("always(force <= limit)", {"limit": (0, 50)}, LOGS, share=0.5)
@@ -52,16 +70,23 @@ class TestMine(unittest.TestCase):
     def test_bounds_and_fronts(self):
         time = mishandle.mine("eventually[0:T](force >= 4)", {"T": (0, 1.5, "s")}, LOGS)
         self.assertEqual(time.points[0].formula, "eventually[0s:1s](force >= 4)")
-        front = mishandle.mine("eventually[0:T](force >= level)", {"T": (0, 1.5, "s"), "level": (0, 10)}, LOGS)
+        front = mishandle.mine(
+            "eventually[0:T](force >= level)", {"T": (0, 1.5, "s"), "level": (0, 10)}, LOGS
+        )
         for point in front.points:
             self.assertTrue(all(mishandle.robustness(point.formula, log) >= 0 for log in LOGS))
         self.assertEqual(max(point.values[1] for point in front.points), 5.0)
 
     def test_mistakes(self):
-        for parameters, part in [({"force": (0, 1)}, "reads no signal"), ({"c": (1, 0)}, "lower one first")]:
-            with self.assertRaisesRegex(mishandle.InvalidValueError, part):
-                mishandle.mine("always(force <= c)" if "c" in parameters else "always(force <= 1)", parameters, LOGS)
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "there is no log"):
+        for parameters, part in [
+            ({"force": (0, 1)}, "reads no signal"), ({"c": (1, 0)}, "lower one first")
+        ]:
+            with self.assertRaisesRegex(InvalidValueError, part):
+                mishandle.mine(
+                    "always(force <= c)" if "c" in parameters else "always(force <= 1)", parameters,
+                    LOGS
+                )
+        with self.assertRaisesRegex(InvalidValueError, "there is no log"):
             mishandle.mine("always(force <= c)", {"c": (0, 1)}, [])
 
 

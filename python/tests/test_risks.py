@@ -12,6 +12,7 @@ from typing import Any
 
 import mishandle
 from mishandle import Axis
+from mishandle.errors import InvalidTypeError, InvalidValueError
 from test_margins import Push
 
 SPEED = [Axis("speed", 0, 10, "m/s")]
@@ -27,7 +28,9 @@ class Risks(unittest.TestCase):
         found = mishandle.risk(gap, "always(gap >= 2)", SPEED, simulations=2000, seed=1)
         assert found.probability is not None
         self.assertTrue(found.probability.low < 0.2 < found.probability.high, found.probability)
-        self.assertEqual((found.probability.source, found.probability.assumption), ("monte-carlo", None))
+        self.assertEqual(
+            (found.probability.source, found.probability.assumption), ("monte-carlo", None)
+        )
         self.assertEqual((found.monte_carlo.simulations, found.simulations), (2000, 2000))
         self.assertEqual(found.monte_carlo.failures / 2000, found.probability.value)
         self.assertEqual(found.bounds, (found.probability.low, found.probability.high))
@@ -36,7 +39,8 @@ class Risks(unittest.TestCase):
     def test_a_rare_closed_form_needs_importance_sampling(self) -> None:
         # Triangular with the mode 0: P(speed > x) = (1 - x / 10)^2, which is 1e-4 at 9.9 m/s.
         found = mishandle.risk(
-            gap, "always(gap >= 0.1)", SPEED, distribution={"speed": "triangular:0"}, simulations=8000, seed=2
+            gap, "always(gap >= 0.1)", SPEED, distribution={"speed": "triangular:0"},
+            simulations=8000, seed=2
         )
         assert found.probability is not None and found.importance is not None
         self.assertTrue(found.probability.low < 1e-4 < found.probability.high, found.probability)
@@ -48,14 +52,19 @@ class Risks(unittest.TestCase):
         self.assertEqual(parts, 8000)
         # The budget is too small for multilevel splitting, which says so.
         self.assertIsNone(found.splitting)
-        self.assertTrue(any("at least 208286 simulations" in refusal for refusal in found.refusals), found.refusals)
+        self.assertTrue(
+            any("at least 208286 simulations" in refusal for refusal in found.refusals),
+            found.refusals
+        )
         self.assertGreater(found.failures[0].scenario["speed"], 9.9)
 
     def test_noise_of_the_seed_is_part_of_the_probability(self) -> None:
         def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
             return {"y": [random.Random(seed).random() - 0.1] * 2}
 
-        found = mishandle.risk(system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000, method="monte-carlo")
+        found = mishandle.risk(
+            system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000, method="monte-carlo"
+        )
         self.assertTrue(found.bounds[0] < 0.1 < found.bounds[1], found.bounds)
         # The failure is the simulation of its seed.
         [failure, *_] = found.failures
@@ -65,13 +74,8 @@ class Risks(unittest.TestCase):
         # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails,
         # 45 %.
         found = mishandle.risk(
-            Push(),
-            "always(abs(x) <= 1)",
-            [Axis("push", -2, 2, kind="event")],
-            policy=lambda observation: -observation,
-            signals={"x": "x"},
-            steps=10,
-            simulations=400,
+            Push(), "always(abs(x) <= 1)", [Axis("push", -2, 2, kind="event")],
+            policy=lambda observation: -observation, signals={"x": "x"}, steps=10, simulations=400
         )
         self.assertTrue(found.bounds[0] < 0.45 < found.bounds[1], found.bounds)
 
@@ -80,8 +84,10 @@ class Risks(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             file = found.export(os.path.join(folder, "failure.json"))
             again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
-            self.assertEqual((again.differences, again.repetition.scenario), ((), found.failures[0].scenario))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "failure is 9"):
+            self.assertEqual(
+                (again.differences, again.repetition.scenario), ((), found.failures[0].scenario)
+            )
+            with self.assertRaisesRegex(InvalidValueError, "failure is 9"):
                 found.export(file, failure=9)
             copied = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "copied.json"))
             self.assertEqual(copied.read_bytes(), file.read_bytes())
@@ -89,8 +95,12 @@ class Risks(unittest.TestCase):
     def test_batches_do_not_matter_and_the_progress_is_reported(self) -> None:
         done: list[tuple[int, int]] = []
         report = lambda *numbers: done.append(numbers)
-        of = lambda batch: mishandle.risk(gap, "always(gap >= 0.05)", SPEED, simulations=500, batch=batch, progress=report)
-        self.assertEqual(dataclasses.replace(of(64), run=None), dataclasses.replace(of(7), run=None))
+        of = lambda batch: mishandle.risk(
+            gap, "always(gap >= 0.05)", SPEED, simulations=500, batch=batch, progress=report
+        )
+        self.assertEqual(
+            dataclasses.replace(of(64), run=None), dataclasses.replace(of(7), run=None)
+        )
         self.assertEqual(done[-1], (500, 500))
 
     def test_impossible_requests_are_errors_before_the_first_simulation(self) -> None:
@@ -110,10 +120,13 @@ class Risks(unittest.TestCase):
             ({"method": "exact"}, "no method `exact`"),
             ({"batch": 100_000}, "the batch size is 100000"),
         ]:
-            with self.subTest(text), self.assertRaisesRegex(mishandle.InvalidValueError, text):
-                mishandle.risk(system, "always(gap >= 0)", SPEED, **options)  # type: ignore[arg-type]
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "expected a dictionary"):
-            mishandle.risk(system, "always(gap >= 0)", SPEED, distribution="normal:5:1")  # type: ignore[arg-type]
+            with self.subTest(text), self.assertRaisesRegex(InvalidValueError, text):
+                mishandle.risk(
+                    system, "always(gap >= 0)", SPEED, **options  # type: ignore[arg-type]
+                )
+        with self.assertRaisesRegex(InvalidTypeError, "expected a dictionary"):
+            wrong: Any = "normal:5:1"
+            mishandle.risk(system, "always(gap >= 0)", SPEED, distribution=wrong)
         self.assertEqual(calls, [])
 
     def test_a_system_without_a_verdict_was_not_tested(self) -> None:
@@ -123,15 +136,22 @@ class Risks(unittest.TestCase):
             return {"gap": [1.0] * 2}
 
         with self.assertRaisesRegex(
-            mishandle.MishandleError, "simulations have no verdict, so the search stopped.*ValueError: only the nominal speed"
+            mishandle.MishandleError,
+            "simulations have no verdict, so the search stopped.*ValueError: only the nominal speed"
         ) as raised:
             mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=100)
         # Nothing that the caller passed is invalid.
         self.assertNotIsInstance(raised.exception, ValueError)
 
     def test_a_mean_outside_of_the_bounds_is_warned_of(self) -> None:
-        with self.assertWarnsRegex(UserWarning, "the mean of the distribution normal:12:3 of speed is outside of its bounds, 0 to 10"):
-            mishandle.risk(gap, "always(gap >= 2)", SPEED, distribution={"speed": "normal:12:3"}, simulations=100)
+        with self.assertWarnsRegex(
+            UserWarning,
+            "the mean of the distribution normal:12:3 of speed is outside of its bounds, 0 to 10"
+        ):
+            mishandle.risk(
+                gap, "always(gap >= 2)", SPEED, distribution={"speed": "normal:12:3"},
+                simulations=100
+            )
 
     def test_an_exception_of_the_progress_ends_the_estimation(self) -> None:
         def progress(done: int, total: int) -> None:
@@ -140,8 +160,11 @@ class Risks(unittest.TestCase):
         for system, options in [(gap, {"space": SPEED}), ("toy/sphere-2d", {})]:
             with self.assertRaises(KeyboardInterrupt) as raised:
                 formula = None if isinstance(system, str) else "always(gap >= 2)"
-                mishandle.risk(system, formula, simulations=10**9, progress=progress, **options)  # type: ignore[arg-type]
-            result: mishandle.Risk = raised.exception.result  # type: ignore[attr-defined]
+                mishandle.risk(
+                    system, formula, simulations=10**9, progress=progress,
+                    **options  # type: ignore[arg-type]
+                )
+            result: mishandle.ask.Risk = raised.exception.result  # type: ignore[attr-defined]
             self.assertEqual((result.is_complete, result.simulations), (False, 64))
             self.assertEqual(result.monte_carlo.simulations, 64)
 

@@ -1,13 +1,13 @@
 """Robots that a file describes."""
 
-import pathlib
-import tempfile
 import time
 import unittest
 
 from typing import Any
 
+from cases import FolderCase
 import mishandle
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 import numpy as np
 from servers import openpi_server
 
@@ -40,11 +40,9 @@ formulas.upright = "always(angle <= 0.5 and angle >= -0.5)"
 """
 
 
-class TestRobots(unittest.TestCase):
+class TestRobots(FolderCase):
     def setUp(self) -> None:
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         (self.folder / "cartpole.xml").write_text(MODEL)
         self.file = self.folder / "cartpole.toml"
         self.file.write_text(FILE)
@@ -52,7 +50,9 @@ class TestRobots(unittest.TestCase):
     def test_every_question_takes_the_path_of_a_target_file(self) -> None:
         evaluated = mishandle.evaluate(self.file, episodes=20)
         self.assertEqual(evaluated.success_rate.value, 1.0)
-        falsified = mishandle.falsify(str(self.file), space="starts+delay", trials=2, budget=60, seed=1)
+        falsified = mishandle.falsify(
+            str(self.file), space="starts+delay", trials=2, budget=60, seed=1
+        )
         self.assertEqual(falsified.falsified_trials, 2)
 
     def test_a_simulation_has_the_signals_of_the_file(self) -> None:
@@ -63,23 +63,35 @@ class TestRobots(unittest.TestCase):
 
     def test_mistakes_name_the_line(self) -> None:
         self.file.write_text(FILE.replace("qpos('hinge')\", unit", "qpos('hing')\", unit"))
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "line 9: no joint `hing`; did you mean `hinge`"):
+        with self.assertRaisesRegex(
+            InvalidValueError, "line 9: no joint `hing`; did you mean `hinge`"
+        ):
             mishandle.evaluate(self.file, episodes=2)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "by name"):
+        with self.assertRaisesRegex(InvalidTypeError, "by name"):
             mishandle.evaluate(self.file, space=[mishandle.Axis("tilt", 0, 1)], episodes=2)
 
-    def test_a_policy_in_python_acts_as_the_same_expression_of_the_file_in_every_space(self) -> None:
+    def test_a_policy_in_python_acts_as_the_same_expression_of_the_file_in_every_space(
+        self
+    ) -> None:
         for space in ("starts", "starts+delay", "starts+sensing", "all"):
             for batched in (False, True):
                 with self.subTest(space, batched=batched):
                     expected = mishandle.evaluate(self.file, space=space, episodes=40, seed=2)
                     policy = balance_rows if batched else balance
-                    found = mishandle.evaluate(self.file, space=space, policy=policy, batched_policy=batched, episodes=40, seed=2)
-                    one, other = (mishandle.open_run(each.path).columns() for each in (expected, found))
+                    found = mishandle.evaluate(
+                        self.file, space=space, policy=policy, batched_policy=batched, episodes=40,
+                        seed=2
+                    )
+                    one, other = (
+                        mishandle.open_run(each.path).columns() for each in (expected, found)
+                    )
                     self.assertEqual(one["tilt"], other["tilt"])
                     self.assertEqual(one["end"], other["end"])
                     # The policy of the file computes with 64 bits, ours with 32.
-                    pairs = [pair for pair in zip(one["robustness"], other["robustness"]) if None not in pair]
+                    pairs = [
+                        pair for pair in zip(one["robustness"], other["robustness"])
+                        if None not in pair
+                    ]
                     self.assertGreater(len(pairs), 20)
                     np.testing.assert_allclose(*zip(*pairs), atol=1e-3)
 
@@ -96,10 +108,15 @@ class TestRobots(unittest.TestCase):
             served = mishandle.PolicyServer(server.url, time_limit=0.2)
             ends = {}
             for tilt in (0.2, 0.28, -0.28, -0.2):
-                [found] = mishandle.simulate(self.file, at={"tilt": tilt}, policy=served, version="1")
+                [found] = mishandle.simulate(
+                    self.file, at={"tilt": tilt}, policy=served, version="1"
+                )
                 ends[tilt] = (found.end, found.robustness is None, "".join(found.exceptions))
-            with self.assertRaisesRegex(mishandle.InvalidValueError, "the system draws none"):
-                mishandle.simulate(self.file, policy=mishandle.PolicyServer(server.url, observation={"picture": "render"}))
+            with self.assertRaisesRegex(InvalidValueError, "the system draws none"):
+                mishandle.simulate(
+                    self.file,
+                    policy=mishandle.PolicyServer(server.url, observation={"picture": "render"})
+                )
         for tilt in (0.2, -0.2):
             self.assertEqual(ends[tilt], ("completed", False, ""))
         self.assertEqual(ends[0.28][:2], ("timed out in control step 1", True))
@@ -108,22 +125,29 @@ class TestRobots(unittest.TestCase):
         self.assertIn("out of memory", ends[-0.28][2])
 
     def test_each_question_takes_a_policy_in_python(self) -> None:
-        found = mishandle.falsify(self.file, space="starts+delay", policy=balance, trials=2, budget=60, seed=1, out=self.folder / "a.sqlite")
+        found = mishandle.falsify(
+            self.file, space="starts+delay", policy=balance, trials=2, budget=60, seed=1,
+            out=self.folder / "a.sqlite"
+        )
         self.assertEqual(found.falsified_trials, 2)
         worst = found.counterexamples[0]
         again = mishandle.replay(
-            found.path, self.file, space="starts+delay", policy=balance, trial=worst.trial, number=worst.simulation
+            found.path, self.file, space="starts+delay", policy=balance, trial=worst.trial,
+            number=worst.simulation
         )
         self.assertEqual(again.differences, ())
         found.export(self.folder / "suite", minimize=True)
-        regression = mishandle.regress(self.folder / "suite", self.file, space="starts+delay", policy=balance)
+        regression = mishandle.regress(
+            self.folder / "suite", self.file, space="starts+delay", policy=balance
+        )
         self.assertEqual({test.result for test in regression.tests}, {"still fails"})
         smallest = mishandle.margin(self.file, space="starts+delay", policy=balance, budget=100)
         self.assertIsNotNone(smallest.witness)
         found.report(self.folder / "page.html", probes=4)
         self.assertIn("cartpole", (self.folder / "page.html").read_text())
         other = mishandle.replay(
-            found.path, self.file, space="starts+delay", policy=lambda state: [0.0], trial=worst.trial, number=worst.simulation
+            found.path, self.file, space="starts+delay", policy=lambda state: [0.0],
+            trial=worst.trial, number=worst.simulation
         )
         self.assertIn("hash of the target", other.differences[0])
 
@@ -140,9 +164,13 @@ class TestRobots(unittest.TestCase):
 
         runs = []
         for episodes in (40, 3):
-            found = mishandle.evaluate(self.file, policy=Counting(), batched_policy=True, episodes=episodes, seed=2)
+            found = mishandle.evaluate(
+                self.file, policy=Counting(), batched_policy=True, episodes=episodes, seed=2
+            )
             columns = mishandle.open_run(found.path).columns()
-            runs.append([row for row in zip(columns["trial"], columns["number"], columns["robustness"])][:3])
+            runs.append(
+                [row for row in zip(columns["trial"], columns["number"], columns["robustness"])][:3]
+            )
         self.assertEqual(*runs)
 
     def test_a_failing_policy_crashes_and_a_broken_one_is_an_error(self) -> None:
@@ -156,9 +184,11 @@ class TestRobots(unittest.TestCase):
         for tilt, end in zip(ends["tilt"], ends["end"]):
             self.assertEqual(end, "crashed" if abs(tilt) > 0.25 else "completed")
         self.assertIn("too far", found.exceptions[0])
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"):
+        with self.assertRaisesRegex(
+            InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"
+        ):
             mishandle.evaluate(self.file, policy=lambda state: [0.0, 0.0], episodes=2)
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "`steps` has no effect on a robot in a file"):
+        with self.assertRaisesRegex(InvalidTypeError, "`steps` has no effect on a robot in a file"):
             mishandle.evaluate(self.file, policy=balance, steps=3, episodes=2)
 
         def interrupted(state: Any) -> Any:

@@ -10,6 +10,7 @@ import tempfile
 import unittest
 import warnings
 
+from cases import FolderCase
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
@@ -17,6 +18,7 @@ from gymnasium.vector import SyncVectorEnv
 
 import mishandle
 from mishandle import Attribute, Axis, ResetOption, ScenarioEnv
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 
 STEPS = 60
 
@@ -35,7 +37,9 @@ def cart_pole_space(env):
         Axis("length", 0.2, 1.5, "m", kind="model", nominal=0.5, apply=Attribute("length")),
         Axis("low", -0.2, 0.0, nominal=-0.05),
         Axis("push", -0.5, 0.5, "m/s", kind="event", nominal=0.0, apply=push),
-        *mishandle.faults(env, delays=True, count=2, actions={"force": 0}, steps=STEPS, control_dt=0.02),
+        *mishandle.faults(
+            env, delays=True, count=2, actions={"force": 0}, steps=STEPS, control_dt=0.02
+        ),
     ]
 
 
@@ -88,46 +92,63 @@ class Episodes(unittest.TestCase):
         plain = cart_pole()
         space = cart_pole_space(plain)
         signals = {f"s{index}": lambda env, index=index: env.state[index] for index in range(4)}
-        env = ScenarioEnv(cart_pole(), space, nominal=0.0, corners=0.3, steps=STEPS, control_dt=0.02)
+        env = ScenarioEnv(
+            cart_pole(), space, nominal=0.0, corners=0.3, steps=STEPS, control_dt=0.02
+        )
         cases = [
             {"length": 1.2, "push": 0.25},
             {"low": -0.01, "action_delay": 2, "observation_delay": 1},
             {"sensor_fault": "bias", "sensor_fault_offset": 0.1, "sensor_fault_duration": 0.4},
-            {"actuator_fault": "pause", "actuator_fault_onset": 0.2, "actuator_fault_duration": 0.3},
-            {},
+            {
+                "actuator_fault": "pause", "actuator_fault_onset": 0.2,
+                "actuator_fault_duration": 0.3
+            },
+            {}
         ]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             for seed in range(40):
                 # Some given and some drawn scenarios.
                 given = cases[seed] if seed < len(cases) else None
-                observation, info = env.reset(seed=seed, options=None if given is None else {"at": given})
+                observation, info = env.reset(
+                    seed=seed, options=None if given is None else {"at": given}
+                )
                 self.assertEqual(info["scenario_origin"] == "given", given is not None)
                 found = states(env, observation)
                 [simulated] = mishandle.simulate(
-                    plain, "always(abs(s2) <= 9)", space, at=info["scenario"], seed=seed, policy=balance, signals=signals,
+                    plain, "always(abs(s2) <= 9)", space, at=info["scenario"], seed=seed,
+                    policy=balance, signals=signals,
                     steps=STEPS, control_dt=0.02, termination="evaluate",
                 )  # fmt: skip
                 expected = np.stack(list(simulated.trace.values()), axis=1)
                 self.assertEqual(found.tobytes(), expected.tobytes(), info)
 
     def test_nominal_episodes_are_those_of_the_environment(self):
-        plain, wrapped = cart_pole(), ScenarioEnv(cart_pole(), cart_pole_space(cart_pole()), nominal=1.0, corners=0.0, steps=STEPS, control_dt=0.02)
+        plain, wrapped = cart_pole(), ScenarioEnv(
+            cart_pole(), cart_pole_space(cart_pole()), nominal=1.0, corners=0.0, steps=STEPS,
+            control_dt=0.02
+        )
         for episode in range(4):
             seed = 7 if episode in (0, 2) else None
             first, _ = plain.reset(seed=seed)
             second, info = wrapped.reset(seed=seed)
-            self.assertEqual((info["scenario"], info["scenario_origin"]), ({"push": 0.0}, "nominal"))
+            self.assertEqual(
+                (info["scenario"], info["scenario_origin"]), ({"push": 0.0}, "nominal")
+            )
             self.assertEqual(first.tobytes(), second.tobytes())
             self.assertEqual(states(plain, first).tobytes(), states(wrapped, second).tobytes())
 
     def test_a_fault_that_pauses_the_policy_holds_its_action(self):
         env = cart_pole()
-        space = mishandle.faults(env, sensing=False, actions={"force": 0}, steps=STEPS, control_dt=0.02)
+        space = mishandle.faults(
+            env, sensing=False, actions={"force": 0}, steps=STEPS, control_dt=0.02
+        )
         kinds = space[0].values
         self.assertIn("pause", kinds)
         env = ScenarioEnv(env, space, nominal=0.0, steps=STEPS, control_dt=0.02)
-        at = {"actuator_fault": "pause", "actuator_fault_onset": 0.1, "actuator_fault_duration": 0.1}
+        at = {
+            "actuator_fault": "pause", "actuator_fault_onset": 0.1, "actuator_fault_duration": 0.1
+        }
         env.reset(seed=0, options={"at": at})
         given = []
         step = env.unwrapped.step
@@ -159,7 +180,10 @@ class Draws(unittest.TestCase):
             self.assertEqual(info["own"], 1)
             found[info["scenario_origin"]].append(info["scenario"])
         for origin, share in [("nominal", 0.2), ("corner", 0.3), ("random", 0.5)]:
-            self.assertLess(abs(len(found[origin]) - share * count), 5 * math.sqrt(count * share * (1 - share)), origin)
+            self.assertLess(
+                abs(len(found[origin]) - share * count), 5 * math.sqrt(count * share * (1 - share)),
+                origin
+            )
         for scenario in found["corner"]:
             self.assertIn(scenario["speed"], (0.0, 1.0))
             self.assertIn(scenario["surface"], ("dry", "ice"))
@@ -195,20 +219,27 @@ class Draws(unittest.TestCase):
         observations, info = vector.reset(seed=20)
         singles = [make().reset(seed=20 + row) for row in range(3)]
         np.testing.assert_array_equal(observations, [observation for observation, _ in singles])
-        np.testing.assert_array_equal(info["scenario"]["speed"], [each["scenario"]["speed"] for _, each in singles])
-        self.assertEqual(list(info["scenario_origin"]), [each["scenario_origin"] for _, each in singles])
+        np.testing.assert_array_equal(
+            info["scenario"]["speed"], [each["scenario"]["speed"] for _, each in singles]
+        )
+        self.assertEqual(
+            list(info["scenario_origin"]), [each["scenario_origin"] for _, each in singles]
+        )
 
     def test_a_copy_draws_the_same_and_an_episode_with_changes_is_not_copied(self):
         env = ScenarioEnv(Still(), [SPEED], nominal=0.0, seed=4)
         copy = pickle.loads(pickle.dumps(env))
         self.assertEqual(*[[info["scenario"] for info in draws(each, 5)] for each in (env, copy)])
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "before its first reset or after `close`"):
+        with self.assertRaisesRegex(InvalidStateError, "before its first reset or after `close`"):
             pickle.dumps(env)
         env.close()
         pickle.dumps(env)
 
     def test_what_a_scenario_changes_is_restored(self):
-        env = ScenarioEnv(Still(), [SPEED, Axis("x", 0.0, 1.0, apply=ResetOption("start.x"))], nominal=0.5, corners=0.0, seed=0)
+        env = ScenarioEnv(
+            Still(), [SPEED, Axis("x", 0.0, 1.0, apply=ResetOption("start.x"))], nominal=0.5,
+            corners=0.0, seed=0
+        )
         origins = set()
         for _ in range(20):
             observation, info = env.reset(options={"start": {"y": 2.0}})
@@ -231,7 +262,9 @@ class Draws(unittest.TestCase):
         with self.assertRaises(mishandle.InvalidScenario):
             env.reset(options={"at": {"speed": 0.8}})
         self.assertEqual(env.unwrapped.speed, 0.5)
-        narrow = ScenarioEnv(Still(), [Axis("speed", 0.8, 1.0, apply=Attribute("speed"))], nominal=0.0)
+        narrow = ScenarioEnv(
+            Still(), [Axis("speed", 0.8, 1.0, apply=Attribute("speed"))], nominal=0.0
+        )
         narrow.unwrapped.refuses = True
         with self.assertRaisesRegex(mishandle.InvalidScenario, "refused 100 scenarios"):
             narrow.reset()
@@ -240,21 +273,26 @@ class Draws(unittest.TestCase):
         env = cart_pole()
         space = mishandle.faults(env, actuation=False, steps=STEPS, control_dt=0.02)
         env = ScenarioEnv(env, space, nominal=0.0, corners=0.5, steps=STEPS, control_dt=0.02)
-        fills = collections.Counter(info["scenario"]["sensor_fault_fill"] for info in draws(env, 400))
+        fills = collections.Counter(
+            info["scenario"]["sensor_fault_fill"] for info in draws(env, 400)
+        )
         self.assertEqual(set(fills), {"last", "zero"})
-        _, info = env.reset(options={"at": {"sensor_fault": "dropout", "sensor_fault_duration": 0.4, "sensor_fault_fill": "nan"}})
+        _, info = env.reset(
+            options={
+                "at": {
+                    "sensor_fault": "dropout", "sensor_fault_duration": 0.4,
+                    "sensor_fault_fill": "nan"
+                }
+            }
+        )
         self.assertEqual(info["scenario"]["sensor_fault_fill"], "nan")
 
 
-class Archive(unittest.TestCase):
-    def setUp(self):
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = pathlib.Path(temporary.name)
-
+class Archive(FolderCase):
     def run_of(self, name, formula="always(speed <= 0.9)", space=(SPEED,)):
         return mishandle.evaluate(
-            Still(), formula, list(space), policy=lambda observation: np.zeros(1), signals={"speed": "obs[0]"}, steps=3,
+            Still(), formula, list(space), policy=lambda observation: np.zeros(1),
+            signals={"speed": "obs[0]"}, steps=3,
             episodes=40, out=self.folder / name,
         )  # fmt: skip
 
@@ -280,7 +318,9 @@ class Archive(unittest.TestCase):
         found = self.drawn(run.path, count)
         self.assertLessEqual(set(found), set(weights))
         for speed, share in weights.items():
-            self.assertLess(abs(found[speed] - share * count), 5 * math.sqrt(count * share * (1 - share)), speed)
+            self.assertLess(
+                abs(found[speed] - share * count), 5 * math.sqrt(count * share * (1 - share)), speed
+            )
 
     def test_archives_are_runs_counterexamples_and_folders(self):
         run = self.run_of("run.sqlite")
@@ -289,7 +329,9 @@ class Archive(unittest.TestCase):
         suite = self.folder / "suite"
         suite.mkdir()
         place = columns["speed"].index(worst)
-        text = mishandle._native.counterexample(str(run.path), columns["trial"][place], columns["number"][place])
+        text = mishandle._native.counterexample(
+            str(run.path), columns["trial"][place], columns["number"][place]
+        )
         (suite / "worst.json").write_text(text)
         for archive in (suite, [suite / "worst.json"], [str(suite)]):
             self.assertEqual(set(self.drawn(archive, 20)), {worst})
@@ -305,9 +347,18 @@ class Archive(unittest.TestCase):
         (self.folder / "empty").mkdir()
         for archive, space, message in [
             (run.path, [mass], "the space has no axis `speed`"),
-            (run.path, [Axis("speed", 0.0, 0.5, "m/s", apply=Attribute("speed"))], "run.sqlite are of another space.*speed"),
-            (run.path, [Axis("speed", 0.0, 1.0, "km/h", apply=Attribute("speed"))], "the unit of `speed` is `m/s` there"),
-            (passing.path, [SPEED], "passing.sqlite; it must be run files or counterexamples with at least one failure"),
+            (
+                run.path, [Axis("speed", 0.0, 0.5, "m/s", apply=Attribute("speed"))],
+                "run.sqlite are of another space.*speed"
+            ),
+            (
+                run.path, [Axis("speed", 0.0, 1.0, "km/h", apply=Attribute("speed"))],
+                "the unit of `speed` is `m/s` there"
+            ),
+            (
+                passing.path, [SPEED],
+                "passing.sqlite; it must be run files or counterexamples with at least one failure"
+            ),
             (self.folder / "empty", [SPEED], "with at least one failure"),
             (self.folder / "missing.sqlite", [SPEED], "missing.sqlite"),
         ]:
@@ -315,9 +366,11 @@ class Archive(unittest.TestCase):
                 ScenarioEnv(Still(), space, archive)
         # An axis that an archive does not have was nominal.
         heavy = Axis("mass", 0.0, 1.0, kind="model", nominal=0.25, apply=lambda env, mass: None)
-        env = ScenarioEnv(Still(), [SPEED, heavy], run.path, archive_share=1.0, nominal=0.0, corners=0.0)
+        env = ScenarioEnv(
+            Still(), [SPEED, heavy], run.path, archive_share=1.0, nominal=0.0, corners=0.0
+        )
         self.assertEqual({info["scenario"]["mass"] for info in draws(env, 20)}, {0.25})
-        with self.assertRaisesRegex(mishandle.InvalidTypeError, "archive is 3"):
+        with self.assertRaisesRegex(InvalidTypeError, "archive is 3"):
             ScenarioEnv(Still(), [SPEED], 3)
 
 
@@ -330,7 +383,10 @@ class Example(unittest.TestCase):
         with tempfile.TemporaryDirectory() as runs:
             path = pathlib.Path(runs)
             found = example.harden(path, iterations=3, candidates=8, episodes=3, evaluated=60)
-            seeds = [set(mishandle.open_run(file).columns()["seed"]) for file in (path / "archive.sqlite", path / "space-after.sqlite")]
+            seeds = [
+                set(mishandle.open_run(file).columns()["seed"])
+                for file in (path / "archive.sqlite", path / "space-after.sqlite")
+            ]
         self.assertEqual(list(found), ["space", "nearly nominal"])
         self.assertEqual((found["space"].first.n, found["nearly nominal"].second.n), (60, 60))
         self.assertTrue(seeds[0].isdisjoint(seeds[1]))
@@ -348,26 +404,45 @@ class Mistakes(unittest.TestCase):
             (lambda: ScenarioEnv(env, []), "the space has no axes"),
             (lambda: ScenarioEnv(env, [1]), "a space is a list of axes"),
             (lambda: ScenarioEnv(env, [SPEED, SPEED]), "two axes have the name `speed`"),
-            (lambda: ScenarioEnv(SyncVectorEnv([cart_pole]), [SPEED]), "wrap each of its sub-environments"),
-            (lambda: ScenarioEnv("ball-balancing", [SPEED]), "a str is not a Gymnasium environment"),
+            (
+                lambda: ScenarioEnv(SyncVectorEnv([cart_pole]), [SPEED]),
+                "wrap each of its sub-environments"
+            ),
+            (
+                lambda: ScenarioEnv("ball-balancing", [SPEED]),
+                "a str is not a Gymnasium environment"
+            ),
             (lambda: ScenarioEnv(env, [SPEED], nominal=0.95), r"nominal \+ corners is 1.05"),
             (lambda: ScenarioEnv(env, [SPEED], nominal=-0.5), "nominal is -0.5"),
             (lambda: ScenarioEnv(env, [SPEED], corners="all"), "corners is 'all'"),
             (lambda: ScenarioEnv(env, [SPEED], seed=-1), "seed is -1"),
-            (lambda: ScenarioEnv(env, faults, steps=STEPS, control_dt=0.05), "a control period of 0.02 s"),
-            (lambda: ScenarioEnv(env, faults, steps=50, control_dt=0.02), "episodes of 60 control steps"),
-            (lambda: ScenarioEnv(env, [SPEED]).reset(options={"at": {"spead": 1.0}}), "the space has no axis spead"),
-            (lambda: ScenarioEnv(env, [SPEED]).reset(options={"at": {"speed": 2.0}}), "speed"),
+            (
+                lambda: ScenarioEnv(env, faults, steps=STEPS, control_dt=0.05),
+                "a control period of 0.02 s"
+            ),
+            (
+                lambda: ScenarioEnv(env, faults, steps=50, control_dt=0.02),
+                "episodes of 60 control steps"
+            ),
+            (
+                lambda: ScenarioEnv(env, [SPEED]).reset(options={"at": {"spead": 1.0}}),
+                "the space has no axis spead"
+            ),
+            (lambda: ScenarioEnv(env, [SPEED]).reset(options={"at": {"speed": 2.0}}), "speed")
         ]:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 make()
 
     def test_what_draws_scenarios_is_not_evaluated(self):
-        options = {"policy": balance, "signals": {"angle": "obs[2]"}, "steps": STEPS, "control_dt": 0.02}
+        options = {
+            "policy": balance, "signals": {"angle": "obs[2]"}, "steps": STEPS, "control_dt": 0.02
+        }
         length = cart_pole_space(cart_pole())[:1]
         make = lambda: gymnasium.wrappers.TimeLimit(ScenarioEnv(cart_pole(), length), STEPS)
         for system in (make(), SyncVectorEnv([make] * 2)):
-            with self.assertRaisesRegex(mishandle.InvalidTypeError, "pass the environment without this wrapper"):
+            with self.assertRaisesRegex(
+                InvalidTypeError, "pass the environment without this wrapper"
+            ):
                 mishandle.evaluate(system, "always(abs(angle) <= 1)", length, **options)
 
     def test_an_unknown_attribute_is_an_error_at_the_first_reset(self):
@@ -381,8 +456,11 @@ class Mistakes(unittest.TestCase):
 
         env = Moving()
         env = ScenarioEnv(env, mishandle.faults(env, steps=STEPS), nominal=0.0, steps=STEPS)
-        env.reset(seed=0, options={"at": {"actuator_fault": "authority-loss", "actuator_fault_duration": 1.0}})
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "number 0 of the action is NaN"):
+        env.reset(
+            seed=0,
+            options={"at": {"actuator_fault": "authority-loss", "actuator_fault_duration": 1.0}}
+        )
+        with self.assertRaisesRegex(InvalidValueError, "number 0 of the action is NaN"):
             env.step(np.array([np.nan]))
 
 

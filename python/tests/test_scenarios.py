@@ -9,6 +9,7 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Axis
+from mishandle.errors import InvalidTypeError, InvalidValueError
 
 SPACE = [Axis("x", -1, 1, "m"), Axis("z", 0, 1, "m")]
 
@@ -35,7 +36,7 @@ class At(unittest.TestCase):
             (["a", 0.0], "the scenario's `x` is 'a'; expected a number"),
             ({"z": None}, "the scenario's `z` is None; expected a number"),
         ]:
-            with self.subTest(at=at), self.assertRaises(mishandle.InvalidTypeError) as caught:
+            with self.subTest(at=at), self.assertRaises(InvalidTypeError) as caught:
                 simulate(at)
             self.assertIn(text, str(caught.exception))
         for at, text in [
@@ -43,7 +44,7 @@ class At(unittest.TestCase):
             ([float("nan"), 0.0], "the scenario's `x` is NaN"),
             ({1: 2.0}, "the space has no axis 1; its axes: x, z"),
         ]:
-            with self.subTest(at=at), self.assertRaises(mishandle.InvalidValueError) as caught:
+            with self.subTest(at=at), self.assertRaises(InvalidValueError) as caught:
                 simulate(at)
             self.assertIn(text, str(caught.exception))
 
@@ -55,14 +56,18 @@ class Composite(gymnasium.Env[Any, Any]):
         self.action_space = space
         self.observation_space = gymnasium.spaces.Box(-10, 10, (1,))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
         self.start = float((options or {}).get("x", 0.0))
         return np.array([self.start]), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         assert self.action_space.contains(action), action
         parts = action.values() if isinstance(action, dict) else action
-        return np.array([self.start + sum(float(np.sum(part)) for part in parts)]), 0.0, False, False, {}
+        return np.array([
+            self.start + sum(float(np.sum(part)) for part in parts)
+        ]), 0.0, False, False, {}
 
 
 class CompositeActions(unittest.TestCase):
@@ -75,14 +80,9 @@ class CompositeActions(unittest.TestCase):
         ]:
             with self.subTest(space=space):
                 [found] = mishandle.simulate(
-                    Composite(space),
-                    "always(y <= 2)",
-                    [Axis("x", 0, 1)],
-                    at=[0.5],
-                    policy=lambda observation, action=action: action,
-                    signals={"y": "obs[0]"},
-                    steps=2,
-                    control_dt=0.1,
+                    Composite(space), "always(y <= 2)", [Axis("x", 0, 1)], at=[0.5],
+                    policy=lambda observation, action=action: action, signals={"y": "obs[0]"},
+                    steps=2, control_dt=0.1
                 )
                 self.assertEqual(found.trace["y"].tolist(), [0.5, 1.75, 1.75])
                 self.assertEqual(found.robustness, 0.25)

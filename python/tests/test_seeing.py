@@ -7,23 +7,30 @@ import tempfile
 import unittest
 
 import mishandle
+from mishandle.errors import InvalidStateError, InvalidValueError
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import TensorProto
+from onnx_models import model, node
+
+
+JOINTS = {"task": "point-reaching", "parts": json.dumps(["joint_positions"])}
 
 
 def seeing(path, camera="over", sizes=(9, 9)):
     """Writes a policy whose action is a product of the mean color and the joints."""
     nodes = [
-        helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
-        helper.make_node("Div", ["bytes", "white"], ["light"]),
-        helper.make_node("Transpose", ["light"], ["channels"], perm=[0, 3, 1, 2]),
-        helper.make_node("Conv", ["channels", "kernel"], ["edges"], kernel_shape=[3, 3], strides=[2, 2]),
-        helper.make_node("Relu", ["edges"], ["found"]),
-        helper.make_node("GlobalAveragePool", ["found"], ["mean"]),
-        helper.make_node("Flatten", ["mean"], ["features"]),
-        helper.make_node("Concat", ["features", "joints"], ["all"], axis=1),
-        helper.make_node("MatMul", ["all", "matrix"], ["action"]),
+        node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
+        node("Div", ["bytes", "white"], ["light"]),
+        node("Transpose", ["light"], ["channels"], perm=[0, 3, 1, 2]),
+        node(
+            "Conv", ["channels", "kernel"], ["edges"], kernel_shape=[3, 3], strides=[2, 2]
+        ),
+        node("Relu", ["edges"], ["found"]),
+        node("GlobalAveragePool", ["found"], ["mean"]),
+        node("Flatten", ["mean"], ["features"]),
+        node("Concat", ["features", "joints"], ["all"], axis=1),
+        node("MatMul", ["all", "matrix"], ["action"]),
     ]
     draw = np.random.default_rng(0).normal
     weights = {
@@ -31,57 +38,38 @@ def seeing(path, camera="over", sizes=(9, 9)):
         "kernel": draw(size=(4, 3, 3, 3)).astype(np.float32),
         "matrix": draw(size=(4 + sizes[0], sizes[1])).astype(np.float32),
     }
-    graph = helper.make_graph(
-        nodes, "policy",
-        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, ["N", sizes[0]]),
-         helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", 24, 32, 3])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", sizes[1]])],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(made, {
-        "mishandle.task": "point-reaching",
-        "mishandle.parts": json.dumps(["joint_positions"]),
-        "mishandle.images": json.dumps([["image", camera]]),
-    })
-    onnx.save(made, path)
+    inputs = [("joints", ["N", sizes[0]]), ("image", ["N", 24, 32, 3], TensorProto.UINT8)]
+    images = json.dumps([["image", camera]])
+    outputs = [("action", ["N", sizes[1]])]
+    onnx.save(model(nodes, inputs, outputs, weights, **JOINTS, images=images), path)
 
 
 def remembering(path):
-    """Writes a policy that sees the last two images, and plays three of the four actions that it predicts."""
+    """Writes a policy that sees the last two images, and plays three of the four actions that it
+    predicts."""
     nodes = [
-        helper.make_node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
-        helper.make_node("Flatten", ["bytes"], ["pixels"]),
-        helper.make_node("Flatten", ["joints"], ["numbers"]),
-        helper.make_node("Concat", ["pixels", "numbers"], ["all"], axis=1),
-        helper.make_node("MatMul", ["all", "matrix"], ["flat"]),
-        helper.make_node("Reshape", ["flat", "shape"], ["action"]),
+        node("Cast", ["image"], ["bytes"], to=TensorProto.FLOAT),
+        node("Flatten", ["bytes"], ["pixels"]),
+        node("Flatten", ["joints"], ["numbers"]),
+        node("Concat", ["pixels", "numbers"], ["all"], axis=1),
+        node("MatMul", ["all", "matrix"], ["flat"]),
+        node("Reshape", ["flat", "shape"], ["action"]),
     ]
     weights = {
-        "matrix": np.random.default_rng(1).normal(scale=1e-4, size=(2 * 6 * 8 * 3 + 9, 4 * 9)).astype(np.float32),
+        "matrix": np.random.default_rng(1).normal(
+            scale=1e-4, size=(2 * 6 * 8 * 3 + 9, 4 * 9)
+        ).astype(np.float32),
         "shape": np.array([1, 4, 9]),
     }
-    graph = helper.make_graph(
-        nodes, "policy",
-        [helper.make_tensor_value_info("joints", TensorProto.FLOAT, [1, 9]),
-         helper.make_tensor_value_info("image", TensorProto.UINT8, [1, 2, 6, 8, 3])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 4, 9])],
-        [numpy_helper.from_array(value, name) for name, value in weights.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(made, {
-        "mishandle.task": "point-reaching",
-        "mishandle.parts": json.dumps(["joint_positions"]),
-        "mishandle.images": json.dumps([["image", "over"]]),
-        "mishandle.history": "2",
-        "mishandle.chunk": json.dumps({"execute": 3}),
-    })
-    onnx.save(made, path)
+    inputs = [("joints", [1, 9]), ("image", [1, 2, 6, 8, 3], TensorProto.UINT8)]
+    facts = {"images": json.dumps([["image", "over"]]), "history": "2", "chunk": '{"execute": 3}'}
+    onnx.save(model(nodes, inputs, [("action", [1, 4, 9])], weights, **JOINTS, **facts), path)
 
 
 ROBOT = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 0.1"/>
   <body name="arm" pos="0 0 0.5"><joint name="hinge" axis="0 1 0" damping="0.5"/>
-    <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.04" rgba="0.2 0.3 0.7 1"/></body></worldbody>
+    <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.04" rgba="0.2 0.3 0.7 1"/></body>
+  </worldbody>
   <actuator><motor name="torque" joint="hinge"/></actuator></mujoco>"""
 
 TARGET = """
@@ -102,28 +90,38 @@ desk = { position = [1.5, 0, 1], look_at = [0, 0, 0], fovy = 50 }
 
 class Seeing(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name) / "seeing.onnx"
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "seeing.onnx"
 
     def test_light_changes_what_a_policy_does(self):
         seeing(self.path)
-        run = lambda at: mishandle.simulate("point-reaching", space="starts+light", policy=str(self.path), at=at)[0].robustness
+        run = lambda at: mishandle.simulate(
+            "point-reaching", space="starts+light", policy=str(self.path), at=at
+        )[0].robustness
         self.assertEqual(run({}), run({}))
         self.assertNotEqual(run({}), run({"lamp_strength": 0.3}))
 
     def test_a_task_without_a_named_space_starts_as_in_starts(self):
         seeing(self.path)
-        run = lambda **given: mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2, **given).success_rate
+        run = lambda **given: mishandle.evaluate(
+            "point-reaching", policy=str(self.path), episodes=2, **given
+        ).success_rate
         self.assertEqual(run(), run(space="starts"))
 
     def test_an_unknown_camera_is_named(self):
         seeing(self.path, camera="ovre")
-        with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovre`, but point-reaching has only over, wrist; did you mean `over`?"):
+        with self.assertRaisesRegex(
+            mishandle.MishandleError,
+            "camera `ovre`, but point-reaching has only over, wrist; did you mean `over`?"
+        ):
             mishandle.evaluate("point-reaching", space="starts", policy=str(self.path), episodes=1)
         for system in ("point-reaching", self.robot()):
-            with self.assertRaisesRegex(mishandle.MishandleError, "camera `ovr`, but .*(; did you mean `over`|has only desk)"):
-                mishandle.evaluate(system, policy=lambda observation: np.zeros(9), cameras=["ovr"], episodes=1)
+            with self.assertRaisesRegex(
+                mishandle.MishandleError,
+                "camera `ovr`, but .*(; did you mean `over`|has only desk)"
+            ):
+                mishandle.evaluate(
+                    system, policy=lambda observation: np.zeros(9), cameras=["ovr"], episodes=1
+                )
 
     def robot(self):
         (self.path.parent / "seen.xml").write_text(ROBOT)
@@ -135,23 +133,32 @@ class Seeing(unittest.TestCase):
         """Returns what the policy got and did in two simulations."""
         out = self.path.parent / "recorded"
         mishandle.record(
-            "point-reaching", policy=self.path, space="starts+light+image+faults-camera", out=out, episodes=2, seed=3, format="npz",
-            cameras=["over"], size=size,
+            "point-reaching", policy=self.path, space="starts+light+image+faults-camera", out=out,
+            episodes=2, seed=3, format="npz", cameras=["over"], size=size
         )
         with np.load(out / "data.npz") as arrays:
             starts = arrays["episode_starts"]
             names = ("observation.state", "observation.images.over", "action")
-            return [[arrays[name][first:end] for name in names] for first, end in zip(starts, starts[1:])]
+            return [
+                [arrays[name][first:end] for name in names]
+                for first, end in zip(starts, starts[1:])
+            ]
 
     def test_a_loaded_controller_acts_as_in_a_simulation(self):
         for write, size in ((seeing, (32, 24)), (remembering, (8, 6))):
             write(self.path)
             controller = mishandle.load_controller(self.path)
-            self.assertEqual((controller.images, controller.observation_size), ([("over", (size[1], size[0], 3))], 27))
+            self.assertEqual(
+                (controller.images, controller.observation_size),
+                ([("over", (size[1], size[0], 3))], 27)
+            )
             episodes = self.recorded(size)
             for states, images, actions in episodes:
                 controller.reset()
-                found = [controller(state, {"over": image, "wrist": None}) for state, image in zip(states, images)]
+                found = [
+                    controller(state, {"over": image, "wrist": None})
+                    for state, image in zip(states, images)
+                ]
                 self.assertEqual(executed(np.stack(found)), actions.tobytes())
                 self.assertGreater(np.std(actions[:, 0]), 0)
             # Both at once, in the three forms of the same arguments.
@@ -159,12 +166,14 @@ class Seeing(unittest.TestCase):
             batches = [np.stack(both) for both in zip(*episodes)]
             for step in range(20):
                 state, image, action = (batch[:, step] for batch in batches)
-                arguments = [(state, {"over": image}), (state, [image]), ({"state": state, "over": image},)][step % 3]
+                arguments = [
+                    (state, {"over": image}), (state, [image]), ({"state": state, "over": image},)
+                ][step % 3]
                 self.assertEqual(executed(controller(*arguments)), action.tobytes())
             shutil.rmtree(self.path.parent / "recorded")
         # A chunk is a memory: the rows of an episode stay the same until a reset.
         self.assertTrue(controller.is_recurrent)
-        with self.assertRaisesRegex(mishandle.InvalidStateError, "2 rows .* 1 were given: call `reset"):
+        with self.assertRaisesRegex(InvalidStateError, "2 rows .* 1 were given: call `reset"):
             controller(states[0], [images[0]])
         controller.reset()
         self.assertEqual(executed(controller(states[0], [images[0]])), actions[0].tobytes())
@@ -185,8 +194,12 @@ class Seeing(unittest.TestCase):
         # In a simulation, too.
         given = {"space": "starts", "trials": 1, "budget": 2, "search": "random"}
         rows = [
-            mishandle.open_run(mishandle.falsify(file, "always(angle <= 9)", policy=policy, **how, **given).path).columns()["robustness"]
-            for policy, how in [(str(self.path), {}), (controller, {"cameras": ["desk"], "image_size": (32, 24)})]
+            mishandle.open_run(
+                mishandle.falsify(file, "always(angle <= 9)", policy=policy, **how, **given).path
+            ).columns()["robustness"]
+            for policy, how in [
+                (str(self.path), {}), (controller, {"cameras": ["desk"], "image_size": (32, 24)})
+            ]
         ]
         self.assertEqual(*rows)
 
@@ -200,7 +213,11 @@ class Seeing(unittest.TestCase):
             (({"state": state, "wrist": image},), "camera `over`; given: wrist"),
             (({"over": image},), "expected `state`"),
             ((state, [image, image]), "number of images is 2; .* through over"),
-            ((state, [image / 255]), r"`over` has the shape \(24, 32, 3\) and the type float64; expected \(24, 32, 3\) and uint8"),
+            (
+                (state, [image / 255]),
+                r"`over` has the shape \(24, 32, 3\) and the type float64; "
+                r"expected \(24, 32, 3\) and uint8",
+            ),
             ((state, [image.transpose(2, 0, 1)]), r"the shape \(3, 24, 32\)"),
             ((np.zeros((2, 27)), [image]), r"expected \(2, 24, 32, 3\)"),
         ]:
@@ -217,7 +234,9 @@ class Seeing(unittest.TestCase):
         self.assertTrue(np.isfinite(controller(state, images)).all())
         state[0] = np.nan
         self.assertTrue(np.isnan(controller(state, images)).any())
-        with self.assertRaisesRegex(mishandle.InvalidValueError, r"needs cameras=\['over', 'wrist'\], image_size=\(64, 64\)"):
+        with self.assertRaisesRegex(
+            InvalidValueError, r"needs cameras=\['over', 'wrist'\], image_size=\(64, 64\)"
+        ):
             mishandle.simulate("point-reaching", policy=controller, cameras=["over"])
         # A model that names cameras which its task lacks.
         seeing(self.path, camera="ovre")
@@ -231,20 +250,33 @@ class Seeing(unittest.TestCase):
             shapes = set()
 
             def policy(observation):
-                shapes.add((observation["state"].shape, observation["over"].shape, observation["over"].dtype.name))
+                shapes.add(
+                    (
+                        observation["state"].shape, observation["over"].shape,
+                        observation["over"].dtype.name
+                    )
+                )
                 return controller(observation)
 
             policy.reset = controller.reset
             # No random scenario violates it.
-            question = {"formula": "always(finger_target_distance <= 9)", "space": "starts+light+faults-camera", "search": "random"}
+            question = {
+                "formula": "always(finger_target_distance <= 9)",
+                "space": "starts+light+faults-camera", "search": "random"
+            }
             question |= {"trials": 1, "budget": 3, "seed": 2}
             expected = mishandle.falsify("point-reaching", policy=str(self.path), **question)
             # A memory is that of one simulation, or of the rows of a batch.
             asked = [(policy, {"batched_policy": False})] if write is seeing else []
-            for own, how in [*asked, (lambda both: controller(both), {"batched_policy": True}), (controller, {})]:
+            for own, how in [
+                *asked, (lambda both: controller(both), {"batched_policy": True}), (controller, {})
+            ]:
                 if write is remembering and how:
                     own.reset = controller.reset
-                found = mishandle.falsify("point-reaching", policy=own, cameras=["over"], image_size=size, **how, **question)
+                found = mishandle.falsify(
+                    "point-reaching", policy=own, cameras=["over"], image_size=size, **how,
+                    **question
+                )
                 rows = [mishandle.open_run(run.path).columns() for run in (expected, found)]
                 for name in ("seed", "robustness", "steps", "end", "lamp_strength"):
                     self.assertEqual(rows[0][name], rows[1][name], name)
@@ -254,10 +286,15 @@ class Seeing(unittest.TestCase):
     def test_a_replay_and_a_target_file_show_a_policy_the_images(self):
         file = self.robot()
         given = {"policy": bright, "cameras": ["desk"], "image_size": (12, 8)}
-        found = mishandle.falsify(file, "always(angle <= 0.2)", space="starts+light", trials=1, budget=20, **given)
+        found = mishandle.falsify(
+            file, "always(angle <= 0.2)", space="starts+light", trials=1, budget=20, **given
+        )
         self.assertEqual(found.falsified_trials, 1)
         worst = found.counterexamples[0]
-        again = mishandle.replay(found.path, file, "always(angle <= 0.2)", space="starts+light", trial=1, number=worst.simulation, **given)
+        again = mishandle.replay(
+            found.path, file, "always(angle <= 0.2)", space="starts+light", trial=1,
+            number=worst.simulation, **given
+        )
         self.assertEqual(again.differences, ())
         # Another size is another system.
         question = {"trials": 1, "budget": 2, "out": self.path.parent / "run.sqlite"}
@@ -268,10 +305,18 @@ class Seeing(unittest.TestCase):
 
     def test_one_action_for_each_row_is_needed(self):
         message = r"shape \(9, \d+\) for a batch of \d+; expected one action per row"
-        for count, given in ((len, {}), (lambda observations: len(observations["state"]), {"cameras": ["over"], "image_size": (4, 4)})):
+        for count, given in (
+            (len, {}),
+            (
+                lambda observations: len(observations["state"]),
+                {"cameras": ["over"], "image_size": (4, 4)}
+            )
+        ):
             policy = lambda observations: np.full((9, count(observations)), 0.1)
             with self.assertRaisesRegex(mishandle.MishandleError, message):
-                mishandle.evaluate("point-reaching", policy=policy, batched_policy=True, episodes=4, **given)
+                mishandle.evaluate(
+                    "point-reaching", policy=policy, batched_policy=True, episodes=4, **given
+                )
 
     def test_a_nominal_scenario_without_a_verdict_is_a_warning(self):
         policy = lambda observation: np.full(9, np.nan)
@@ -292,11 +337,27 @@ class Seeing(unittest.TestCase):
         for system, given, message in [
             ("point-reaching", {"policy": str(self.path)}, "seeing.onnx says itself what it sees"),
             ("point-reaching", {"policy": bright, "cameras": "over"}, "expected a list of names"),
-            ("point-reaching", {"policy": bright, "image_size": (0, 8)}, "image_size is .*; expected a width and a height"),
-            ("point-reaching", {"policy": bright, "image_size": 64}, "image_size is 64; expected a width and a height"),
-            ("point-reaching", {"policy": bright, "rows": 3}, "`rows` has no effect on a task with a policy in Python that sees"),
-            ("point-reaching", {"policy": bright, "space": [mishandle.Axis("x", 0, 1)]}, "one of its own, by name"),
-            (lambda scenario: {"y": [0.0, 1.0]}, {"formula": "always(y <= 2)", "space": [mishandle.Axis("x", 0, 1)]}, "`cameras` has no effect"),
+            (
+                "point-reaching", {"policy": bright, "image_size": (0, 8)},
+                "image_size is .*; expected a width and a height"
+            ),
+            (
+                "point-reaching", {"policy": bright, "image_size": 64},
+                "image_size is 64; expected a width and a height"
+            ),
+            (
+                "point-reaching", {"policy": bright, "rows": 3},
+                "`rows` has no effect on a task with a policy in Python that sees"
+            ),
+            (
+                "point-reaching", {"policy": bright, "space": [mishandle.Axis("x", 0, 1)]},
+                "one of its own, by name"
+            ),
+            (
+                lambda scenario: {"y": [0.0, 1.0]},
+                {"formula": "always(y <= 2)", "space": [mishandle.Axis("x", 0, 1)]},
+                "`cameras` has no effect"
+            ),
         ]:
             with self.assertRaisesRegex(mishandle.MishandleError, message):
                 mishandle.evaluate(system, **{"cameras": ["over"], "episodes": 1, **given})

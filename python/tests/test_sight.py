@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Dict
 from gymnasium.vector import SyncVectorEnv
 
 import mishandle
-from mishandle.fault_lines import FaultLine
+from mishandle.scenarios.lines import FaultLine
 
 STEPS = 20
 FORMULA = "always(step >= 0)"
@@ -22,7 +22,9 @@ class Filmed(gymnasium.Env):
 
     metadata = {}
     dt = 0.1
-    observation_space = Dict({"front": Box(0, 255, (6, 8, 3), np.uint8), "step": Box(0.0, 100.0, (1,), np.float32)})
+    observation_space = Dict({
+        "front": Box(0, 255, (6, 8, 3), np.uint8), "step": Box(0.0, 100.0, (1,), np.float32)
+    })
     action_space = Box(-1.0, 1.0, (1,), np.float32)
 
     def reset(self, *, seed=None, options=None):
@@ -59,7 +61,10 @@ class Watching:
 def watch(at, env=None):
     env, policy = Filmed() if env is None else env, Watching()
     space = mishandle.sight(env, steps=STEPS)
-    [found] = mishandle.simulate(env, FORMULA, space, at=at, policy=policy, signals={"step": "obs.step[0]"}, steps=STEPS, seed=3)
+    [found] = mishandle.simulate(
+        env, FORMULA, space, at=at, policy=policy, signals={"step": "obs.step[0]"}, steps=STEPS,
+        seed=3
+    )
     return policy.seen, found
 
 
@@ -73,43 +78,65 @@ class Images(unittest.TestCase):
 
     def test_faults_of_cameras_move_images(self):
         late, _ = watch({"camera_delay": 3})
-        self.assertEqual([image for image, _ in late], [10 * max(step - 3, 0) for step in range(STEPS)])
+        self.assertEqual(
+            [image for image, _ in late], [10 * max(step - 3, 0) for step in range(STEPS)]
+        )
         self.assertEqual([number for _, number in late], list(range(STEPS)))
         # From 0.5 s to 1 s, steps 5 to 9, the image of the step before stays.
-        frozen, _ = watch({"camera_fault": "freeze", "camera_fault_onset": 0.5, "camera_fault_duration": 0.5})
-        self.assertEqual([image // 10 for image, _ in frozen], [4 if 5 <= step < 10 else step for step in range(STEPS)])
+        frozen, _ = watch({
+            "camera_fault": "freeze", "camera_fault_onset": 0.5, "camera_fault_duration": 0.5
+        })
+        self.assertEqual(
+            [image // 10 for image, _ in frozen],
+            [4 if 5 <= step < 10 else step for step in range(STEPS)]
+        )
 
     def test_noise_depends_on_the_seed_and_nominal_axes_keep_every_byte(self):
         env = Filmed()
-        line = FaultLine(mishandle.sight(env, steps=STEPS), 0.1, STEPS, (env.observation_space, env.action_space))
+        line = FaultLine(
+            mishandle.sight(env, steps=STEPS), 0.1, STEPS, (env.observation_space, env.action_space)
+        )
         self.assertIn("image_noise", line.random_axes)
         nominal = {axis.name: axis.nominal_value for axis in mishandle.sight(env, steps=STEPS)}
         self.assertIsNone(line.start(nominal, 1))
         observation, _ = env.reset()
 
         def noisy(seed):
-            return line.start({**nominal, "image_noise": 0.08}, seed).observe(0, observation)["front"].tobytes()
+            return line.start({**nominal, "image_noise": 0.08}, seed).observe(
+                0, observation
+            )["front"].tobytes()
 
         self.assertEqual(noisy(1), noisy(1))
         self.assertNotEqual(noisy(1), noisy(2))
         self.assertEqual(observation["front"].max(), 0)
         copied = pickle.loads(pickle.dumps(line))
-        again = copied.start({**nominal, "image_noise": 0.08}, 1).observe(0, observation)["front"].tobytes()
+        again = copied.start({**nominal, "image_noise": 0.08}, 1).observe(
+            0, observation
+        )["front"].tobytes()
         self.assertEqual(again, noisy(1))
 
     def test_faults_of_numbers_and_of_images_act_together(self):
         env, policy = Filmed(), Watching()
         numbers = mishandle.faults(env, channels={"step": 144}, actuation=False, steps=STEPS)
         space = [*numbers, *mishandle.sight(env, steps=STEPS)]
-        at = {"camera_delay": 1, "sensor_fault": "freeze", "sensor_fault_onset": 0.5, "sensor_fault_duration": 0.2}
-        mishandle.simulate(env, FORMULA, space, at=at, policy=policy, signals={"step": "obs.step[0]"}, steps=STEPS)
-        self.assertEqual([image // 10 for image, _ in policy.seen], [max(step - 1, 0) for step in range(STEPS)])
+        at = {
+            "camera_delay": 1, "sensor_fault": "freeze", "sensor_fault_onset": 0.5,
+            "sensor_fault_duration": 0.2
+        }
+        mishandle.simulate(
+            env, FORMULA, space, at=at, policy=policy, signals={"step": "obs.step[0]"}, steps=STEPS
+        )
+        self.assertEqual(
+            [image // 10 for image, _ in policy.seen], [max(step - 1, 0) for step in range(STEPS)]
+        )
         self.assertEqual([number for _, number in policy.seen][4:8], [4, 4, 4, 7])
 
     def test_vector_environments_and_training_environments_apply_them(self):
         seen, _ = watch({"image_exposure": 0.5}, SyncVectorEnv([Filmed, Filmed]))
         self.assertEqual(seen, [(5 * step, step) for step in range(STEPS)])
-        env = mishandle.ScenarioEnv(Filmed(), mishandle.sight(Filmed(), steps=STEPS), steps=STEPS, seed=1)
+        env = mishandle.ScenarioEnv(
+            Filmed(), mishandle.sight(Filmed(), steps=STEPS), steps=STEPS, seed=1
+        )
         env.reset(options={"at": {"image_exposure": 0.5}})
         env.step(np.zeros(1, np.float32))
         observation = env.step(np.zeros(1, np.float32))[0]
@@ -130,7 +157,10 @@ class Images(unittest.TestCase):
 
         space = mishandle.sight(env, spaces="image", steps=STEPS)
         signals = {"step": lambda env: env.count}
-        mishandle.simulate(env, FORMULA, space, at={"image_exposure": 0.5}, policy=policy, signals=signals, steps=STEPS)
+        mishandle.simulate(
+            env, FORMULA, space, at={"image_exposure": 0.5}, policy=policy, signals=signals,
+            steps=STEPS
+        )
         # Nominal simulations come first.
         self.assertEqual(seen[-STEPS:], [5 * step for step in range(STEPS)])
 
@@ -146,19 +176,28 @@ class Images(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "has no image"):
             mishandle.sight(gymnasium.make("CartPole-v1"), control_dt=0.02)
         space = mishandle.sight(Filmed(), steps=STEPS)
-        with self.assertRaisesRegex(mishandle.MishandleError, "the axes of images were made for episodes of 20"):
-            mishandle.simulate(Filmed(), FORMULA, space, policy=Watching(), signals={"step": "obs.step[0]"}, steps=STEPS + 1)
+        with self.assertRaisesRegex(
+            mishandle.MishandleError, "the axes of images were made for episodes of 20"
+        ):
+            mishandle.simulate(
+                Filmed(), FORMULA, space, policy=Watching(), signals={"step": "obs.step[0]"},
+                steps=STEPS + 1
+            )
 
 
 class Tasks(unittest.TestCase):
     def test_a_task_shows_images_that_change_with_its_axes_of_sight(self):
-        env = gymnasium.make("mishandle/BallPushing-v0", cameras=["wrist", "over"], image_size=(24, 16))
+        env = gymnasium.make(
+            "mishandle/BallPushing-v0", cameras=["wrist", "over"], image_size=(24, 16)
+        )
         observation, _ = env.reset(seed=1)
         self.assertEqual(list(observation), ["state", "wrist", "over"])
         self.assertTrue(env.observation_space.contains(observation))
         plain = gymnasium.make("mishandle/BallPushing-v0").reset(seed=1)[0]
         np.testing.assert_array_equal(observation["state"], plain)
-        dark, _ = env.reset(seed=1, options={"sight": {"lamp_strength": 0.2, "object_pattern": "checker"}})
+        dark, _ = env.reset(
+            seed=1, options={"sight": {"lamp_strength": 0.2, "object_pattern": "checker"}}
+        )
         self.assertLess(dark["over"].mean(), observation["over"].mean() - 10)
         np.testing.assert_array_equal(dark["state"], plain)
         # The arm moves, and the images with it.
@@ -169,7 +208,9 @@ class Tasks(unittest.TestCase):
         with self.assertRaisesRegex(mishandle.MishandleError, "expected a number from 0.2 to 0.85"):
             env.reset(options={"sight": {"lamp_strength": 20.0}})
         with self.assertRaisesRegex(mishandle.MishandleError, "no effect without cameras"):
-            gymnasium.make("mishandle/BallPushing-v0").reset(options={"sight": {"lamp_strength": 0.2}})
+            gymnasium.make("mishandle/BallPushing-v0").reset(
+                options={"sight": {"lamp_strength": 0.2}}
+            )
         with self.assertRaisesRegex(mishandle.MishandleError, "over, wrist"):
             gymnasium.make("mishandle/BallPushing-v0", cameras=["left"])
 
@@ -186,7 +227,10 @@ class Tasks(unittest.TestCase):
         signals = {"distance": "info.signals.finger_target_distance"}
 
         def run(at):
-            [found] = mishandle.simulate(env, "always(distance >= 0)", space, at=at, policy=policy, signals=signals, steps=30, seed=2)
+            [found] = mishandle.simulate(
+                env, "always(distance >= 0)", space, at=at, policy=policy, signals=signals,
+                steps=30, seed=2
+            )
             return found.trace["distance"]
 
         light, dark = run({}), run({"lamp_strength": 0.2, "image_exposure": 0.5})
@@ -201,14 +245,20 @@ class Recordings(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "out")
             found = mishandle.record(
-                "point-reaching", policy="expert", out=out, episodes=2, format="npz", cameras=["over", "wrist"], size=(16, 12),
+                "point-reaching", policy="expert", out=out, episodes=2, format="npz",
+                cameras=["over", "wrist"], size=(16, 12),
                 progress=lambda done, count: calls.append((done, count)),
             )
             with np.load(os.path.join(out, "data.npz")) as data:
                 images, states = data["observation.images.over"], data["observation.state"]
-                at = {name: float(data[f"scenario.{name}"][0]) for name in ["target_x", "target_y", "target_z"]}
+                at = {
+                    name: float(data[f"scenario.{name}"][0])
+                    for name in ["target_x", "target_y", "target_z"]
+                }
             with self.assertRaisesRegex(mishandle.MishandleError, "nothing exists"):
-                mishandle.record("point-reaching", policy="expert", out=out, episodes=1, format="npz")
+                mishandle.record(
+                    "point-reaching", policy="expert", out=out, episodes=1, format="npz"
+                )
         self.assertEqual((found.episodes, found.frames, found.format), (2, 600, "npz"))
         self.assertEqual(calls[-1], (2, 2))
         env = mishandle.TaskEnv("point-reaching", cameras=["over"], image_size=(16, 12))
@@ -222,7 +272,10 @@ class Recordings(unittest.TestCase):
 
         with tempfile.TemporaryDirectory() as folder:
             with self.assertRaisesRegex(RuntimeError, "enough"):
-                mishandle.record("point-reaching", policy="expert", out=os.path.join(folder, "out"), episodes=2, format="npz", progress=stop)
+                mishandle.record(
+                    "point-reaching", policy="expert", out=os.path.join(folder, "out"), episodes=2,
+                    format="npz", progress=stop
+                )
             self.assertEqual(os.listdir(folder), [])
             for changed, message in [
                 ({"cameras": "over"}, "expected a list of names"),
@@ -231,7 +284,10 @@ class Recordings(unittest.TestCase):
                 ({"format": "hdf5"}, "lerobot, npz"),
                 ({"policy": "experts"}, "expert"),
             ]:
-                options = {"policy": "expert", "out": os.path.join(folder, "out"), "episodes": 1, "format": "npz", **changed}
+                options = {
+                    "policy": "expert", "out": os.path.join(folder, "out"), "episodes": 1,
+                    "format": "npz", **changed
+                }
                 with self.assertRaisesRegex(mishandle.MishandleError, message):
                     mishandle.record("point-reaching", **options)
             with self.assertRaisesRegex(mishandle.MishandleError, "neither the name of a task"):

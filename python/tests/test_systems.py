@@ -26,16 +26,15 @@ def distance(scenario):
 
 class Folder(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name)
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
 
 class Functions(Folder):
     def test_a_counterexample_is_found_stored_and_replayed_bit_for_bit(self):
         run = self.path / "run.sqlite"
         found = mishandle.falsify(
-            distance, "always(distance >= 0.1)", SQUARE, search="nelder-mead", trials=4, budget=100, out=run
+            distance, "always(distance >= 0.1)", SQUARE, search="nelder-mead", trials=4, budget=100,
+            out=run
         )
         self.assertEqual(found.path, run)
         self.assertGreater(found.falsified_trials, 0)
@@ -44,7 +43,8 @@ class Functions(Folder):
         exact = np.hypot(worst.scenario["x"] - 0.3, worst.scenario["y"] + 0.4) - 0.1
         self.assertEqual(worst.minimum_robustness, exact)
         again = mishandle.replay(
-            run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial, number=worst.simulation
+            run, distance, "always(distance >= 0.1)", SQUARE, trial=worst.trial,
+            number=worst.simulation
         )
         self.assertEqual((again.differences, again.build_differences), ((), ()))
         self.assertEqual(again.repetition.robustness, exact)
@@ -54,7 +54,9 @@ class Functions(Folder):
         formula = "always(distance >= 0.1)"
         mishandle.falsify(distance, formula, SQUARE, search="random", trials=1, budget=5, out=run)
         other = mishandle.replay(run, lambda scenario: {"distance": np.ones(3)}, formula, SQUARE)
-        self.assertTrue(any("hash of the target" in text for text in other.differences), other.differences)
+        self.assertTrue(
+            any("hash of the target" in text for text in other.differences), other.differences
+        )
         self.assertTrue(any("robustness" in text for text in other.differences), other.differences)
 
     def test_a_system_gets_floats_integers_and_names(self):
@@ -69,8 +71,13 @@ class Functions(Folder):
             seen.append((scenario, seed))
             return {"x": [0.0, float(scenario["delay"])]}
 
-        mishandle.falsify(system, "always(x <= 5)", space, search="random", trials=1, budget=40, out=self.path / "a.sqlite")
-        self.assertEqual(seen[0][0], {"mass": 1.0, "delay": 1, "surface": "dry"}, "the probe is nominal")
+        mishandle.falsify(
+            system, "always(x <= 5)", space, search="random", trials=1, budget=40,
+            out=self.path / "a.sqlite"
+        )
+        self.assertEqual(
+            seen[0][0], {"mass": 1.0, "delay": 1, "surface": "dry"}, "the probe is nominal"
+        )
         self.assertTrue(all(type(scenario["delay"]) is int for scenario, _ in seen))
         self.assertEqual({scenario["surface"] for scenario, _ in seen}, {"dry", "wet", "ice"})
         self.assertEqual({scenario["delay"] for scenario, _ in seen}, {0, 1, 2, 3})
@@ -96,7 +103,9 @@ class Functions(Folder):
             return {"d": [1.0, 1.0]}
 
         space = SQUARE
-        simulate = lambda **at: mishandle.simulate(system, "always(d >= 0)", space, at=at, time_limit=0.2)[0]
+        simulate = lambda **at: mishandle.simulate(
+            system, "always(d >= 0)", space, at=at, time_limit=0.2
+        )[0]
         for at, end in [
             ({"x": 0.9}, "crashed in control step 0"),
             ({"x": -0.9}, "invalid scenario"),
@@ -107,7 +116,8 @@ class Functions(Folder):
             self.assertEqual((found.end, found.robustness), (end, None), at)
         self.assertEqual((simulate().end, simulate().robustness), ("completed", 1.0))
         run = mishandle.falsify(
-            system, "always(d >= 0)", space, search="random", trials=1, budget=60, time_limit=0.05, out=self.path / "f.sqlite"
+            system, "always(d >= 0)", space, search="random", trials=1, budget=60, time_limit=0.05,
+            out=self.path / "f.sqlite"
         )
         self.assertEqual(run.falsified_trials, 0)
         [trial] = run.trials
@@ -118,7 +128,11 @@ class Functions(Folder):
         self.assertNotIn("Traceback", reasons["crashed"])
         self.assertEqual(reasons.get("invalid scenario", "unreachable"), "unreachable")
         ends = set(mishandle.open_run(run.path).columns()["end"])
-        self.assertTrue({"completed", "crashed", "invalid scenario", "invalid signal", "timed out"} >= ends >= {"crashed"})
+        self.assertTrue(
+            {
+                "completed", "crashed", "invalid scenario", "invalid signal", "timed out"
+            } >= ends >= {"crashed"}
+        )
 
     def test_an_exception_in_the_nominal_scenario_is_raised(self):
         def system(scenario):
@@ -132,7 +146,8 @@ class Functions(Folder):
         noisy = lambda scenario: {"d": generator.random(3)}
         with self.assertWarnsRegex(UserWarning, "not deterministic"):
             found = mishandle.falsify(
-                noisy, "always(d >= -1)", SQUARE, search="random", trials=1, budget=3, out=self.path / "n.sqlite"
+                noisy, "always(d >= -1)", SQUARE, search="random", trials=1, budget=3,
+                out=self.path / "n.sqlite"
             )
         self.assertGreater(found.largest_difference, 0)
 
@@ -152,7 +167,9 @@ class Functions(Folder):
             return {"x": [0.0, scenario["x"], 1.0, 1.0, 1.0, 1.0][: 6 if scenario["x"] == 0 else 3]}
 
         def found(formula, x):
-            [simulation] = mishandle.simulate(system, formula, [Axis("x", -5, 5, nominal=0)], at={"x": x})
+            [simulation] = mishandle.simulate(
+                system, formula, [Axis("x", -5, 5, nominal=0)], at={"x": x}
+            )
             self.assertEqual(simulation.end, "terminated after control step 2")
             return simulation.robustness
 
@@ -165,7 +182,9 @@ class Functions(Folder):
         self.assertIsNone(found("eventually[0:5](x >= 2)", 1.5))
         run = self.path / "run.sqlite"
         space = [Axis("x", -5, 5, nominal=0)]
-        campaign = mishandle.falsify(system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run)
+        campaign = mishandle.falsify(
+            system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run
+        )
         self.assertEqual(campaign.falsified_trials, 1)
         again = mishandle.replay(run, system, "always[0:5](x <= 2)", space)
         self.assertEqual(again.differences, ())
@@ -174,8 +193,12 @@ class Functions(Folder):
     def test_samples_after_the_last_control_step_are_left_out(self):
         system = lambda scenario: {"x": np.full(3 if scenario["x"] <= 0 else 5, scenario["x"])}
         run = self.path / "run.sqlite"
-        with self.assertWarnsRegex(UserWarning, "has 5 samples, but an episode has 2 control steps"):
-            found = mishandle.falsify(system, "always[0:2](x <= 2)", SQUARE, search="random", trials=1, budget=20, out=run)
+        with self.assertWarnsRegex(
+            UserWarning, "has 5 samples, but an episode has 2 control steps"
+        ):
+            found = mishandle.falsify(
+                system, "always[0:2](x <= 2)", SQUARE, search="random", trials=1, budget=20, out=run
+            )
         [trial] = found.trials
         self.assertEqual((trial.simulations, trial.undecided, trial.failed), (20, 0, 0))
         self.assertEqual(set(mishandle.open_run(run).columns()["steps"]), {2})
@@ -188,7 +211,9 @@ class Functions(Folder):
         space = [Axis("surface", values=["dry", "wet"]), Axis("delay", 0, 3, values="integer")]
         run = self.path / "run.sqlite"
         system = lambda scenario: {"x": [0.0, float(scenario["delay"])]}
-        mishandle.falsify(system, "always(x <= 5)", space, search="random", trials=1, budget=30, out=run)
+        mishandle.falsify(
+            system, "always(x <= 5)", space, search="random", trials=1, budget=30, out=run
+        )
         columns = mishandle.open_run(run).columns()
         self.assertEqual(set(columns["surface"]), {"dry", "wet"})
         self.assertTrue(all(type(value) is int for value in columns["delay"]))
@@ -196,11 +221,8 @@ class Functions(Folder):
 
     def test_an_evaluation_reports_rates_and_corners(self):
         found = mishandle.evaluate(
-            distance,
-            {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"},
-            SQUARE,
-            episodes=200,
-            out=self.path / "e.sqlite",
+            distance, {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"}, SQUARE,
+            episodes=200, out=self.path / "e.sqlite"
         )
         self.assertEqual(found.success_rate.n, 200)
         # The circle of violations has 0.8 % of the square.
@@ -216,12 +238,14 @@ class Functions(Folder):
             "    time.sleep(float(sys.argv[2]))\n"
             "    return {'d': np.full(3, abs(scenario['x']))}\n"
             "space = [mishandle.Axis('x', -1, 1)]\n"
-            "mishandle.falsify(system, 'always(d >= -1)', space, search='random', trials=2, budget=50, out=sys.argv[1],\n"
-            "    resume=sys.argv[3] == 'resume')\n"
+            "mishandle.falsify(system, 'always(d >= -1)', space, search='random', trials=2,\n"
+            "    budget=50, out=sys.argv[1], resume=sys.argv[3] == 'resume')\n"
         )
         script = self.path / "campaign.py"
         script.write_text(program)
-        start = lambda *arguments: subprocess.Popen([sys.executable, str(script), *map(str, arguments)])
+        start = lambda *arguments: subprocess.Popen([
+            sys.executable, str(script), *map(str, arguments)
+        ])
         whole, killed = self.path / "whole.sqlite", self.path / "killed.sqlite"
         self.assertEqual(start(whole, 0, "new").wait(), 0)
         process = start(killed, 0.02, "new")
@@ -244,7 +268,9 @@ class Functions(Folder):
 
     def test_an_interrupt_ends_the_run_and_keeps_its_rows(self):
         # Programs that a shell starts in the background ignore the signal.
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         count, at = 0, 15
 
         def system(scenario):
@@ -256,20 +282,28 @@ class Functions(Folder):
 
         run = self.path / "i.sqlite"
         # A shell starts background jobs with SIGINT ignored.
-        self.addCleanup(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler))
+        self.addCleanup(
+            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
+        )
         with self.assertRaises(KeyboardInterrupt):
-            mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run)
+            mishandle.falsify(
+                system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run
+            )
         stored = len(mishandle.open_run(run).columns()["trial"])
         self.assertTrue(5 <= stored <= 15, stored)
         # The checks before the first simulation end, too.
         count, at = 0, 5
         with self.assertRaises(KeyboardInterrupt):
-            mishandle.falsify(system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100)
+            mishandle.falsify(
+                system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100
+            )
         self.assertLess(count, 20)
 
     def test_a_nominal_scenario_without_a_verdict_is_reported(self):
         with self.assertWarnsRegex(UserWarning, "no verdict: the signal `d` is nan at sample 1"):
-            mishandle.simulate(lambda scenario: {"d": [1.0, float("nan")]}, "always(d >= 0)", SQUARE)
+            mishandle.simulate(
+                lambda scenario: {"d": [1.0, float("nan")]}, "always(d >= 0)", SQUARE
+            )
 
         def unreachable(scenario):
             if unreachable.calls:
@@ -278,7 +312,9 @@ class Functions(Folder):
             return {"d": [1.0, 1.0]}
 
         unreachable.calls = 0
-        with self.assertWarnsRegex(UserWarning, "no verdict: the simulation ends as 'invalid scenario'"):
+        with self.assertWarnsRegex(
+            UserWarning, "no verdict: the simulation ends as 'invalid scenario'"
+        ):
             mishandle.simulate(unreachable, "always(d >= 0)", SQUARE)
 
     def test_a_simulation_that_crashed_has_a_traceback(self):
@@ -292,7 +328,10 @@ class Functions(Folder):
     def test_the_name_of_a_lambda_needs_no_quotes(self):
         self.addCleanup(os.chdir, os.getcwd())
         os.chdir(self.path)
-        found = mishandle.falsify(lambda s: {"d": [1.0, 1.0]}, "always(d >= 0)", SQUARE, search="random", trials=1, budget=2)
+        found = mishandle.falsify(
+            lambda s: {"d": [1.0, 1.0]}, "always(d >= 0)", SQUARE, search="random", trials=1,
+            budget=2
+        )
         self.assertEqual(found.path.name, "falsify-python-lambda-random-s0.sqlite")
 
     def test_mistakes_are_explained(self):
@@ -304,8 +343,14 @@ class Functions(Folder):
         formula = "always(distance >= 0.1)"
         check(ValueError, "the space has no axes", distance, formula, [])
         check(TypeError, "a int is not a system", 5, formula, SQUARE)
-        check(MishandleError, "there is no search `randon`", distance, formula, SQUARE, search="randon")
-        check(MishandleError, "signal `height` is not in the trace", distance, "always(height >= 0)", SQUARE)
+        check(
+            MishandleError, "there is no search `randon`", distance, formula, SQUARE,
+            search="randon"
+        )
+        check(
+            MishandleError, "signal `height` is not in the trace", distance, "always(height >= 0)",
+            SQUARE
+        )
         check(MishandleError, "expected", distance, "always(distance >", SQUARE)
         check(ValueError, "same length", lambda s: {"a": [1, 2], "b": [1]}, formula, SQUARE)
         check(TypeError, "dictionary of arrays or a data frame", lambda s: [1, 2], formula, SQUARE)
@@ -355,19 +400,29 @@ class Environments(Folder):
         kinds = {"policy": lambda observation: np.zeros(1, np.float32), "steps": 3}
         signals = {"x": "obs[0]", "speed": "info.speed"}
         single = WithLateInfo()
-        vectors = [gymnasium.vector.SyncVectorEnv([WithLateInfo] * 2), gymnasium.vector.AsyncVectorEnv([WithLateInfo] * 2)]
+        vectors = [
+            gymnasium.vector.SyncVectorEnv([WithLateInfo] * 2),
+            gymnasium.vector.AsyncVectorEnv([WithLateInfo] * 2)
+        ]
         for env in [single, *vectors]:
-            [found] = mishandle.simulate(env, "always(speed <= 9)", [Axis("x", 0, 1)], at={"x": 0}, signals=signals, **kinds)
+            [found] = mishandle.simulate(
+                env, "always(speed <= 9)", [Axis("x", 0, 1)], at={"x": 0}, signals=signals, **kinds
+            )
             self.assertEqual(found.trace["x"].tolist(), [0.0, 0.5, 1.0, 1.5])
             self.assertEqual(found.trace["speed"].tolist(), [1.0, 1.0, 2.0, 3.0])
             with self.assertRaisesRegex(RuntimeError, "the signal `speed` has no value"):
-                mishandle.simulate(env, "always(speed <= 9)", [Axis("x", 0, 1)], signals={"speed": "info.sped"}, **kinds)
+                mishandle.simulate(
+                    env, "always(speed <= 9)", [Axis("x", 0, 1)], signals={"speed": "info.sped"},
+                    **kinds
+                )
         vectors[1].close()
 
     def test_options_attributes_and_functions_set_the_scenario(self):
         env = gymnasium.make("CartPole-v1", max_episode_steps=50)
         kinds = dict(policy=balance, signals=SIGNALS)
-        [found] = mishandle.simulate(env, "always(angle <= 1)", POLE, at={"angle": 0.1, "length": 0.7}, **kinds)
+        [found] = mishandle.simulate(
+            env, "always(angle <= 1)", POLE, at={"angle": 0.1, "length": 0.7}, **kinds
+        )
         self.assertEqual(found.trace["angle"][0], np.float32(0.1))
         self.assertTrue((found.trace["length"] == 0.7).all())
         self.assertEqual(len(found.trace["x"]), 51)
@@ -375,10 +430,14 @@ class Environments(Folder):
         low = Axis("low", -0.05, 0.05, nominal=0.04)
         high = Axis("high", 0.05, 0.1, nominal=0.05)
         [found] = mishandle.simulate(env, "always(angle <= 1)", [low, high], **kinds)
-        self.assertTrue(0.04 <= found.trace["angle"][0] <= 0.05, "options of the reset bound the initial state")
+        self.assertTrue(
+            0.04 <= found.trace["angle"][0] <= 0.05, "options of the reset bound the initial state"
+        )
 
     def test_a_vector_environment_gives_the_rows_of_a_single_one(self):
-        formula, kinds = "always(abs(angle) <= 0.19)", dict(policy=balance, signals=SIGNALS, steps=60)
+        formula, kinds = "always(abs(angle) <= 0.19)", dict(
+            policy=balance, signals=SIGNALS, steps=60
+        )
         options = dict(search="random", trials=2, budget=20, batch=4)
         single = gymnasium.make("CartPole-v1")
         vector = gymnasium.make_vec("CartPole-v1", num_envs=3, vectorization_mode="sync")
@@ -398,7 +457,8 @@ class Environments(Folder):
 
         env = gymnasium.make("CartPole-v1", max_episode_steps=50)
         [found] = mishandle.simulate(
-            env, "always(x <= 5)", [Axis("low", -0.05, -0.04), Axis("high", -0.03, -0.02)], policy=lambda o: 1, signals=SIGNALS
+            env, "always(x <= 5)", [Axis("low", -0.05, -0.04), Axis("high", -0.03, -0.02)],
+            policy=lambda o: 1, signals=SIGNALS
         )
         self.assertTrue(found.end.startswith("terminated"), found.end)
         self.assertIsNone(found.robustness, "an episode that terminated early is undecided")
@@ -410,8 +470,13 @@ class Environments(Folder):
         space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
         steps = iter(range(10_000))
         policy = lambda observation: np.array([np.nan if next(steps) > 45 else 0.0], np.float32)
-        found = mishandle.simulate(env, "always(c <= 2)", space, policy=policy, signals={"c": "obs[0]"}, repeat=2)
-        self.assertEqual([one.end for one in found], ["invalid action 0 in control step 7", "invalid action 0 in control step 1"])
+        found = mishandle.simulate(
+            env, "always(c <= 2)", space, policy=policy, signals={"c": "obs[0]"}, repeat=2
+        )
+        self.assertEqual(
+            [one.end for one in found],
+            ["invalid action 0 in control step 7", "invalid action 0 in control step 1"]
+        )
 
     def test_an_action_that_is_not_finite_never_reaches_the_environment(self):
         class Recording(gymnasium.Env):
@@ -427,23 +492,37 @@ class Environments(Folder):
                 return np.zeros(1, np.float32), 0.0, False, False, {}
 
         bad = float("nan"), float("inf"), -float("inf")
-        arrays = [np.array([0.0, value], kind) for value in bad for kind in (np.float16, np.float32, np.float64)]
-        others = [[0.0, bad[0]], (0.0, bad[1]), np.array([[0.0, bad[0]]]), np.array([0.0, bad[2]], object)]
+        arrays = [
+            np.array([0.0, value], kind) for value in bad
+            for kind in (np.float16, np.float32, np.float64)
+        ]
+        others = [
+            [0.0, bad[0]], (0.0, bad[1]), np.array([[0.0, bad[0]]]), np.array([0.0, bad[2]], object)
+        ]
         for action in arrays + others:
             # The probes of the undisturbed scenario take the first steps.
             found = mishandle.simulate(
-                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action, signals={"x": "obs[0]"}, steps=3
+                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action,
+                signals={"x": "obs[0]"}, steps=3
             )
-            self.assertEqual([one.end for one in found], ["invalid action 1 in control step 1"], repr(action))
+            self.assertEqual(
+                [one.end for one in found], ["invalid action 1 in control step 1"], repr(action)
+            )
         self.assertEqual(Recording.actions, [])
         # Finite actions, also those whose squares overflow, and those that are not numbers.
-        for action in [np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0]), 3, np.int64(3), 10**400, {"gear": 1}, "left"]:
+        for action in [
+            np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0]), 3, np.int64(3), 10**400,
+            {"gear": 1}, "left"
+        ]:
             Recording.actions.clear()
             [found] = mishandle.simulate(
-                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action, signals={"x": "obs[0]"}, steps=3
+                Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action,
+                signals={"x": "obs[0]"}, steps=3
             )
             self.assertEqual(found.end, "completed", repr(action))
-            self.assertTrue(all(each is action for each in Recording.actions) and len(Recording.actions) >= 3)
+            self.assertTrue(
+                all(each is action for each in Recording.actions) and len(Recording.actions) >= 3
+            )
 
     def test_models_with_predict_are_policies(self):
         class Model:
@@ -463,15 +542,17 @@ class Environments(Folder):
     def test_an_onnx_file_is_a_policy(self):
         onnx = __import__("onnx")
         weights = np.array([[0.5], [-2.0], [-0.25]], np.float32)
-        tensor = lambda name, shape: onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
-        graph = onnx.helper.make_graph(
-            [onnx.helper.make_node("MatMul", ["obs", "w"], ["action"])],
-            "policy",
-            [tensor("obs", ["n", 3])],
-            [tensor("action", ["n", 1])],
-            [onnx.numpy_helper.from_array(weights, "w")],
+        tensor = lambda name, shape: onnx.helper.make_tensor_value_info(
+            name, onnx.TensorProto.FLOAT, shape
         )
-        model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)
+        graph = onnx.helper.make_graph(
+            [onnx.helper.make_node("MatMul", ["obs", "w"], ["action"])], "policy",
+            [tensor("obs", ["n", 3])], [tensor("action", ["n", 1])],
+            [onnx.numpy_helper.from_array(weights, "w")]
+        )
+        model = onnx.helper.make_model(
+            graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9
+        )
         path = self.path / "policy.onnx"
         onnx.save(model, path)
         env = gymnasium.make("Pendulum-v1", max_episode_steps=30)
@@ -488,9 +569,13 @@ class Environments(Folder):
         policy = mishandle.load_controller("point-reaching/ppo")
         space = [
             Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}"))
-            for name, low, high in [("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.2, 0.8)]
+            for name, low, high in [
+                ("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.2, 0.8)
+            ]
         ]
-        kinds = dict(policy=policy, signals={"distance": ("info.signals.finger_target_distance", "m")})
+        kinds = dict(
+            policy=policy, signals={"distance": ("info.signals.finger_target_distance", "m")}
+        )
         formula = "eventually(always(distance <= 0.05))"
         [found] = mishandle.simulate(env, formula, space, at=[0.5, 0.1, 0.4], **kinds)
         self.assertGreater(found.robustness, 0)
@@ -505,32 +590,38 @@ class Tools(unittest.TestCase):
         formula = mishandle.Formula("always[0:1](x <= 4)")
         self.assertEqual(formula.robustness_signal(trace).tolist(), [2.0, -1.0, -1.0])
         self.assertEqual(formula.robustness_signal(trace, decided_only=True).tolist(), [2.0, -1.0])
-        self.assertIsNone(mishandle.Formula("always[0:9](x <= 4)").robustness(trace, decided_only=True))
+        self.assertIsNone(
+            mishandle.Formula("always[0:9](x <= 4)").robustness(trace, decided_only=True)
+        )
 
     def test_searches_minimize_and_agree_with_the_function(self):
-        for name in mishandle.search_names():
-            found = mishandle.find_minimum(lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400)
+        for name in mishandle.ask.search_names():
+            found = mishandle.ask.find_minimum(
+                lambda x: float((x**2).sum()), [(-1, 2), (-2, 1)], search=name, budget=400
+            )
             self.assertEqual(found.fun, float((found.x**2).sum()), name)
             self.assertLess(found.fun, 0.1, name)
-        search = mishandle.Search("random", [(0, 1)])
+        search = mishandle.ask.Search("random", [(0, 1)])
         first, second = search.ask(2)
         with self.assertRaisesRegex(ValueError, "order of the points"):
             search.tell(second, 1.0)
 
     def test_whole_numbers_of_a_search_are_whole_and_within_their_bounds(self):
-        for name in mishandle.search_names():
-            search = mishandle.Search(name, [(-1, 2), (0.0, 1.0)], seed=3, integrality=[True, False])
+        for name in mishandle.ask.search_names():
+            search = mishandle.ask.Search(
+                name, [(-1, 2), (0.0, 1.0)], seed=3, integrality=[True, False]
+            )
             for _ in range(40):
                 for point in search.ask(1):
                     self.assertIn(point[0], (-1.0, 0.0, 1.0, 2.0), name)
                     search.tell(point, float(point.sum()))
         with self.assertRaisesRegex(ValueError, "one for each of the 1 coordinates"):
-            mishandle.Search("random", [(0, 1)], integrality=[True, False])
+            mishandle.ask.Search("random", [(0, 1)], integrality=[True, False])
         with self.assertRaisesRegex(ValueError, "must be whole numbers"):
-            mishandle.Search("random", [(0, 1.5)], integrality=[True])
+            mishandle.ask.Search("random", [(0, 1.5)], integrality=[True])
 
     def test_a_search_that_knows_whole_numbers_rarely_repeats_a_point(self):
-        search = mishandle.Search("portfolio", [(0, 3), (0, 3)], integrality=[True, True])
+        search = mishandle.ask.Search("portfolio", [(0, 3), (0, 3)], integrality=[True, True])
         found = set()
         for _ in range(16):
             [point] = search.ask(1)
@@ -539,12 +630,15 @@ class Tools(unittest.TestCase):
         self.assertGreater(len(found), 12)
 
     def test_an_objective_is_the_robustness_of_a_simulation(self):
-        objective = mishandle.Objective(distance, "always(distance >= 0.1)", SQUARE)
+        objective = mishandle.ask.Objective(distance, "always(distance >= 0.1)", SQUARE)
         points = np.random.default_rng(1).random((4, 2))
         expected = [np.hypot(2 * u - 1.3, 2 * v - 0.6) - 0.1 for u, v in points]
         np.testing.assert_allclose(objective(points), expected, atol=1e-12)
         self.assertEqual(objective.scenario([0.0, 1.0]), {"x": -1.0, "y": 1.0})
-        for wrong, message in [([0.5, 0.5], "coordinates each"), ([[0.5, 1.5]], "from 0 to 1"), ([[0.5, np.nan]], "from 0 to 1")]:
+        for wrong, message in [
+            ([0.5, 0.5], "coordinates each"), ([[0.5, 1.5]], "from 0 to 1"),
+            ([[0.5, np.nan]], "from 0 to 1")
+        ]:
             with self.assertRaisesRegex(ValueError, message):
                 objective(wrong)
         with self.assertRaisesRegex(ValueError, "at least 0"):
@@ -552,26 +646,33 @@ class Tools(unittest.TestCase):
 
     def test_an_objective_of_a_task_has_levels_and_bounds_above_a_threshold(self):
         # The gap of the last cars grows above 40 m at full throttle, and stays at 10 m at rest.
-        cars = mishandle.Objective("arch/cc1")
+        cars = mishandle.ask.Objective("arch/cc1")
         found = cars([[1.0] * 20 + [0.0] * 20, [0.0] * 40])
         self.assertLess(found[0], 0)
         self.assertEqual(found[1], 30.0)
-        delay = mishandle.Objective("point-reaching", "success", "delay", policy="ppo")
+        delay = mishandle.ask.Objective("point-reaching", "success", "delay", policy="ppo")
         self.assertEqual([axis.name for axis in delay.space], ["action_delay", "observation_delay"])
         self.assertEqual(delay.levels, [axis.high - axis.low + 1 for axis in delay.space])
-        objective = mishandle.Objective("door-opening", "success", "starts", policy="ppo", seed=4)
+        objective = mishandle.ask.Objective(
+            "door-opening", "success", "starts", policy="ppo", seed=4
+        )
         points = np.random.default_rng(0).random((3, len(objective.space)))
         exact = objective(points)
         [found] = mishandle.simulate(
-            "door-opening", "success", "starts", policy="ppo", at=objective.scenario(points[0]), seed=4
+            "door-opening", "success", "starts", policy="ppo", at=objective.scenario(points[0]),
+            seed=4
         )
         self.assertEqual(exact[0], found.robustness)
         bounds = objective(points, threshold=0.0)
-        self.assertTrue(((bounds == exact) | ((bounds > 0) & (bounds <= exact))).all(), (bounds, exact))
+        self.assertTrue(
+            ((bounds == exact) | ((bounds > 0) & (bounds <= exact))).all(), (bounds, exact)
+        )
 
     def test_controllers_give_the_actions_of_each_row(self):
         controller = mishandle.load_controller("ball-catching/ppo")
-        observations = np.random.default_rng(0).normal(size=(5, controller.observation_size)).astype(np.float32)
+        observations = np.random.default_rng(0).normal(
+            size=(5, controller.observation_size)
+        ).astype(np.float32)
         together = controller(observations)
         for row in range(5):
             np.testing.assert_array_equal(controller(observations[row]), together[row])

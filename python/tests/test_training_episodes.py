@@ -1,18 +1,16 @@
 """Tests of `TrainingEpisodes`, the episodes of `mishandle train`."""
 
-import gc
 import os
-import signal
 import subprocess
 import sys
-import threading
-import time
 import unittest
 
+import cases
 import core
 import mishandle
 import numpy as np
-from mishandle import MishandleError, TrainingEpisodes
+from mishandle import MishandleError
+from mishandle.systems import TrainingEpisodes
 
 
 def actions(step, environments, size):
@@ -25,7 +23,9 @@ def walk(env, steps):
     """Return the results of `steps` control steps as bytes, in the order of trainer_rows.rs."""
     results = [env.reset()]
     for step in range(steps):
-        observations, rewards, terminated, truncated, info = env.step(actions(step, env.environments, env.action_size))
+        observations, rewards, terminated, truncated, info = env.step(
+            actions(step, env.environments, env.action_size)
+        )
         results += [rewards, terminated, truncated, info["final_observation"], observations]
     return b"".join(array.tobytes() for array in results)
 
@@ -35,11 +35,15 @@ class Bits(unittest.TestCase):
         for task in ["point-reaching", "ball-balancing"]:
             numbers = dict(environments=5, seed=11, time_limit=40, steps=70)
             trainer = core.example("trainer_rows", task, *numbers.values())
-            env = TrainingEpisodes(task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True)
+            env = TrainingEpisodes(
+                task, 5, seed=11, time_limit=40, action_noise=0.25, staggered=True
+            )
             self.assertEqual(walk(env, 70), trainer, task)
 
     def test_results_depend_on_the_seed_and_not_on_the_threads(self):
-        make = lambda seed, threads: TrainingEpisodes("ball-balancing", 9, seed=seed, threads=threads, time_limit=20)
+        make = lambda seed, threads: TrainingEpisodes(
+            "ball-balancing", 9, seed=seed, threads=threads, time_limit=20
+        )
         first = walk(make(1, 1), 45)
         self.assertEqual(first, walk(make(1, 3), 45))
         self.assertNotEqual(first, walk(make(2, 1), 45))
@@ -52,7 +56,10 @@ class Bits(unittest.TestCase):
 class Episodes(unittest.TestCase):
     def test_shapes_types_and_names(self):
         env = TrainingEpisodes("ball-balancing", 4)
-        self.assertEqual((env.task, env.environments, env.action_size, env.episode_steps), ("ball-balancing", 4, 9, 300))
+        self.assertEqual(
+            (env.task, env.environments, env.action_size, env.episode_steps),
+            ("ball-balancing", 4, 9, 300)
+        )
         self.assertEqual(env.control_dt, 1 / 60)
         self.assertEqual(len(env.observation_names), env.observation_size)
         self.assertEqual(env.observation_names[8], "joint_positions[8]")
@@ -81,8 +88,12 @@ class Episodes(unittest.TestCase):
             self.assertFalse(np.array_equal(final, before))
             self.assertEqual(np.array_equal(final, observations), step % 3 != 0)
             if step == 3:
-                self.assertTrue(np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again")
-                self.assertFalse(np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target")
+                self.assertTrue(
+                    np.array_equal(observations[:, 9:18], first[:, 9:18]), "at rest again"
+                )
+                self.assertFalse(
+                    np.array_equal(observations[:, 18:21], first[:, 18:21]), "another target"
+                )
 
     def test_a_lost_ball_terminates_the_episode(self):
         env = TrainingEpisodes("ball-balancing", 2)
@@ -100,19 +111,6 @@ class Episodes(unittest.TestCase):
             observations.append(env.step(np.full((1, 9), size, np.float32))[0])
         self.assertTrue(np.array_equal(*observations))
 
-    def test_other_python_threads_run_during_a_step(self):
-        env = TrainingEpisodes("point-reaching", 2000, threads=1)
-        env.reset()
-        still = np.zeros((2000, 9), np.float32)
-        stepping = threading.Thread(target=lambda: [env.step(still) for _ in range(3)])
-        stepping.start()
-        counted = 0
-        while stepping.is_alive():
-            counted += 1
-            time.sleep(0.001)
-        # If the steps held the interpreter, the loop would run at most three times.
-        self.assertGreater(counted, 10)
-
 
 class Errors(unittest.TestCase):
     def check(self, message, action):
@@ -123,11 +121,26 @@ class Errors(unittest.TestCase):
 
     def test_names_and_numbers(self):
         self.check("did you mean `point-reaching`?", lambda: TrainingEpisodes("point-reachin", 1))
-        self.check("no task preset `x`; choose from: paper, code", lambda: TrainingEpisodes("point-reaching", 1, preset="x"))
-        self.check("no reward `x`; choose from: shaped", lambda: TrainingEpisodes("point-reaching", 1, reward="x"))
-        self.check("`environments` must be a whole number from 1 to 10^6, found 0", lambda: TrainingEpisodes("point-reaching", 0))
-        self.check("`time_limit` must be a whole number from 1 to 10^12", lambda: TrainingEpisodes("point-reaching", 1, time_limit=0))
-        self.check("`action_noise` must be", lambda: TrainingEpisodes("point-reaching", 1, action_noise=float("nan")))
+        self.check(
+            "no task preset `x`; choose from: paper, code",
+            lambda: TrainingEpisodes("point-reaching", 1, preset="x")
+        )
+        self.check(
+            "no reward `x`; choose from: shaped",
+            lambda: TrainingEpisodes("point-reaching", 1, reward="x")
+        )
+        self.check(
+            "`environments` must be a whole number from 1 to 10^6, found 0",
+            lambda: TrainingEpisodes("point-reaching", 0)
+        )
+        self.check(
+            "`time_limit` must be a whole number from 1 to 10^12",
+            lambda: TrainingEpisodes("point-reaching", 1, time_limit=0)
+        )
+        self.check(
+            "`action_noise` must be",
+            lambda: TrainingEpisodes("point-reaching", 1, action_noise=float("nan"))
+        )
         for threads in [0, 1025, 2**40]:
             message = f"`threads` must be a whole number from 1 to 1024, found {threads}"
             self.check(message, lambda: TrainingEpisodes("point-reaching", 1, threads=threads))
@@ -144,11 +157,17 @@ class Errors(unittest.TestCase):
         self.check("must be finite, found NaN at [1, 4]", lambda: env.step(bad))
         self.check("found [2, 8]", lambda: env.step(good[:, :8]))
         self.check("found [3, 9]", lambda: env.step(np.zeros((3, 9), np.float32)))
-        self.check("float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9))))
-        self.check("found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32)))
+        self.check(
+            "float32 and shape (2, 9), found ndarray of float64", lambda: env.step(np.zeros((2, 9)))
+        )
+        self.check(
+            "found ndarray of float32 and shape (18,)", lambda: env.step(np.zeros(18, np.float32))
+        )
         self.check("found list", lambda: env.step([[0.0] * 9] * 2))
         # The invalid calls did not step the environments, and an array in column order is accepted.
-        self.assertTrue(np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first)))
+        self.assertTrue(
+            np.array_equal(env.step(np.asfortranarray(good))[0], self.after_one_step(first))
+        )
 
     def test_actions_anywhere_in_memory(self):
         env = TrainingEpisodes("point-reaching", 2)
@@ -173,7 +192,9 @@ class Errors(unittest.TestCase):
         for strided in [wide[::2, ::3], np.asfortranarray(good), backward[::-1, ::-1]]:
             self.assertTrue(np.array_equal(step(strided), expected))
         one = np.ones(1, np.float32)
-        self.assertTrue(np.array_equal(step(np.broadcast_to(one, (2, 9))), step(np.ones((2, 9), np.float32))))
+        self.assertTrue(
+            np.array_equal(step(np.broadcast_to(one, (2, 9))), step(np.ones((2, 9), np.float32)))
+        )
         self.check("float32", lambda: step(good.astype(">f4")))
 
     @staticmethod
@@ -183,47 +204,9 @@ class Errors(unittest.TestCase):
         return env.step(np.zeros((2, 9), np.float32))[0]
 
 
-class Fork(unittest.TestCase):
-    def in_child(self, action):
-        """Run `action` in a process made by fork, which must return True within a minute."""
-        child = os.fork()
-        if child == 0:
-            status = 1
-            try:
-                status = 0 if action() else 2
-            finally:
-                # Not os._exit alone: the child must also be able to drop what it inherited.
-                gc.collect()
-                os._exit(status)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
-                self.assertEqual(os.waitstatus_to_exitcode(status), 0)
-                return
-            time.sleep(0.01)
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        self.fail("the child hangs")
-
-    def test_a_child_cannot_use_the_environments_of_its_parent(self):
-        env = TrainingEpisodes("point-reaching", 4, threads=2)
-        first = env.reset()
-        still = np.zeros((4, env.action_size), np.float32)
-
-        def raises():
-            messages = []
-            for action in [env.reset, lambda: env.step(still)]:
-                try:
-                    action()
-                except RuntimeError as error:
-                    messages.append(str(error))
-            return len(messages) == 2 and all('get_context("spawn")' in text for text in messages)
-
-        self.in_child(raises)
-        # The parent is unaffected.
-        self.assertTrue(np.array_equal(env.reset(), first))
-        env.step(still)
+class Fork(cases.ThreadsAndForks):
+    def make(self, rows, threads):
+        return TrainingEpisodes("point-reaching", rows, threads=threads)
 
     def test_a_child_creates_its_own_environments(self):
         make = lambda: walk(TrainingEpisodes("ball-balancing", 4, seed=3, threads=2), 5)
@@ -235,29 +218,10 @@ class Fork(unittest.TestCase):
         held[0].reset()
         self.in_child(lambda: held.pop() is not None)
 
-    def test_a_fork_during_a_step_of_another_thread(self):
-        env = TrainingEpisodes("point-reaching", 2000, threads=2)
-        env.reset()
-        still = np.zeros((2000, 9), np.float32)
-        running = threading.Event()
-
-        def work():
-            while not running.is_set():
-                env.step(still)
-
-        stepping = threading.Thread(target=work)
-        stepping.start()
-        try:
-            for _ in range(5):
-                self.in_child(lambda: walk(TrainingEpisodes("point-reaching", 2, threads=1), 2) != b"")
-        finally:
-            running.set()
-            stepping.join()
-
     def test_the_first_use_after_an_import_can_be_in_a_child(self):
         program = "import os, mishandle\n" \
             "if os.fork() == 0:\n" \
-            "    env = mishandle.TrainingEpisodes('point-reaching', 2)\n" \
+            "    env = mishandle.systems.TrainingEpisodes('point-reaching', 2)\n" \
             "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
             "assert os.wait()[1] == 0"
         subprocess.run([sys.executable, "-c", program], check=True, timeout=600)

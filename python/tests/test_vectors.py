@@ -54,9 +54,7 @@ KINDS = dict(policy=lambda observation: 1, signals=SIGNALS, steps=5, control_dt=
 
 class Vectors(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.path = pathlib.Path(folder.name)
+        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def vector(self, functions, **options):
         env = AsyncVectorEnv(functions, **options)
@@ -67,32 +65,44 @@ class Vectors(unittest.TestCase):
         options = dict(search="random", trials=2, budget=12, batch=5, termination="hold")
         runs = []
         for number, env in enumerate(
-            [small_cart()]
-            + [SyncVectorEnv([small_cart] * 3)]
-            + [self.vector([small_cart] * 3, autoreset_mode=mode) for mode in AutoresetMode]
-            + [self.vector([small_cart] * 2, shared_memory=False), self.vector([small_cart])]
+            [small_cart()] + [SyncVectorEnv([small_cart] * 3)] + [
+                self.vector([small_cart] * 3, autoreset_mode=mode) for mode in AutoresetMode
+            ] + [self.vector([small_cart] * 2, shared_memory=False), self.vector([small_cart])]
         ):
             path = self.path / f"{number}.sqlite"
             found = mishandle.falsify(env, "always(x <= 4)", SPACE, out=path, **options, **KINDS)
             run = mishandle.open_run(path)
             traces = [run.trace(one.trial, one.simulation) for one in found.counterexamples]
-            runs.append((run.columns(), [{name: column.tolist() for name, column in trace.items()} for trace in traces]))
+            runs.append(
+                (
+                    run.columns(),
+                    [{name: column.tolist() for name, column in trace.items()} for trace in traces]
+                )
+            )
         columns, traces = runs[0]
-        self.assertTrue({"invalid scenario", "crashed", "terminated"} <= set(columns["end"]), set(columns["end"]))
+        self.assertTrue(
+            {"invalid scenario", "crashed", "terminated"} <= set(columns["end"]),
+            set(columns["end"])
+        )
         self.assertGreater(len(traces), 0)
         for other in runs[1:]:
             self.assertEqual(other, runs[0])
 
     def test_our_native_vector_environments_give_the_bits_of_single_ones(self):
         names = [("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.2, 0.8)]
-        space = [Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}")) for name, low, high in names]
+        space = [
+            Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}"))
+            for name, low, high in names
+        ]
         kinds = dict(
             policy=mishandle.load_controller("point-reaching/ppo"),
             signals={"distance": ("info.signals.finger_target_distance", "m"), "reward": "reward"},
             steps=20,
         )
         runs = []
-        for number, env in enumerate([mishandle.TaskEnv("point-reaching"), mishandle.TaskVectorEnv("point-reaching", 4)]):
+        for number, env in enumerate([
+            mishandle.TaskEnv("point-reaching"), mishandle.TaskVectorEnv("point-reaching", 4)
+        ]):
             path = self.path / f"{number}.sqlite"
             options = dict(search="random", trials=1, budget=6, batch=6, out=path)
             mishandle.falsify(env, "always(distance >= 0.2)", space, **options, **kinds)
@@ -103,7 +113,9 @@ class Vectors(unittest.TestCase):
         space = [Axis("slow", 0.0, 1.0, nominal=0.0)]
         env = self.vector([Cart] * 2)
         found = [
-            mishandle.simulate(env, "always(x >= 0)", space, at={"slow": slow}, time_limit=2.0, **KINDS)[0].end
+            mishandle.simulate(
+                env, "always(x >= 0)", space, at={"slow": slow}, time_limit=2.0, **KINDS
+            )[0].end
             for slow in (0.0, 1.0)
         ]
         self.assertEqual(found, ["completed", "timed out in control step 0"])
@@ -118,16 +130,24 @@ class Vectors(unittest.TestCase):
 
         check("signal `x` is a function", signals={"x": lambda env: env.position})
         check("signal `x` is 'position'", signals={"x": "position"})
-        check("can set whole attributes only", space=[Axis("a", 0, 1, apply=Attribute("model.mass[0]"))])
+        check(
+            "can set whole attributes only",
+            space=[Axis("a", 0, 1, apply=Attribute("model.mass[0]"))]
+        )
         check("no attribute 'sped'", space=[Axis("a", 0, 1, apply=Attribute("sped"))])
         check("applied by a function", space=[Axis("a", 0, 1, apply=lambda env, value: None)])
         task = mishandle.TaskVectorEnv("point-reaching", 2)
-        check("applied by an attribute", env=task, signals={"x": "reward"}, space=[Axis("a", 0, 1, apply=Attribute("dt"))])
+        check(
+            "applied by an attribute", env=task, signals={"x": "reward"},
+            space=[Axis("a", 0, 1, apply=Attribute("dt"))]
+        )
 
     def test_a_vector_environment_that_ignores_masks_is_refused(self):
         class NoMasks(gymnasium.vector.VectorWrapper):
             def reset(self, *, seed=None, options=None):
-                options = {key: value for key, value in (options or {}).items() if key != "reset_mask"}
+                options = {
+                    key: value for key, value in (options or {}).items() if key != "reset_mask"
+                }
                 return self.env.reset(seed=seed, options=options)
 
         env = NoMasks(SyncVectorEnv([Cart] * 2))
@@ -140,7 +160,9 @@ class Vectors(unittest.TestCase):
                 return 2 * observations
 
         env = Doubled(SyncVectorEnv([Cart] * 2))
-        [found] = mishandle.simulate(env, "always(x >= 0)", [Axis("start", 0, 0.5)], at=[0.25], **KINDS)
+        [found] = mishandle.simulate(
+            env, "always(x >= 0)", [Axis("start", 0, 0.5)], at=[0.25], **KINDS
+        )
         self.assertEqual(found.trace["x"].tolist(), [0.5, 2.5, 4.5, 6.5, 8.5, 10.5])
 
 

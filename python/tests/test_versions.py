@@ -25,7 +25,10 @@ class Versions(unittest.TestCase):
 
     def test_an_evaluation_stops_when_the_rate_is_decided(self):
         # 80 % of the speeds keep the gap.
-        found = evaluate(car(1.0), FORMULA, SPACE, episodes=5000, until="decided", rate=0.5, out=self.path("a.sqlite"))
+        found = evaluate(
+            car(1.0), FORMULA, SPACE, episodes=5000, until="decided", rate=0.5,
+            out=self.path("a.sqlite")
+        )
         self.assertEqual(found.sequential.decision, "above")
         self.assertLess(found.sequential.simulations, 1000)
         self.assertGreater(found.success_rate.low, 0.5)
@@ -33,7 +36,9 @@ class Versions(unittest.TestCase):
 
     def test_equal_versions_are_equivalent_and_their_number_is_that_of_both_files(self):
         runs = (self.path("a.sqlite"), self.path("b.sqlite"))
-        found = compare_versions(car(1.0), FORMULA, SPACE, baseline=car(1.0), margin=0.1, name="car", out=runs)
+        found = compare_versions(
+            car(1.0), FORMULA, SPACE, baseline=car(1.0), margin=0.1, name="car", out=runs
+        )
         self.assertEqual(found.sequential.decision, "equivalent")
         self.assertEqual((found.success.first_only, found.success.second_only), (0, 0))
         self.assertEqual(found.pairs, found.sequential.simulations)
@@ -41,13 +46,8 @@ class Versions(unittest.TestCase):
     def test_a_mean_robustness_needs_bounds(self):
         with self.assertRaisesRegex(MishandleError, "robustness-bounds"):
             compare_versions(
-                car(1.0),
-                FORMULA,
-                SPACE,
-                baseline=car(0.9),
-                measure="robustness",
-                name="car",
-                out=(self.path("a"), self.path("b")),
+                car(1.0), FORMULA, SPACE, baseline=car(0.9), measure="robustness", name="car",
+                out=(self.path("a"), self.path("b"))
             )
 
     def test_a_larger_difference_takes_fewer_pairs(self):

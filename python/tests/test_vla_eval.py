@@ -13,6 +13,7 @@ import mishandle
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
 from mishandle import Axis, PolicyServer
+from mishandle.errors import PolicyServerError
 from servers import Line
 from vla_eval.model_servers import PredictModelServer
 from vla_eval.model_servers.serve import serve_async
@@ -22,7 +23,8 @@ OPTIONS: dict[str, Any] = {"signals": {"place": ("obs[0]", "m")}, "steps": 20, "
 
 
 class Chunked(PredictModelServer):
-    """Predicts four actions at once; the server gives them out one by one, and forgets the rest at the start of an episode."""
+    """Predicts four actions at once; the server gives them out one by one, and forgets the rest at
+    the start of an episode."""
 
     def __init__(self) -> None:
         super().__init__(chunk_size=4)
@@ -79,7 +81,8 @@ class VlaEval(unittest.TestCase):
         with served(model) as url:
             policy = PolicyServer(url, protocol="vla-eval", instruction="go home")
             episodes = mishandle.simulate(
-                SyncVectorEnv([Line] * 2), "always(abs(place) <= 3)", [START], at={"start": 1.1}, policy=policy, repeat=3, **OPTIONS
+                SyncVectorEnv([Line] * 2), "always(abs(place) <= 3)", [START], at={"start": 1.1},
+                policy=policy, repeat=3, **OPTIONS
             )
             self.assertEqual(policy.metadata["model_server"], "Chunked")
         for episode in episodes:
@@ -92,7 +95,10 @@ class VlaEval(unittest.TestCase):
             policy = PolicyServer(url, protocol="vla-eval")
             ends = []
             for start in (1.4, 0.5):
-                [found] = mishandle.simulate(Line(), "always(abs(place) <= 3)", [START], at={"start": start}, policy=policy, **OPTIONS)
+                [found] = mishandle.simulate(
+                    Line(), "always(abs(place) <= 3)", [START], at={"start": start}, policy=policy,
+                    **OPTIONS
+                )
                 ends.append((found.end.split(" ")[0], found.robustness, "".join(found.exceptions)))
         self.assertEqual(ends[0][:2], ("crashed", None))
         self.assertIn("observation_failed: RuntimeError: out of memory", ends[0][2])
@@ -100,8 +106,14 @@ class VlaEval(unittest.TestCase):
 
     def test_a_server_of_the_other_protocol_is_an_error_before_the_first_simulation(self) -> None:
         with served(Chunked()) as url:
-            with self.assertRaisesRegex(mishandle.PolicyServerError, "did not answer within 0.5 s; is a server of the protocol 'openpi'"):
-                mishandle.simulate(Line(), "always(abs(place) <= 3)", [START], policy=PolicyServer(url, time_limit=0.5), **OPTIONS)
+            with self.assertRaisesRegex(
+                PolicyServerError,
+                "did not answer within 0.5 s; is a server of the protocol 'openpi'"
+            ):
+                mishandle.simulate(
+                    Line(), "always(abs(place) <= 3)", [START],
+                    policy=PolicyServer(url, time_limit=0.5), **OPTIONS
+                )
 
 
 if __name__ == "__main__":

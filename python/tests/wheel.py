@@ -1,4 +1,5 @@
-"""Uses an installed wheel: `python wheel.py mujoco mishandle` imports the packages in this order. See python/test_wheel.sh."""
+"""Uses an installed wheel: `python wheel.py mujoco mishandle` imports the packages in this order.
+See python/test_wheel.sh."""
 
 import dataclasses
 import importlib
@@ -33,12 +34,19 @@ assert abs(1 - data.qpos[2] - fall) < 0.02 * fall, data.qpos[2]
 # So do a task and a shipped controller.
 with tempfile.TemporaryDirectory() as folder:
     found = mishandle.falsify(
-        "point-reaching", policy="ppo", search="random", trials=1, budget=10, out=f"{folder}/run.sqlite"
+        "point-reaching", policy="ppo", search="random", trials=1, budget=10,
+        out=f"{folder}/run.sqlite"
     )
     assert found.simulations == 10, found
     # The classes of results are in the wheel, with their types.
-    assert isinstance(found, mishandle.results.Falsification) and dataclasses.is_dataclass(found.trials[0])
+    assert (
+        isinstance(found, mishandle.results.Falsification)
+        and dataclasses.is_dataclass(found.trials[0])
+    )
     assert pathlib.Path(mishandle.__file__).with_name("py.typed").is_file()
     table = mishandle.open_run(found.path).columns()
 assert np.isfinite(table["robustness"]).all()
-print(f"{' then '.join(sys.argv[1:])}: mishandle {mishandle.__version__}, mujoco {mujoco.__version__}, both work")
+print(
+    f"{' then '.join(sys.argv[1:])}: mishandle {mishandle.__version__}, mujoco "
+    f"{mujoco.__version__}, both work"
+)

@@ -1,7 +1,7 @@
 //! Scenes and cameras as rows of numbers, for kernels of other devices.
 //!
 //! The numbers are prepared as the renderer of this crate uses them, so that a kernel repeats its
-//! arithmetic and no other. `python/mishandle/gpu_camera_kernels.py` has such kernels, and the
+//! arithmetic and no other. `python/mishandle/gpu/cameras/kernels.py` has such kernels, and the
 //! names of the columns.
 
 use mishandle_world::Model;

@@ -42,7 +42,7 @@ def ours(name: str, **options: Any) -> Callable[[Trial], None]:
         whole = [count is not None for count in levels]
         bounds = [(0, count - 1) if count is not None else (0, 1) for count in levels]
         rounds = {"round-size": 16} if name in WITH_ROUNDS and trial.batch == 16 else {}
-        search = mishandle.Search(name, bounds, trial.seed, integrality=whole, **rounds, **options)
+        search = mishandle.ask.Search(name, bounds, trial.seed, integrality=whole, **rounds, **options)
         while not search.finished and (points := search.ask(trial.batch)):
             found = trial.values([unit(point, levels) for point in points], learns=name not in WITHOUT_VALUES)
             for point, value in zip(points, found):
@@ -62,7 +62,7 @@ def outside(module: str, function: str) -> Callable[[Trial], None]:
 
 
 SEARCHES = [
-    *(Search(name, ours(name), batches=(1, 16) if name in WITH_ROUNDS else (1,)) for name in mishandle.search_names()),
+    *(Search(name, ours(name), batches=(1, 16) if name in WITH_ROUNDS else (1,)) for name in mishandle.ask.search_names()),
     Search("scipy-dual-annealing", outside("outside_scipy", "dual_annealing"), packages=("scipy",)),
     Search("scipy-differential-evolution", outside("outside_scipy", "differential_evolution"), batches=(1, 16), packages=("scipy",)),
     Search("scipy-direct", outside("outside_scipy", "direct"), packages=("scipy",)),

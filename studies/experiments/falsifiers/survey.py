@@ -176,7 +176,7 @@ def survey_pair(arguments: tuple[int, str, str]) -> tuple[dict[str, Any] | None,
     return None, log
 
 
-def simulation_ms(objective: mishandle.Objective) -> float:
+def simulation_ms(objective: mishandle.ask.Objective) -> float:
     """Returns the processor time of a simulation in milliseconds."""
     points = np.random.default_rng(SEED).random((10, len(objective.levels)))
     started = time.process_time()

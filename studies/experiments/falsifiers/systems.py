@@ -47,14 +47,14 @@ class System:
         return bool(self.facts.get("failing_corners", 0) > 0)
 
 
-def of_task(task: str, controller: str, space: str, formula: str, axes: list[str] | None = None) -> mishandle.Objective:
+def of_task(task: str, controller: str, space: str, formula: str, axes: list[str] | None = None) -> mishandle.ask.Objective:
     """Returns the objective of a system that varies these axes of a space, by default all. The others keep their nominal values, so that
     a system stays the same when its space gets more axes."""
-    whole = mishandle.Objective(task, formula, space, policy=controller)
+    whole = mishandle.ask.Objective(task, formula, space, policy=controller)
     if axes is None:
         return whole
     fixed = {axis.name: axis.nominal for axis in whole.space if axis.name not in axes and axis.nominal is not None}
-    return mishandle.Objective(task, formula, space, policy=controller, axes=fixed) if fixed else whole
+    return mishandle.ask.Objective(task, formula, space, policy=controller, axes=fixed) if fixed else whole
 
 
 def discrete_key(levels: list[int | None], point: Point) -> tuple[int, ...] | None:
@@ -64,7 +64,7 @@ def discrete_key(levels: list[int | None], point: Point) -> tuple[int, ...] | No
     return tuple(min(int(u * count), count - 1) for u, count in zip(point, levels) if count is not None)
 
 
-def task_value(objective: mishandle.Objective) -> Value:
+def task_value(objective: mishandle.ask.Objective) -> Value:
     """Simulations do not depend on the seed of a trial, so that those of a discrete space are simulated once. A point has one coordinate
     for each axis that is not fixed."""
     known: dict[tuple[int, ...], float] = {}
@@ -104,7 +104,7 @@ def load() -> list[System]:
             make = lambda function=function: function_value(function)
         elif row["group"] == "arch":
             levels = [None] * row["dimension"]
-            make = lambda name=row["name"]: task_value(mishandle.Objective(name, "success", "instance-2"))
+            make = lambda name=row["name"]: task_value(mishandle.ask.Objective(name, "success", "instance-2"))
         else:
             levels = [count or None for count in row["levels"]]
             names = [row[key] for key in ("task", "controller", "space", "formula", "axes")]

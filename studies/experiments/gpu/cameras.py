@@ -3,7 +3,7 @@
     python studies/experiments/gpu/cameras.py dump FOLDER       on any machine: states of the expert, scenarios and the images of the CPU
     python studies/experiments/gpu/cameras.py measure FOLDER    on a machine with a GPU; prints a line of JSON per figure
 
-``measure`` needs Warp, NumPy and the modules ``mishandle.gpu_renderer`` and ``mishandle.gpu_camera_*`` only.
+``measure`` needs Warp, NumPy and the modules of the folder ``mishandle/gpu/cameras`` only.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def episode_states(task: str, episodes: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dump(folder: Path) -> None:
-    from mishandle.gpu_cameras import Cameras
+    from mishandle.gpu.cameras import Cameras
 
     folder.mkdir(parents=True, exist_ok=True)
     for task in TASKS:
@@ -78,7 +78,7 @@ def dump(folder: Path) -> None:
 
 
 def renderer(found: dict[str, np.ndarray], device: str, size: int = 64):
-    from mishandle.gpu_renderer import Renderer
+    from mishandle.gpu.cameras.renderer import Renderer
 
     cloths = tuple(found[name] for name in ("triangles", "nodes", "vertex_bodies", "places"))
     return Renderer(device, (size, size), [0, 1], cloths, found["tables"])
@@ -86,7 +86,7 @@ def renderer(found: dict[str, np.ndarray], device: str, size: int = 64):
 
 def differences(found: dict[str, np.ndarray], name: str, device: str) -> dict[str, object]:
     """Compares images of a set with those of the CPU: shares of pixels by their largest difference of red, green and blue."""
-    from mishandle.gpu_renderer import wp
+    from mishandle.gpu.cameras.renderer import wp
 
     own = renderer(found, device)
     count = SETS[name]
@@ -110,7 +110,7 @@ def differences(found: dict[str, np.ndarray], name: str, device: str) -> dict[st
 
 def speed(found: dict[str, np.ndarray], name: str, device: str, size: int, rows: int) -> dict[str, object]:
     """Returns images per second of whole calls, with poses and scenarios on the device."""
-    from mishandle.gpu_renderer import wp
+    from mishandle.gpu.cameras.renderer import wp
 
     own = renderer(found, device, size)
     of_state = np.arange(rows) % STATES
@@ -145,7 +145,7 @@ def speed(found: dict[str, np.ndarray], name: str, device: str, size: int, rows:
 
 def profile(found: dict[str, np.ndarray], name: str, device: str, rows: int) -> dict[str, float]:
     """Returns the time of each kernel in a call, ms."""
-    from mishandle.gpu_renderer import wp
+    from mishandle.gpu.cameras.renderer import wp
 
     text = io.StringIO()
     own = renderer(found, device)

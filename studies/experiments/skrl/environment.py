@@ -15,7 +15,7 @@ class Environment(Wrapper):
     """
 
     def __init__(self, task, settings, seed, threads, iteration_steps):
-        env = mishandle.TrainingEpisodes(
+        env = mishandle.systems.TrainingEpisodes(
             task,
             settings["episodes"]["environments"],
             seed=seed,

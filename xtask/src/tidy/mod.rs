@@ -7,6 +7,7 @@ mod links;
 mod plain;
 mod programs;
 mod prose;
+mod python;
 mod rooms;
 mod rules;
 mod sizes;
@@ -102,6 +103,7 @@ pub fn check(root: &Path) -> Result<()> {
         programs::check(&tree),
         prose::check(&tree),
         plain::check(&tree),
+        python::check(&tree),
         sizes::check(&tree),
         width::check(&tree),
     ];

@@ -1,9 +1,11 @@
-//! Refuses comments and prose that are too wide: 100 columns in Rust, Python and TOML, 120 in
-//! Markdown. Code blocks, tables and the targets of links are not measured.
+//! Refuses text that is too wide: 100 columns for comments in Rust, Python and TOML, and for every
+//! line of the Python package, 120 for prose in Markdown. Code blocks, tables and the targets of
+//! links are not measured.
 
 use super::{File, Problem, Tree};
 use crate::markdown::lines;
 
+/// Comments, and lines of the Python package.
 const COMMENT: usize = 100;
 const MARKDOWN: usize = 120;
 
@@ -17,6 +19,7 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
 fn check_file(file: &File) -> Vec<Problem> {
     let wide: Vec<(usize, usize)> = match file.path.rsplit_once('.').map(|(_, extension)| extension) {
         Some("rs") => wide_comments(&file.text, "//"),
+        Some("py" | "pyi") if file.path.starts_with("python/") => wide_lines(&file.text),
         Some("py" | "toml") => wide_comments(&file.text, "#"),
         Some("md") if !file.path.starts_with(GENERATED) => wide_prose(&file.text),
         _ => Vec::new(),
@@ -47,6 +50,12 @@ fn wide_comments(text: &str, marker: &str) -> Vec<(usize, usize)> {
         }
     }
     wide
+}
+
+/// Returns the lines that are too wide, with the limit.
+fn wide_lines(text: &str) -> Vec<(usize, usize)> {
+    let numbered = (1..).zip(text.lines());
+    numbered.filter(|(_, line)| columns(line) > COMMENT).map(|(number, _)| (number, COMMENT)).collect()
 }
 
 fn wide_prose(text: &str) -> Vec<(usize, usize)> {
@@ -90,7 +99,8 @@ mod tests {
     fn wide_comments_and_prose_are_found() {
         let wide = "word ".repeat(25);
         check_text("src/a.rs", &format!("/// {wide}\nlet a = \"{wide}\";\n    // {wide}"), &[1, 3]);
-        check_text("a.py", &format!("# {wide}"), &[1]);
+        check_text("a.py", &format!("# {wide}\ncall(\"{wide}\")"), &[1]);
+        check_text("python/a.py", &format!("# {wide}\ncall(\"{wide}\")\npass"), &[1, 2]);
         check_text("a.md", &wide, &[1]);
         check_text("a.md", &"word ".repeat(23), &[]);
     }

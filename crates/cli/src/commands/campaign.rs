@@ -146,12 +146,12 @@ fn open(command: &Arguments) -> Result<(PathBuf, Vec<CampaignRun>)> {
 
 /// Program and module that simulate a campaign on Ray.
 const PYTHON: &str = "python3";
-const MODULE: &str = "mishandle.ray";
+const MODULE: &str = "mishandle.cluster";
 
 /// Checks that the Python package and Ray are installed.
 fn check_ray() -> Result<()> {
     let found = Command::new(PYTHON)
-        .args(["-c", "import ray, mishandle.ray"])
+        .args(["-c", "import ray, mishandle.cluster"])
         .stdin(Stdio::null())
         .output()
         .with_context(|| format!("--ray needs {PYTHON}"))?;

@@ -1,0 +1,111 @@
+"""The requirements of a file, checked on a system."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from typing_extensions import Unpack
+
+import mishandle._native as _native
+import mishandle.results as results
+from mishandle.base.files import PathLike
+from mishandle.base.interruption import Progress
+from mishandle.runs.documents import read
+from mishandle.runs.targets import Space, TargetOptions, make_target
+from mishandle.scenarios.arguments import check_number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check(results.Check):
+    """A traceability matrix: verdict and evidence of each requirement. ``str`` gives the text of
+    the command."""
+
+    shown: str
+    """The text of the command."""
+    exit_code: int
+    """0: nothing that counts is violated; 1: something is; 2: a requirement could not be
+    checked."""
+
+    def __str__(self) -> str:
+        return self.shown
+
+
+def check(
+    system: Any,
+    file: PathLike,
+    space: Space = None,
+    *,
+    out: PathLike,
+    episodes: int | None = None,
+    trials: int | None = None,
+    budget: int | None = None,
+    search: str = "portfolio",
+    batch: int = 1,
+    fail_on: str = "error",
+    allow_inapplicable: bool = False,
+    seed: int = 0,
+    progress: Progress | None = None,
+    **target: Unpack[TargetOptions],
+) -> Check:
+    """Checks all requirements of a file, as the command ``mishandle check`` does.
+
+    Parameters
+    ----------
+    system, space, **target
+        See :func:`mishandle.falsify`.
+    file : path
+        TOML file; ``docs/guide/check.md`` describes it.
+    out : path
+        Folder of the runs, the counterexamples and the reports. A second call continues an
+        interrupted check.
+    episodes, trials, budget : int, optional
+        Number of random scenarios, number of searches for each requirement, and largest number of
+        simulations of a search; by default those of the file, or 100, 1 and 300.
+    search : str
+        Name of the search.
+    batch : int
+        Number of simulations that a search proposes at once.
+    fail_on : str
+        Least severity that counts: ``"critical"``, ``"error"`` or ``"warning"``.
+    allow_inapplicable : bool
+        Whether requirements are accepted whose signals the system lacks.
+    seed : int
+        Random seed.
+    progress : callable, optional
+        Gets the numbers of finished and of all simulations of the present run.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from mishandle import Axis
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> _ = (folder / "requirements.toml").write_text(
+    ...     '[[requirement]]\\nname = "R-1"\\nformula = "always(gap >= 2)"'
+    ... )
+    >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
+    >>> found = check(
+    ...     system, folder / "requirements.toml", [Axis("speed", 0, 10, "m/s")],
+    ...     out=folder / "checked", episodes=20
+    ... )
+    >>> (found.cells[0].verdict, found.exit_code)
+    ('violated', 1)
+    """
+    check_number("seed", seed, 0)
+    for name, value in [
+        ("episodes", episodes), ("trials", trials), ("budget", budget), ("batch", batch)
+    ]:
+        if value is not None:
+            check_number(name, value, 1)
+    path = os.fspath(file)
+    stated = _native.requirement_formulas(path)
+    # Systems with formulas of their own have a name or are files. The others need one.
+    formula = None if isinstance(system, (str, os.PathLike)) else stated[0][1]
+    made = make_target(system, formula, space, target, lambda space: None)
+    document, text, exit_code = _native.check(
+        made.native, requirements=path, out=os.fspath(out), episodes=episodes, trials=trials,
+        budget=budget, search=search, batch=batch, fail_on=fail_on,
+        allow_inapplicable=allow_inapplicable, seed=seed, progress=progress
+    )
+    return read(Check, document, shown=text, exit_code=exit_code)

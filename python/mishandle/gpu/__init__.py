@@ -1,0 +1,1 @@
+"""The device ``gpu``: worlds, networks and cameras on an NVIDIA GPU."""

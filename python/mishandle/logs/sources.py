@@ -1,0 +1,222 @@
+"""What can be a log: files, recordings, and columns in memory."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mishandle.base.keywords import check_options
+from mishandle.base.traces import columns_of
+from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.logs import lerobot_data
+from mishandle.logs.recordings import (
+    NATIVE_DEFAULTS, Log, TableOptions, Topic, is_recording, read_logs, read_signals
+)
+
+Times = tuple[str, str, Union[NDArray[Any], list[str]]]
+"""Column, kind and values of the times."""
+
+NativeTopic = tuple[Union[str, None], Union[Times, None], list[tuple[str, NDArray[np.float64]]]]
+NativeLog = tuple[str, list[tuple[Union[str, None], str]], list[NativeTopic]]
+"""Name, files with their topics, and topics in memory, as the extension module takes a log."""
+
+
+class Reading(TableOptions, total=False):
+    """How a log is read, in the words of the flags of ``mishandle monitor``."""
+
+    time: str
+    """Column with the times, by default ``time`` if there is one. Of messages ``"log"``,
+    ``"publish"`` or ``"header"``, as for :func:`mishandle.read_log`."""
+    period: float
+    """Sampling period in seconds. By default that of the times."""
+    resample: str
+    """Resample to ``period``: ``"hold"`` keeps the last value, ``"linear"`` is a line between two
+    samples."""
+    dense: str
+    """Read each signal as a function of time: ``"hold"`` or ``"linear"``."""
+    tolerance: float
+    """Longest step in seconds that ``resample`` or ``dense`` bridges. By default any."""
+    missing: str
+    """Values that are no finite number: ``"error"`` (default), ``"hold"`` the last value, or
+    ``"drop"``."""
+    duplicates: str
+    """Rows with the same time: ``"error"`` (default), or the ``"first"`` or ``"last"`` one
+    counts."""
+    sort: bool
+    """Whether to sort the rows by time."""
+
+
+TABLE = list(TableOptions.__annotations__)
+"""Choices about tables."""
+
+FILE = ["topic_column", "format", "delimiter", "decimal"]
+"""Choices about files."""
+
+
+def _check_effect(reading: Mapping[str, Any], names: Sequence[str], kind: str) -> None:
+    for name in names:
+        if reading.get(name) is not None:
+            raise InvalidTypeError(f"the argument `{name}` has no effect on {kind}; leave it out")
+
+
+def native_reading(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns all choices as the extension module takes them."""
+    check_options(given, list(NATIVE_DEFAULTS))
+    return {**NATIVE_DEFAULTS, **given}
+
+
+Hint = Callable[[list[str]], Union[str, None]]
+
+
+def native_logs(
+    log: Any, signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+) -> Iterator[NativeLog]:
+    """Yields the logs that an argument is: one, or all episodes of a data set."""
+    if isinstance(log, (str, os.PathLike)):
+        file = pathlib.Path(os.fspath(log))
+        if lerobot_data.is_data_set(file):
+            _check_effect(reading, [*TABLE, "time"], f"the data set {file}")
+            yield from (_of_recording(episode, signals) for episode in read_logs(file))
+        elif is_recording(file):
+            _check_effect(reading, TABLE, f"the recording {file}")
+            yield _of_recording(read_signals(file, signals, reading.get("time")), signals)
+        else:
+            yield str(file), [(None, str(file))], []
+    elif isinstance(log, Log):
+        _check_effect(reading, [*TABLE, "time"], "a log that was read")
+        yield _of_recording(log, signals)
+    elif isinstance(log, Mapping) and log and all(_is_topic(part) for part in log.values()):
+        yield _of_topics({str(name): part for name, part in log.items()}, signals, hint, reading)
+    else:
+        _check_effect(reading, FILE, "columns in memory")
+        columns = columns_of(log, signals, hint)
+        yield "", [], [(None, _times(log, reading), list(columns.items()))]
+
+
+def _is_topic(part: Any) -> bool:
+    return isinstance(part, (str, os.PathLike, Topic, Mapping)) or hasattr(part, "columns")
+
+
+def _of_topics(
+    log: Mapping[str, Any], signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+) -> NativeLog:
+    """Returns the log of several topics: all of them files, or all in memory."""
+    files: list[tuple[str | None, str]] = [
+        (name, os.fspath(part)) for name, part in log.items()
+        if isinstance(part, (str, os.PathLike))
+    ]
+    if len(files) == len(log):
+        return ", ".join(file for _, file in files), files, []
+    if files:
+        raise InvalidTypeError(
+            f"the topic {files[0][0]} is a file, and others are not; read it by mishandle.read_log"
+        )
+    _check_effect(reading, FILE, "topics in memory")
+    topics: list[NativeTopic] = []
+    known: list[str] = []
+    for name, part in log.items():
+        times = _of_log(part) if isinstance(part, Topic) else _times(part, reading)
+        part = part.columns if isinstance(part, Topic) else part
+        labels = [str(label) for label in (part if isinstance(part, Mapping) else part.columns)]
+        known += [f"{name}/{label}" for label in labels]
+        read = [label for label in labels if f"{name}/{label}" in signals]
+        topics.append(
+            (
+                name, times,
+                [(f"{name}/{label}", values) for label, values in columns_of(part, read).items()]
+            )
+        )
+    _check_signals("", signals, known, {}, hint)
+    return "", [], topics
+
+
+def _of_recording(log: Log, signals: Sequence[str]) -> NativeLog:
+    reasons = dict(log.not_read)
+    topics: list[NativeTopic] = []
+    for topic in log.topics.values():
+        prefix = f"{topic.name}/" if topic.name else ""
+        reasons |= {f"{prefix}{column}": reason for column, reason in topic.left_out.items()}
+        read = [
+            (f"{prefix}{name}", values) for name, values in topic.columns.items()
+            if f"{prefix}{name}" in signals
+        ]
+        if read or not signals:
+            topics.append((topic.name or None, _of_log(topic), read))
+    _check_signals(log.name, signals, log.signals, reasons)
+    return log.name, [], topics
+
+
+def _check_signals(
+    log: str, signals: Sequence[str], known: Sequence[str], reasons: Mapping[str, str],
+    hint: Hint | None = None
+) -> None:
+    missing = [signal for signal in signals if signal not in known]
+    if not missing:
+        return
+    # A topic that was not read, or a column that is none.
+    said = [
+        f"{name}: {reason}"
+        for name, reason in reasons.items()
+        if any(signal == name or signal.startswith(f"{name}/") for signal in missing)
+    ]
+    other = f"topics without these signals: {', '.join(reasons)}" if reasons and not said else None
+    parts = [
+        f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(known) or 'none'}",
+        *said,
+        other,
+        hint(list(known)) if hint is not None else None,
+    ]
+    raise InvalidValueError(
+        (f"trace {log}: " if log else "") + "; ".join(part for part in parts if part)
+    )
+
+
+def _of_log(topic: Topic) -> Times | None:
+    return (
+        None if topic.times is None
+        else ("time", "log", np.ascontiguousarray(topic.times, dtype=np.int64))
+    )
+
+
+def _times(trace: Any, reading: Mapping[str, Any]) -> Times | None:
+    """Returns the column with the times of columns in memory. A column `time` of text is none,
+    unless it is named."""
+    trace = (
+        getattr(trace, "trace", trace)
+        if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
+    )
+    stated = reading.get("time")
+    labels = {
+        str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)
+    }
+    if stated is not None and stated not in labels:
+        raise InvalidValueError(
+            f"time is `{stated}`, but no column has this name; there are {', '.join(labels)}"
+        )
+    name = "time" if stated is None else stated
+    if name not in labels:
+        return None
+    column = trace[labels[name]]
+    values = np.asarray(column if isinstance(trace, Mapping) else column.to_numpy())
+    if values.ndim != 1:
+        raise InvalidValueError(
+            f"the times `{name}` have the shape {values.shape}; expected one number per sample"
+        )
+    if values.dtype.kind in "mM":
+        return name, "instants", values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
+    if values.dtype.kind in "iu":
+        return name, "integers", values.astype(np.int64)
+    if values.dtype.kind == "f":
+        return name, "numbers", values.astype(np.float64)
+    if stated is None:
+        return None
+    # Instants with a zone are objects.
+    return name, "texts", [
+        value.isoformat() if hasattr(value, "isoformat") else str(value)
+        for value in values.tolist()
+    ]
