@@ -1,4 +1,4 @@
-"""Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The commands use it for ``--screening gpu`` and ``train --device gpu``.
+"""Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The commands use it for ``-k screening.device=gpu`` and ``train --device gpu``.
 
 Its results are close to those of MuJoCo C, but not the same bits. It proposes simulations; MuJoCo C repeats those that count.
 """

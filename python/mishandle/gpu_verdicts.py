@@ -3,7 +3,7 @@
     python -m mishandle.gpu_verdicts [--simulations 1000] [--seed 7] [--jobs 1] [--move 1e-7] [--c-only | --gpu-only] [TASK ...]
 
 Each task has a controller and an action noise with which a good part of the simulations fails, if needed one per formula. Scenarios
-and seeds are those of ``mishandle risk --method monte-carlo`` with the same seed. It prints one row per task and formula:
+and seeds are those of ``mishandle risk -k risk.method=monte-carlo`` with the same seed. It prints one row per task and formula:
 
 - ``violated``: simulations that violate the formula in MuJoCo C.
 - ``GPU: missed``: violated in MuJoCo C, satisfied on the GPU.
@@ -215,8 +215,8 @@ def on_gpu(case: Case, sample: Sample) -> list[Row]:
 
 
 def _on_gpu(case: Case, sample: Sample, formula: str) -> Row:
-    method = ("--formula", formula, "--method", "monte-carlo", "--simulations", sample.simulations, "--seed", sample.seed)
-    screen = ("--screening", "gpu", "--rows", sample.simulations, "--confirm", 1, "--threads", sample.threads)
+    method = ("--formula", formula, "-k", "risk.method=monte-carlo", "--simulations", sample.simulations, "--seed", sample.seed)
+    screen = ("-k", "screening.device=gpu", "-k", f"screening.rows={sample.simulations}", "-k", "screening.confirm=1", "--threads", sample.threads)
     with tempfile.TemporaryDirectory() as folder:
         out = ("--out", f"{folder}/run.sqlite")
         found = json.loads(command("risk", *subject(case), *method, *screen, *out, "--json"))

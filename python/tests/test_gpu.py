@@ -511,7 +511,7 @@ class Commands(unittest.TestCase):
             return found
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
-        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 --confirm 0.1"
+        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 -k screening.device=gpu -k screening.rows=24 -k screening.confirm=0.1"
         found = self.run_command("falsify", *options.split())
         self.assertEqual(found["screening"]["device"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]
@@ -523,10 +523,10 @@ class Commands(unittest.TestCase):
             self.assertEqual(again["robustness"], trial["minimum_robustness"])
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations_with_changed_constants_and_events(self):
-        options = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --formula"
+        options = "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo --seed 3 --formula"
         formula = "always[285:300](finger_target_distance <= 0.03)"
         found = self.run_command(
-            "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm", "1"
+            "risk", *options.split(), formula, "-k", "screening.device=gpu", "-k", "screening.rows=100", "-k", "screening.confirm=1"
         )
         screening, failures = found["screening"], found["screening"]["findings"]["failure"]
         self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
@@ -537,7 +537,7 @@ class Commands(unittest.TestCase):
 
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
-        found = self.run_command("evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1")
+        found = self.run_command("evaluate", *options, "-k", "screening.device=gpu", "-k", "screening.rows=20", "-k", "screening.confirm=1")
         expected = self.run_command("evaluate", *options)
         self.assertAlmostEqual(found["success_rate"]["value"], expected["success_rate"]["value"], places=12)
         # A screening leaves careful success out.
@@ -580,8 +580,8 @@ class RobotsInFiles(unittest.TestCase):
             Path(folder, "cart-pole.xml").write_text(CART_POLE.replace("INTEGRATOR", integrator))
             path = Path(folder, "cart-pole.toml")
             path.write_text(CART_POLE_FILE)
-            question = "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 --json"
-            screening = f"--screening gpu --rows 40 --confirm 1 --out {folder}/run.sqlite"
+            question = "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo --seed 3 --json"
+            screening = f"-k screening.device=gpu -k screening.rows=40 -k screening.confirm=1 --out {folder}/run.sqlite"
             return json.loads(gpu_verdicts.command("risk", path, *question.split(), *screening.split()))
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):

@@ -12,7 +12,7 @@ class Verdicts(unittest.TestCase):
     SAMPLE = gpu_verdicts.Sample(simulations=100, seed=7, threads=2)
 
     def test_the_simulations_are_those_of_the_command_risk(self):
-        options = "--formula success --method monte-carlo --simulations 100 --seed 7 --json"
+        options = "--formula success -k risk.method=monte-carlo --simulations 100 --seed 7 --json"
         expected = json.loads(gpu_verdicts.command("risk", *gpu_verdicts.subject(self.CASE), *options.split()))
         axes = _native.Target.of_task("point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)).axes
         drawn = gpu_verdicts.draws(axes, self.SAMPLE)
