@@ -100,6 +100,24 @@ pub enum MishandleError {
         /// All keys of plans.
         known: Vec<&'static str>,
     },
+    /// There is no key with this name.
+    #[error("there is no key `{key}`; known keys are: {}", keys_beside(key, known))]
+    UnknownKey {
+        /// Table and key.
+        key: String,
+        /// All keys.
+        known: Vec<&'static str>,
+    },
+    /// A key was set to a value of the wrong type.
+    #[error("the key `{key}` is {found}; it must be {expected}")]
+    KeyValue {
+        /// Table and key.
+        key: String,
+        /// The value as written.
+        found: String,
+        /// Allowed values.
+        expected: String,
+    },
     /// A key of the plan has a value of the wrong type.
     #[error("line {line} of the plan: the key `{key}` is {found}; it must be {expected}")]
     PlanValue {

@@ -305,8 +305,9 @@ fn the_cells_about_falsifiers_are_true() {
         holds("threads", accepts(&["falsify", "--threads", "2"])),
         holds("a Ray cluster", exports("RayExecutor") && installs("ray>=")),
         holds(
-            "thousands of worlds of MuJoCo Warp on an NVIDIA GPU, whose violations MuJoCo C repeats (`--screening gpu`)",
-            accepts(&["falsify", "--screening", "gpu", "--rows", "16384"]) && installs("mujoco-warp=="),
+            "thousands of worlds of MuJoCo Warp on an NVIDIA GPU, whose violations MuJoCo C repeats (`-k screening.device=gpu`)",
+            accepts(&["falsify", "-k", "screening.device=gpu", "-k", "screening.rows=16384"])
+                && installs("mujoco-warp=="),
         ),
     ];
     assert_page(
@@ -343,7 +344,7 @@ fn statistics() -> String {
     };
     let methods = mishandle_risk::Method::ALL.map(|(_, name)| name);
     let risk = format!("probabilities: `mishandle risk` by {}", quoted(methods, ", "));
-    let method = |name: &&str| accepts(&["risk", "--method", name]);
+    let method = |name: &&str| accepts(&["risk", "-k", &format!("risk.method={name}")]);
     [
         holds("Wilson", is_interval(wilson(85, 100), 0.7672, 0.9069)),
         holds(", bootstrap", has_interval(bootstrap_mean(&values, Seed(0)))),

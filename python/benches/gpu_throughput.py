@@ -11,9 +11,9 @@ Each line is a JSON object with these rates, in control steps per second:
 - ``bare``: the physics steps of MuJoCo Warp as a CUDA graph, over the same episodes as
   ``screened``, whose targets are in the GPU's memory
 - ``step``: as ``bare_start``, with servos, poses and copies from and to the host
-- ``screened``: ``mishandle risk --screening gpu``, without the time to compile kernels and to
-  allocate memory, with ``--confirm 0.0001`` (more with few simulations)
-- ``C``: ``mishandle risk --method monte-carlo`` on all cores of the same host
+- ``screened``: ``mishandle risk -k screening.device=gpu``, without the time to compile kernels
+  and to allocate memory, with ``-k screening.confirm=0.0001`` (more with few simulations)
+- ``C``: ``mishandle risk -k risk.method=monte-carlo`` on all cores of the same host
 
 ``waited_s``: how long the CPU waited for the GPU. ``visited_s``: how long the CPU computed samples
 and actions; ``started_s``: the part of it in control steps in which episodes started. Each has one
@@ -120,15 +120,15 @@ def screen(
     made.clear()
     Recorder.records = records
     common = [
-        "risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "--method",
-        "monte-carlo"
+        "risk", task, "--controller", "ppo", "--action-noise", "0.1", "--seed", "1", "-k",
+        "risk.method=monte-carlo"
     ]
     common += ["--space", space]
     simulations = rows * waves
     share = max(1e-4, 5 / simulations)
     options = [
-        "--simulations", str(simulations), "--screening", "gpu", "--rows", str(rows), "--confirm",
-        str(share)
+        "--simulations", str(simulations), "-k", "screening.device=gpu", "-k",
+        f"screening.rows={rows}", "-k", f"screening.confirm={share}"
     ]
     with tempfile.TemporaryDirectory() as folder:
         total = command(*common, *options, "--out", f"{folder}/run.sqlite")
@@ -238,7 +238,7 @@ def measure(task: str, rows: int, options: argparse.Namespace) -> dict[str, obje
         count = 200 * CORES
         common = (
             f"risk {task} --controller ppo --action-noise 0.1 --seed 1 --simulations {count} "
-            "--method monte-carlo"
+            "-k risk.method=monte-carlo"
         )
         found["C"] = count * EPISODE_STEPS / command(*common.split())
     if is_quick:

@@ -77,7 +77,10 @@ QUESTIONS = {
     ),
     "falsify and keep going": Question(
         results.Falsification,
-        ["falsify", "toy/pits", *RANDOM, "--keep-going", "--isolate"],
+        [
+            "falsify", "toy/pits", *RANDOM, "-k", "falsify.keep-going=true", "-k",
+            "falsify.isolate=true"
+        ],
         f'target = "toy/pits"\nseed = 3\n[falsify]\nkeep-going = true\n{RANDOM_PLAN}',
         lambda out: falsify(out, "toy/pits", keep_going=True, isolate=True),
     ),
@@ -121,7 +124,7 @@ QUESTIONS = {
     "risk of a toy by splitting": Question(
         results.Risk,
         [
-            "risk", "toy/hidden-corner", "--simulations", "20000", "--method", "splitting",
+            "risk", "toy/hidden-corner", "--simulations", "20000", "-k", "risk.method=splitting",
             "--seed", "4"
         ],
         'target = "toy/hidden-corner"\nseed = 4\n[risk]\nsimulations = 20000\nmethod = "splitting"',
@@ -131,7 +134,10 @@ QUESTIONS = {
     ),
     "risk of a toy with a distribution": Question(
         results.Risk,
-        ["risk", "toy/sphere-2d", "--simulations", "5000", "--distribution", "y=normal:-0.4:0.05"],
+        [
+            "risk", "toy/sphere-2d", "--simulations", "5000", "-k",
+            "risk.distributions.y=normal:-0.4:0.05"
+        ],
         'target = "toy/sphere-2d"\n[risk]\nsimulations = 5000\n[risk.distributions]\n'
         'y = "normal:-0.4:0.05"',
         lambda out: mishandle.risk(

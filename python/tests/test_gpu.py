@@ -565,8 +565,9 @@ class Commands(unittest.TestCase):
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
         options = (
-            "--search random --trials 3 --budget 8 --seed 3 --repeats 0 --screening gpu --rows 24 "
-            "--confirm 0.1"
+            "--search random --trials 3 --budget 8 --seed 3 --repeats 0 "
+            "-k screening.device=gpu -k screening.rows=24 "
+            "-k screening.confirm=0.1"
         )
         found = self.run_command("falsify", *options.split())
         self.assertEqual(found["screening"]["device"], "gpu")
@@ -582,13 +583,13 @@ class Commands(unittest.TestCase):
         self
     ):
         options = (
-            "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 "
+            "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo --seed 3 "
             "--formula"
         )
         formula = "always[285:300](finger_target_distance <= 0.03)"
         found = self.run_command(
-            "risk", *options.split(), formula, "--screening", "gpu", "--rows", "100", "--confirm",
-            "1"
+            "risk", *options.split(), formula, "-k", "screening.device=gpu", "-k",
+            "screening.rows=100", "-k", "screening.confirm=1"
         )
         screening, failures = found["screening"], found["screening"]["findings"]["failure"]
         self.assertEqual((screening["simulations"], screening["without_verdict"]), (100, 0))
@@ -600,7 +601,8 @@ class Commands(unittest.TestCase):
     def test_evaluate_finds_the_same_success_rate_as_mujoco_c_if_that_repeats_everything(self):
         options = ["--episodes", "20", "--seed", "4"]
         found = self.run_command(
-            "evaluate", *options, "--screening", "gpu", "--rows", "20", "--confirm", "1"
+            "evaluate", *options, "-k", "screening.device=gpu", "-k", "screening.rows=20", "-k",
+            "screening.confirm=1"
         )
         expected = self.run_command("evaluate", *options)
         self.assertAlmostEqual(
@@ -658,10 +660,11 @@ class RobotsInFiles(unittest.TestCase):
             path = Path(folder, "cart-pole.toml")
             path.write_text(CART_POLE_FILE)
             question = (
-                "--space starts+dynamics+events --simulations 100 --method monte-carlo --seed 3 "
-                "--json"
+                "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo "
+                "--seed 3 --json"
             )
-            screening = f"--screening gpu --rows 40 --confirm 1 --out {folder}/run.sqlite"
+            screening = "-k screening.device=gpu -k screening.rows=40 -k screening.confirm=1"
+            screening += f" --out {folder}/run.sqlite"
             return json.loads(verdicts.command("risk", path, *question.split(), *screening.split()))
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):

@@ -13,7 +13,7 @@ class Verdicts(unittest.TestCase):
     SAMPLE = verdicts.Sample(simulations=100, seed=7, threads=2)
 
     def test_the_simulations_are_those_of_the_command_risk(self):
-        options = "--formula success --method monte-carlo --simulations 100 --seed 7 --json"
+        options = "--formula success -k risk.method=monte-carlo --simulations 100 --seed 7 --json"
         expected = json.loads(
             verdicts.command("risk", *verdicts.subject(self.CASE), *options.split())
         )

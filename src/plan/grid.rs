@@ -7,8 +7,9 @@ use mishandle_store::RunKind;
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
-use super::Plan;
-use super::read::{key_names, may_be_list, read_lists};
+use super::keys::keys;
+use super::read::{may_be_list, table};
+use super::{Plan, Values};
 use crate::error::MishandleError;
 
 /// Table of a hardening, which is not a question of a run file.
@@ -49,8 +50,15 @@ pub struct GridRun {
 /// # Ok::<(), mishandle::MishandleError>(())
 /// ```
 pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
-    let table = read_lists(text)?;
-    check_options(&table)?;
+    grid(&table(text, Values::Lists)?)
+}
+
+/// As [`read_grid`], from the table of the plan.
+///
+/// # Errors
+/// As [`read_grid`].
+pub fn grid(table: &Table) -> Result<Vec<GridRun>, MishandleError> {
+    check_options(table)?;
     let questions = RunKind::ALL.map(|(_, name)| name).into_iter().chain([HARDEN]);
     let kinds: Vec<&str> = questions.filter(|kind| table.contains_key(*kind)).collect();
     let mut runs = Vec::new();
@@ -89,7 +97,7 @@ pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
 /// Returns each combination of the listed values, with the table that contains only these.
 fn combinations(table: Table) -> Result<Vec<(Vec<Value>, Table)>, MishandleError> {
     let mut found = vec![(Vec::new(), table)];
-    for name in key_names().filter(|name| may_be_list(name)) {
+    for name in keys().iter().map(|key| key.name.as_str()).filter(|name| may_be_list(name)) {
         let Some(Value::Array(list)) = entry(&mut found[0].1, name).cloned() else { continue };
         if found.len() * list.len() > MAX_RUNS {
             let value = format!("at least {}", found.len() * list.len());

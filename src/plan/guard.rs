@@ -1,40 +1,40 @@
 //! Guards in plans.
 
-use serde::{Deserialize, Serialize};
-
+use super::declare::plan_table;
+use super::keys;
 use super::read::read_guard;
 use crate::error::MishandleError;
 
-/// A guard of the controller: the table `[guard]` of a plan, and the file of `--guard`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct GuardPlan {
-    /// Formula over quantities of the observation, such as `` `ball[2]` >= 0.1 ``, or over signals
-    /// of the target if the guard is privileged.
-    pub formula: String,
-    /// Robustness of the formula below which the guard hands over, in the unit of the formula.
-    pub threshold: f64,
-    /// Robustness from which on it hands back; `None` if the fallback keeps the control.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub return_threshold: Option<f64>,
-    /// Shortest time for which the fallback acts, s.
-    pub dwell: f64,
-    /// Who acts after the hand-over: `hold`, `retreat`, or a controller as `controller` of a plan.
-    pub fallback: String,
-    /// Duration of the motion that a retreat takes back, s.
-    pub retreat: f64,
-    /// Whether the formula reads signals of the target, which the controller does not see.
-    pub privileged: bool,
-    /// Meaning of the actions of a target in a file to `hold` and `retreat`: `increments` or
-    /// `positions`. That of tasks is known.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub actions: Option<String>,
+plan_table! {
+    /// A guard of the controller: the table `[guard]` of a plan, and the file of `--guard`.
+    pub struct GuardPlan in "guard" {
+        /// Formula over quantities of the observation, such as `` `ball[2]` >= 0.1 ``, or over
+        /// signals of the target if the guard is privileged.
+        pub formula: String = String::new(),
+            "a string, such as \"historically[0:0.5s](speed <= 1)\"";
+        /// Robustness of the formula below which the guard hands over, in the unit of the formula.
+        pub threshold: f64 = 0.0, "a number";
+        /// Robustness from which on it hands back; `None` if the fallback keeps the control.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub return_threshold: Option<f64> = None, "a number, at least the threshold";
+        /// Shortest time for which the fallback acts, s.
+        pub dwell: f64 = 0.0, "a number of seconds from 0 on";
+        /// Who acts after the hand-over: `hold`, `retreat`, or a controller as `controller` of a
+        /// plan.
+        pub fallback: String = String::new(),
+            "\"hold\", \"retreat\", or a controller, such as \"expert\"";
+        /// Duration of the motion that a retreat takes back, s.
+        pub retreat: f64 = 1.0, "a number of seconds from 0 to 60";
+        /// Whether the formula reads signals of the target, which the controller does not see.
+        pub privileged: bool = false, keys::BOOLEAN;
+        /// Meaning of the actions of a target in a file to `hold` and `retreat`: `increments` or
+        /// `positions`. That of tasks is known.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub actions: Option<String> = None, "\"increments\" or \"positions\"";
+    }
 }
 
 impl GuardPlan {
-    /// Duration of the motion that a retreat takes back by default, s.
-    const RETREAT: f64 = 1.0;
-
     /// Reads the keys of a guard from TOML.
     ///
     /// # Errors
@@ -55,20 +55,5 @@ impl GuardPlan {
     pub fn to_toml(&self) -> String {
         // Cannot fail: it contains strings, numbers and booleans only.
         toml::to_string(self).unwrap_or_default()
-    }
-}
-
-impl Default for GuardPlan {
-    fn default() -> Self {
-        GuardPlan {
-            formula: String::new(),
-            threshold: 0.0,
-            return_threshold: None,
-            dwell: 0.0,
-            fallback: String::new(),
-            retreat: GuardPlan::RETREAT,
-            privileged: false,
-            actions: None,
-        }
     }
 }

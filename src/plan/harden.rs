@@ -2,73 +2,54 @@
 
 use std::ops::RangeInclusive;
 
-use serde::{Deserialize, Serialize};
-
+use super::declare::plan_table;
+use super::keys;
 use crate::error::MishandleError;
 use crate::plan::{CPU, DEVICES, Plan, RiskPlan};
 
-/// Settings of a hardening: the table `[harden]` of a plan. The plan's space is the one in which
-/// the controller shall fail less often.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct HardenPlan {
-    /// Largest number of rounds.
-    pub rounds: u32,
-    /// Environment steps of the training of a round.
-    pub steps: u64,
-    /// Device of the training's physics: `cpu` or `gpu`.
-    pub device: String,
-    /// Training settings: a file. `None`: those by which the controller was trained.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub settings: Option<String>,
-    /// Command of the trainer of a round, in the plan's `folder`. `None`: this program trains.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub trainer: Option<String>,
-    /// Whether the user typed the command of the trainer. One that a file names needs permission.
-    #[serde(skip)]
-    pub is_trainer_typed: bool,
-    /// Names of the searches that look for failures.
-    pub searches: Vec<String>,
-    /// Simulations of each search in a round, and in the final comparison.
-    pub budget: u32,
-    /// Simulations of each validation, which accepts or rejects a round.
-    pub validation: u64,
-    /// Simulations of each measure of the final comparison.
-    pub episodes: u64,
-    /// Simulations of the failure probability in the final comparison.
-    pub risk: u64,
-    /// Simulations of the search for the smallest disturbance in the final comparison.
-    pub margin: u64,
-    /// Share of the training episodes without disturbances.
-    pub nominal: f64,
-    /// Share of the training episodes at corners of the space.
-    pub corners: f64,
-    /// Share of the training episodes with an archived failure, or a scenario that passed nearby.
-    pub archive: f64,
-    /// Measures that may get worse: `success`, `strict`, `careful`, `noise`, `corners`.
-    pub allow: Vec<String>,
-}
-
-impl Default for HardenPlan {
-    fn default() -> HardenPlan {
-        HardenPlan {
-            rounds: 3,
-            steps: 2_000_000,
-            device: CPU.to_string(),
-            settings: None,
-            trainer: None,
-            is_trainer_typed: false,
-            searches: ["portfolio", "cma-es", "random"].map(String::from).to_vec(),
-            budget: 300,
-            validation: 500,
-            episodes: 1000,
-            risk: 2000,
-            margin: 500,
-            nominal: 0.25,
-            corners: 0.1,
-            archive: 0.25,
-            allow: Vec::new(),
-        }
+plan_table! {
+    /// Settings of a hardening: the table `[harden]` of a plan. The plan's space is the one in
+    /// which the controller shall fail less often.
+    pub struct HardenPlan in "harden" {
+        /// Largest number of rounds.
+        pub rounds: u32 = 3, "an integer from 1 to 1000";
+        /// Environment steps of the training of a round.
+        pub steps: u64 = 2_000_000, "an integer from 1 to 10^12";
+        /// Device of the training's physics: `cpu` or `gpu`.
+        pub device: String = CPU.to_string(), "\"cpu\" or \"gpu\"";
+        /// Training settings: a file. `None`: those by which the controller was trained.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub settings: Option<String> = None, "a string: the path of a file of training settings";
+        /// Command of the trainer of a round, in the plan's `folder`. `None`: this program trains.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub trainer: Option<String> = None,
+            "a string: the command of a trainer, such as \"python train.py\"";
+        /// Whether the user typed the command of the trainer. One that a file names needs
+        /// permission.
+        #[serde(skip)]
+        pub is_trainer_typed: bool = false;
+        /// Names of the searches that look for failures.
+        pub searches: Vec<String> = ["portfolio", "cma-es", "random"].map(String::from).to_vec(),
+            "a list of strings, such as [\"portfolio\"]";
+        /// Simulations of each search in a round, and in the final comparison.
+        pub budget: u32 = 300, keys::BUDGET;
+        /// Simulations of each validation, which accepts or rejects a round.
+        pub validation: u64 = 500, keys::EPISODES;
+        /// Simulations of each measure of the final comparison.
+        pub episodes: u64 = 1000, keys::EPISODES;
+        /// Simulations of the failure probability in the final comparison.
+        pub risk: u64 = 2000, keys::SIMULATIONS;
+        /// Simulations of the search for the smallest disturbance in the final comparison.
+        pub margin: u64 = 500, keys::BUDGET;
+        /// Share of the training episodes without disturbances.
+        pub nominal: f64 = 0.25, keys::SHARE;
+        /// Share of the training episodes at corners of the space.
+        pub corners: f64 = 0.1, keys::SHARE;
+        /// Share of the training episodes with an archived failure, or a scenario that passed
+        /// nearby.
+        pub archive: f64 = 0.25, keys::SHARE;
+        /// Measures that may get worse: `success`, `strict`, `careful`, `noise`, `corners`.
+        pub allow: Vec<String> = Vec::new(), "a list of strings, such as [\"strict\"]";
     }
 }
 

@@ -5,31 +5,24 @@ use std::collections::BTreeMap;
 use mishandle_falsification::{MetamorphicSettings, OutputRelation};
 use serde::{Deserialize, Serialize};
 
-/// Settings of relations between pairs of scenarios: the table `[metamorphic]` of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct MetamorphicPlan {
-    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects
-    /// the target's first formula.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub formula: Option<String>,
-    /// Number of source cases.
-    pub pairs: u64,
-    /// Batch size: number of simulations run at once. Results do not depend on it.
-    pub batch: u32,
-    /// The relations by name: the tables `[metamorphic.relations.NAME]`.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub relations: BTreeMap<String, RelationPlan>,
-}
+use super::declare::plan_table;
+use super::keys;
 
-impl Default for MetamorphicPlan {
-    fn default() -> Self {
-        MetamorphicPlan {
-            formula: None,
-            pairs: MetamorphicSettings::DEFAULT_PAIRS,
-            batch: mishandle_rollout::DEFAULT_BATCH_SIZE as u32,
-            relations: BTreeMap::new(),
-        }
+plan_table! {
+    /// Settings of relations between pairs of scenarios: the table `[metamorphic]` of a plan.
+    pub struct MetamorphicPlan in "metamorphic" {
+        /// Requirement: the name of a formula of the target, or the text of a formula. `None`
+        /// selects the target's first formula.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub formula: Option<String> = None, keys::FORMULA;
+        /// Number of source cases.
+        pub pairs: u64 = MetamorphicSettings::DEFAULT_PAIRS, "an integer from 1 to 1000000";
+        /// Batch size: number of simulations run at once. Results do not depend on it.
+        pub batch: u32 = mishandle_rollout::DEFAULT_BATCH_SIZE as u32, keys::BATCH;
+        /// The relations by name: the tables `[metamorphic.relations.NAME]`.
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        pub relations: BTreeMap<String, RelationPlan> = BTreeMap::new(),
+            "a table of relations, as [metamorphic.relations.NAME]" => toml::Table;
     }
 }
 

@@ -2,9 +2,12 @@
 //!
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
+mod declare;
+mod edit;
 mod grid;
 mod guard;
 mod harden;
+mod keys;
 mod metamorphic;
 mod read;
 mod risk;
@@ -20,12 +23,16 @@ use mishandle_store::RunKind;
 use serde::{Deserialize, Serialize};
 
 use crate::error::MishandleError;
+use declare::plan_table;
 
-pub use grid::{GridRun, read_grid};
+pub use edit::{Values, axis_setting, set, set_value};
+pub use grid::{GridRun, grid, read_grid};
 pub use guard::GuardPlan;
 pub use harden::HardenPlan;
+pub use keys::{Key, keys};
 pub use metamorphic::{MetamorphicPlan, RelationPlan};
 pub use mishandle_training::AxisSetting;
+pub use read::table;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
 pub use until::{ComparePlan, Measure, Until};
@@ -139,43 +146,31 @@ pub struct Plan {
     pub screening: Option<ScreeningPlan>,
 }
 
-/// Settings of a search for the smallest disturbance: the table `[margin]` of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct MarginPlan {
-    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects
-    /// the target's first formula.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub formula: Option<String>,
-    /// Largest number of simulations, without the repeats of the witness.
-    pub budget: u64,
-    /// Search once for each combination of categories, each time with the whole budget. Otherwise
-    /// categorical axes stay at their nominal categories.
-    pub each_category: bool,
-}
-
-impl Default for MarginPlan {
-    fn default() -> Self {
-        MarginPlan { formula: None, budget: 3000, each_category: false }
+plan_table! {
+    /// Settings of a search for the smallest disturbance: the table `[margin]` of a plan.
+    pub struct MarginPlan in "margin" {
+        /// Requirement: the name of a formula of the target, or the text of a formula. `None`
+        /// selects the target's first formula.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub formula: Option<String> = None, keys::FORMULA;
+        /// Largest number of simulations, without the repeats of the witness.
+        pub budget: u64 = 3000, keys::BUDGET;
+        /// Search once for each combination of categories, each time with the whole budget.
+        /// Otherwise categorical axes stay at their nominal categories.
+        pub each_category: bool = false, keys::BOOLEAN;
     }
 }
 
-/// Settings of a screening: the table `[screening]` of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct ScreeningPlan {
-    /// Name of the device that proposes.
-    pub device: String,
-    /// Number of worlds that the device steps together.
-    pub rows: u32,
-    /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the
-    /// audit sample.
-    pub confirm: f64,
-}
-
-impl Default for ScreeningPlan {
-    fn default() -> Self {
-        ScreeningPlan { device: GPU.to_string(), rows: 16_384, confirm: 0.1 }
+plan_table! {
+    /// Settings of a screening: the table `[screening]` of a plan.
+    pub struct ScreeningPlan in "screening" {
+        /// Name of the device that proposes; `none`: there is no screening.
+        pub device: String = GPU.to_string(), "\"gpu\" or \"none\"";
+        /// Number of worlds that the device steps together.
+        pub rows: u32 = 16_384, "an integer from 1 to 1048576";
+        /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the
+        /// audit sample.
+        pub confirm: f64 = 0.1, keys::SHARE;
     }
 }
 
@@ -190,96 +185,63 @@ pub enum StartRegion {
     Reachable,
 }
 
-/// Settings of an evaluation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct EvaluatePlan {
-    /// Number of simulations; with `until`, the largest number.
-    pub episodes: u64,
-    /// When the evaluation stops by itself. `None`: after `episodes` simulations.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub until: Option<Until>,
-    /// The success rate that `until = "decided"` decides about.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rate: Option<f64>,
-    /// Region of the initial states: `box = "whole"` or `"reachable"`.
-    #[serde(rename = "box")]
-    pub starts: StartRegion,
-    /// Whether the corners and the center of the initial box are simulated, too.
-    pub corners: bool,
-    /// Whether the same starts and seeds are simulated with every other axis at nominal, too: the
-    /// control arm.
-    pub control: bool,
-    /// Batch size: number of simulations run at once. Results do not depend on it, but `until`
-    /// looks at the ends of batches.
-    pub batch: u32,
-}
-
-impl Default for EvaluatePlan {
-    fn default() -> Self {
-        EvaluatePlan {
-            episodes: 100,
-            until: None,
-            rate: None,
-            starts: StartRegion::Whole,
-            corners: true,
-            control: true,
-            batch: DEFAULT_BATCH_SIZE as u32,
-        }
+plan_table! {
+    /// Settings of an evaluation.
+    pub struct EvaluatePlan in "evaluate" {
+        /// Number of simulations; with `until`, the largest number.
+        pub episodes: u64 = 100, keys::EPISODES;
+        /// When the evaluation stops by itself. `None`: after `episodes` simulations.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub until: Option<Until> = None, keys::UNTIL;
+        /// The success rate that `until = "decided"` decides about.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rate: Option<f64> = None, "a number above 0 and below 1";
+        /// Region of the initial states: `box = "whole"` or `"reachable"`.
+        pub starts as "box": StartRegion = StartRegion::Whole, "\"whole\" or \"reachable\"";
+        /// Whether the corners and the center of the initial box are simulated, too.
+        pub corners: bool = true, keys::BOOLEAN;
+        /// Whether the same starts and seeds are simulated with every other axis at nominal, too:
+        /// the control arm.
+        pub control: bool = true, keys::BOOLEAN;
+        /// Batch size: number of simulations run at once. Results do not depend on it, but `until`
+        /// looks at the ends of batches.
+        pub batch: u32 = DEFAULT_BATCH_SIZE as u32, keys::BATCH;
     }
 }
 
-/// Settings of a falsification.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct FalsifyPlan {
-    /// Requirement to violate: the name of a formula of the target, or the text of a formula.
-    /// `None` selects the target's first formula, which is `success` for a task.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub formula: Option<String>,
-    /// Name of the search.
-    pub search: String,
-    /// Number of trials.
-    pub trials: u32,
-    /// Largest number of simulations per trial.
-    pub budget: u32,
-    /// Batch size: number of simulations run at once.
-    pub batch: u32,
-    /// Random seed of every simulation. `None`: each simulation has a seed of its own.
-    #[serde(with = "seed::optional", skip_serializing_if = "Option::is_none")]
-    pub fixed_seed: Option<u64>,
-    /// End simulations as soon as the search does not need the rest.
-    pub early_stopping: bool,
-    /// Continue a trial after its first violation, to find other failure modes.
-    pub keep_going: bool,
-    /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a new
-    /// failure mode, from 0 to less than 1. With 0, it spends its budget.
-    pub new_mode_rate: f64,
-    /// Move each counterexample toward nominal, to find the axes that cause it. `None`: not in a
-    /// campaign or with `keep_going`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub isolate: Option<bool>,
-    /// Options of the search by name: the table `[falsify.options]`. `mishandle searches SEARCH`
-    /// lists them.
-    #[serde(with = "crate::plan::search_options", skip_serializing_if = "SearchOptions::is_empty")]
-    pub options: SearchOptions,
-}
-
-impl Default for FalsifyPlan {
-    fn default() -> Self {
-        FalsifyPlan {
-            formula: None,
-            search: "portfolio".to_string(),
-            trials: 30,
-            budget: 300,
-            batch: DEFAULT_BATCH_SIZE as u32,
-            fixed_seed: None,
-            early_stopping: false,
-            keep_going: false,
-            new_mode_rate: 0.01,
-            isolate: None,
-            options: SearchOptions::new(),
-        }
+plan_table! {
+    /// Settings of a falsification.
+    pub struct FalsifyPlan in "falsify" {
+        /// Requirement to violate: the name of a formula of the target, or the text of a formula.
+        /// `None` selects the target's first formula, which is `success` for a task.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub formula: Option<String> = None, keys::FORMULA;
+        /// Name of the search.
+        pub search: String = "portfolio".to_string(), "a string, such as \"nelder-mead\"";
+        /// Number of trials.
+        pub trials: u32 = 30, "an integer from 1 to 1000000";
+        /// Largest number of simulations per trial.
+        pub budget: u32 = 300, keys::BUDGET;
+        /// Batch size: number of simulations run at once.
+        pub batch: u32 = DEFAULT_BATCH_SIZE as u32, keys::BATCH;
+        /// Random seed of every simulation. `None`: each simulation has a seed of its own.
+        #[serde(with = "seed::optional", skip_serializing_if = "Option::is_none")]
+        pub fixed_seed: Option<u64> = None, keys::SEED => seed::SeedValue;
+        /// End simulations as soon as the search does not need the rest.
+        pub early_stopping: bool = false, keys::BOOLEAN;
+        /// Continue a trial after its first violation, to find other failure modes.
+        pub keep_going: bool = false, keys::BOOLEAN;
+        /// With `keep_going`, a trial ends when less than this fraction of its simulations finds a
+        /// new failure mode, from 0 to less than 1. With 0, it spends its budget.
+        pub new_mode_rate: f64 = 0.01, "a number from 0 to less than 1";
+        /// Move each counterexample toward nominal, to find the axes that cause it. `None`: not in
+        /// a campaign or with `keep_going`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub isolate: Option<bool> = None, keys::BOOLEAN;
+        /// Options of the search by name: the table `[falsify.options]`. `mishandle searches
+        /// SEARCH` lists them.
+        #[serde(with = "search_options", skip_serializing_if = "SearchOptions::is_empty")]
+        pub options: SearchOptions = SearchOptions::new(), "a table, as [falsify.options]" => toml::Table;
     }
 }
 

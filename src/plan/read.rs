@@ -1,42 +1,29 @@
 //! Reads plans from TOML and reports mistakes with their line and with what is allowed.
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use mishandle_falsification::Margin;
 use mishandle_files::limits;
 use mishandle_store::RunKind;
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-use super::seed::SeedValue;
-use super::{FORMAT, Plan, StartRegion};
+use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys, reads};
+use super::{FORMAT, Plan, Values};
 use crate::error::MishandleError;
 use crate::plan::search_options::TomlValue;
-use crate::plan::{AxisSetting, GuardPlan, Measure, Until};
+use crate::plan::{AxisSetting, GuardPlan};
 
 /// Largest number of characters of a value that an error repeats.
 const SHOWN: usize = 60;
 
-/// Table whose keys are the options of any search.
-const OPTIONS: &str = "falsify.options";
-
-/// Table whose keys are names of axes.
-const AXES: &str = "axes";
-
-/// Table whose keys are names of requirements, and whose values are formulas.
-const REQUIREMENTS: &str = "requirements";
-
-/// Table whose keys are names of axes, and whose values are distributions.
-const DISTRIBUTIONS: &str = "risk.distributions";
+/// Device of a screening that does not take place.
+const NO_DEVICE: &str = "none";
 
 /// Table of the guard, with a period.
 const GUARD: &str = "guard.";
-
-/// Table whose keys are names of relations, each of which is a table.
-const RELATIONS: &str = "metamorphic.relations";
 
 /// Keys of a relation.
 const RELATION_KEYS: [&str; 2] = ["change", "holds"];
@@ -57,127 +44,13 @@ const CHANGE: &str = "a text in quotes: an offset such as \"+0.02\" or \"-0.02\"
 /// Allowed values of what must hold.
 const HOLDS: &str = "a text in quotes, such as \"same-verdict\" or \"not-worse:0.05\"";
 
-/// Allowed rules that end simulations.
-const UNTIL: &str = "\"decided\", or a width above 0, such as \"width=0.04\"";
-
 /// Allowed settings of an axis.
 const AXIS: &str =
     "a number, a list of two numbers, an interval such as \"[0, 1)\", or the name of a category in quotes";
 
-/// A key of a plan.
-struct Key {
-    /// Table and key.
-    name: &'static str,
-    /// Allowed values, in words.
-    allowed: &'static str,
-    /// Returns whether a value has the right type. Ranges are checked later, since flags override a
-    /// plan.
-    reads: fn(&Spanned<DeValue<'_>>) -> bool,
-}
-
-const fn key<T: DeserializeOwned>(name: &'static str, allowed: &'static str) -> Key {
-    Key { name, allowed, reads: reads::<T> }
-}
-
-const KEYS: [Key; 73] = [
-    key::<u32>("format", "2"),
-    key::<String>("target", "a string, such as \"ball-balancing\""),
-    key::<String>("folder", "a string, such as \"simulators\""),
-    key::<String>("space", "a string, such as \"starts\""),
-    Key { name: AXES, allowed: "a table of axes, as [axes]", reads: is_table },
-    key::<String>("preset", "\"paper\" or \"code\""),
-    key::<String>("controller", "a string, such as \"ppo\""),
-    key::<bool>("stochastic", "true or false"),
-    key::<f64>("action-noise", "a number from 0 to 10"),
-    key::<f64>("observation-noise", "a number from 0 to 10"),
-    key::<SeedValue>("seed", "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string"),
-    key::<bool>("careful", "true or false"),
-    key::<BTreeMap<String, String>>(
-        REQUIREMENTS,
-        "a table of formulas by name, as [requirements], each a string",
-    ),
-    key::<String>("guard.formula", "a string, such as \"historically[0:0.5s](speed <= 1)\""),
-    key::<f64>("guard.threshold", "a number"),
-    key::<f64>("guard.return-threshold", "a number, at least the threshold"),
-    key::<f64>("guard.dwell", "a number of seconds from 0 on"),
-    key::<String>("guard.fallback", "\"hold\", \"retreat\", or a controller, such as \"expert\""),
-    key::<f64>("guard.retreat", "a number of seconds from 0 to 60"),
-    key::<bool>("guard.privileged", "true or false"),
-    key::<String>("guard.actions", "\"increments\" or \"positions\""),
-    key::<u64>("evaluate.episodes", "an integer from 1 to 1000000000"),
-    key::<StartRegion>("evaluate.box", "\"whole\" or \"reachable\""),
-    key::<bool>("evaluate.corners", "true or false"),
-    key::<bool>("evaluate.control", "true or false"),
-    key::<Until>("evaluate.until", UNTIL),
-    key::<f64>("evaluate.rate", "a number above 0 and below 1"),
-    key::<u32>("evaluate.batch", "an integer from 1 to 65536"),
-    key::<Until>("compare.until", UNTIL),
-    key::<Measure>("compare.measure", "\"success\" or \"robustness\""),
-    key::<f64>("compare.margin", "a number above 0"),
-    key::<[f64; 2]>("compare.robustness-bounds", "a list of two numbers, such as [-0.5, 0.5]"),
-    key::<String>("falsify.formula", "a string, such as \"strict\""),
-    key::<String>("falsify.search", "a string, such as \"nelder-mead\""),
-    key::<u32>("falsify.trials", "an integer from 1 to 1000000"),
-    key::<u32>("falsify.budget", "an integer from 1 to 1000000"),
-    key::<u32>("falsify.batch", "an integer from 1 to 65536"),
-    key::<SeedValue>(
-        "falsify.fixed-seed",
-        "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string",
-    ),
-    key::<bool>("falsify.early-stopping", "true or false"),
-    key::<bool>("falsify.keep-going", "true or false"),
-    key::<f64>("falsify.new-mode-rate", "a number from 0 to less than 1"),
-    key::<bool>("falsify.isolate", "true or false"),
-    Key { name: OPTIONS, allowed: "a table, as [falsify.options]", reads: is_table },
-    key::<String>("margin.formula", "a string, such as \"strict\""),
-    key::<u64>("margin.budget", "an integer from 1 to 1000000"),
-    key::<bool>("margin.each-category", "true or false"),
-    key::<String>("metamorphic.formula", "a string, such as \"strict\""),
-    key::<u64>("metamorphic.pairs", "an integer from 1 to 1000000"),
-    key::<u32>("metamorphic.batch", "an integer from 1 to 65536"),
-    Key {
-        name: RELATIONS,
-        allowed: "a table of relations, as [metamorphic.relations.NAME]",
-        reads: is_table,
-    },
-    key::<String>("risk.formula", "a string, such as \"strict\""),
-    key::<u64>("risk.simulations", "an integer from 100 to 1000000000"),
-    key::<String>("risk.method", "\"auto\", \"monte-carlo\", \"importance\", \"splitting\" or \"sequence\""),
-    key::<u32>("risk.batch", "an integer from 1 to 65536"),
-    key::<BTreeMap<String, String>>(
-        DISTRIBUTIONS,
-        "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"",
-    ),
-    key::<u32>("harden.rounds", "an integer from 1 to 1000"),
-    key::<u64>("harden.steps", "an integer from 1 to 10^12"),
-    key::<String>("harden.device", "\"cpu\" or \"gpu\""),
-    key::<String>("harden.settings", "a string: the path of a file of training settings"),
-    key::<String>("harden.trainer", "a string: the command of a trainer, such as \"python train.py\""),
-    key::<Vec<String>>("harden.searches", "a list of strings, such as [\"portfolio\"]"),
-    key::<u32>("harden.budget", "an integer from 1 to 1000000"),
-    key::<u64>("harden.validation", "an integer from 1 to 1000000000"),
-    key::<u64>("harden.episodes", "an integer from 1 to 1000000000"),
-    key::<u64>("harden.risk", "an integer from 100 to 1000000000"),
-    key::<u64>("harden.margin", "an integer from 1 to 1000000"),
-    key::<f64>("harden.nominal", "a number from 0 to 1"),
-    key::<f64>("harden.corners", "a number from 0 to 1"),
-    key::<f64>("harden.archive", "a number from 0 to 1"),
-    key::<Vec<String>>("harden.allow", "a list of strings, such as [\"strict\"]"),
-    key::<String>("screening.device", "\"gpu\""),
-    key::<u32>("screening.rows", "an integer from 1 to 1048576"),
-    key::<f64>("screening.confirm", "a number from 0 to 1"),
-];
-
 /// Allowed values of a search option, whose type depends on the search.
-const OPTION: &str = "a number, true or false, a string, a list of numbers, or a list of lists of numbers";
-
-fn reads<T: DeserializeOwned>(value: &Spanned<DeValue<'_>>) -> bool {
-    T::deserialize(ValueDeserializer::from(value.clone())).is_ok()
-}
-
-fn is_table(value: &Spanned<DeValue<'_>>) -> bool {
-    matches!(value.get_ref(), DeValue::Table(_))
-}
+pub(super) const OPTION: &str =
+    "a number, true or false, a string, a list of numbers, or a list of lists of numbers";
 
 /// Returns whether a key belongs into the table of a relation.
 fn is_relation_key(key: &Spanned<Cow<'_, str>>) -> bool {
@@ -193,6 +66,9 @@ pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
     if !has_space && plan.kind() == RunKind::Margin {
         plan.space = Margin::SPACE.to_string();
     }
+    if plan.screening.as_ref().is_some_and(|screening| screening.device == NO_DEVICE) {
+        plan.screening = None;
+    }
     Ok(plan)
 }
 
@@ -203,9 +79,12 @@ pub(super) fn read_guard(text: &str) -> Result<GuardPlan, MishandleError> {
     GuardPlan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
 }
 
-/// Reads a campaign: a plan in which most keys may have a list of values.
-pub(super) fn read_lists(text: &str) -> Result<toml::Table, MishandleError> {
-    let stated = parse(text, Values::Lists)?;
+/// Reads a plan as a table whose keys and types are checked.
+///
+/// # Errors
+/// As for [`Plan::from_toml`].
+pub fn table(text: &str, values: Values) -> Result<toml::Table, MishandleError> {
+    let stated = parse(text, values)?;
     toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
 }
 
@@ -215,18 +94,6 @@ pub(super) fn may_be_list(name: &str) -> bool {
     let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS, RELATIONS];
     !others.contains(&name)
         && !["harden.searches", "harden.allow", "compare.robustness-bounds"].contains(&name)
-}
-
-/// Returns the names of all keys with their tables.
-pub(super) fn key_names() -> impl Iterator<Item = &'static str> {
-    KEYS.iter().map(|key| key.name)
-}
-
-/// Whether a key has one value, or may have a list of values.
-#[derive(Clone, Copy, PartialEq)]
-enum Values {
-    One,
-    Lists,
 }
 
 fn not_toml(text: &str, error: &toml::de::Error) -> MishandleError {
@@ -253,7 +120,9 @@ fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleEr
             }
             Ok(FORMAT) => {}
             Ok(found @ 1..) => return Err(MishandleError::OlderPlan { found, known: FORMAT }),
-            _ => return Err(reader.wrong("format", key, value, KEYS[0].allowed)),
+            _ => {
+                return Err(reader.wrong("format", key, value, find("format").map_or("", |key| key.allowed)));
+            }
         }
     }
     reader.check("", stated.get_ref())?;
@@ -272,7 +141,7 @@ impl Reader<'_> {
         for (key, value) in table {
             let name = format!("{within}{}", key.get_ref());
             let as_table = format!("{name}.");
-            let known = KEYS.iter().find(|known| known.name == name);
+            let known = find(&name);
             match (known, value.get_ref()) {
                 (Some(known), DeValue::Table(options)) if known.name == OPTIONS => {
                     self.check_options(options)?;
@@ -290,7 +159,7 @@ impl Reader<'_> {
                 }
                 (Some(known), _) if (known.reads)(value) => {}
                 (Some(known), DeValue::Array(items))
-                    if self.values == Values::Lists && may_be_list(known.name) =>
+                    if self.values == Values::Lists && may_be_list(&known.name) =>
                 {
                     self.check_list(&name, key, value, items, known)?;
                 }
@@ -298,8 +167,8 @@ impl Reader<'_> {
                 (None, _) if within == "metamorphic." && is_relation_key(key) => {
                     return Err(self.wrong(&name, key, value, IN_RELATION));
                 }
-                (None, _) if !KEYS.iter().any(|known| known.name.starts_with(&as_table)) => {
-                    let known = KEYS.iter().map(|key| key.name).collect();
+                (None, _) if !keys().iter().any(|known| known.name.starts_with(&as_table)) => {
+                    let known = keys().iter().map(|key| key.name.as_str()).collect();
                     return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,
@@ -416,7 +285,7 @@ impl Reader<'_> {
 }
 
 /// Returns a value on one line, and only the start of a long one.
-fn shortened(value: &str) -> String {
+pub(super) fn shortened(value: &str) -> String {
     let line = value.replace('\n', " ");
     match line.char_indices().nth(SHOWN) {
         Some((end, _)) => format!("{}...", &line[..end]),
@@ -501,7 +370,7 @@ mod tests {
             (
                 "[evaluate]\nepisods = 1",
                 "evaluate.episods",
-                "episodes, box, corners, control, until, rate, batch",
+                "episodes, evaluate.until, evaluate.rate, evaluate.box, evaluate.corners",
                 "did you mean `evaluate.episodes`?",
             ),
             (
@@ -560,7 +429,7 @@ mod tests {
             ("falsify.budget", Plan::BUDGET),
             ("falsify.batch", Plan::BATCH),
         ] {
-            let key = KEYS.iter().find(|key| key.name == name).unwrap();
+            let key = find(name).unwrap();
             assert_eq!(
                 key.allowed,
                 format!("an integer from {} to {}", range.start(), range.end()),

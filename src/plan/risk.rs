@@ -4,39 +4,30 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use mishandle_risk::{Marginal, Method};
-use serde::{Deserialize, Serialize};
 
+use super::declare::plan_table;
+use super::keys;
 use crate::error::MishandleError;
 
-/// Settings of an estimation of the failure probability: the table `[risk]` of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct RiskPlan {
-    /// Requirement: the name of a formula of the target, or the text of a formula. `None` selects
-    /// the target's first formula.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub formula: Option<String>,
-    /// Number of simulations.
-    pub simulations: u64,
-    /// Name of the method: `auto`, `monte-carlo`, `importance`, `splitting` or `sequence`.
-    pub method: String,
-    /// Batch size: number of simulations run at once. Results do not depend on it.
-    pub batch: u32,
-    /// Distributions of axes by name, such as `normal:1:0.1`. The other axes have the distributions
-    /// that they declare.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub distributions: BTreeMap<String, String>,
-}
-
-impl Default for RiskPlan {
-    fn default() -> Self {
-        RiskPlan {
-            formula: None,
-            simulations: 50_000,
-            method: Method::default().name().to_string(),
-            batch: mishandle_rollout::DEFAULT_BATCH_SIZE as u32,
-            distributions: BTreeMap::new(),
-        }
+plan_table! {
+    /// Settings of an estimation of the failure probability: the table `[risk]` of a plan.
+    pub struct RiskPlan in "risk" {
+        /// Requirement: the name of a formula of the target, or the text of a formula. `None`
+        /// selects the target's first formula.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub formula: Option<String> = None, keys::FORMULA;
+        /// Number of simulations.
+        pub simulations: u64 = 50_000, keys::SIMULATIONS;
+        /// Name of the method: `auto`, `monte-carlo`, `importance`, `splitting` or `sequence`.
+        pub method: String = Method::default().name().to_string(),
+            "\"auto\", \"monte-carlo\", \"importance\", \"splitting\" or \"sequence\"";
+        /// Batch size: number of simulations run at once. Results do not depend on it.
+        pub batch: u32 = mishandle_rollout::DEFAULT_BATCH_SIZE as u32, keys::BATCH;
+        /// Distributions of axes by name, such as `normal:1:0.1`. The other axes have the
+        /// distributions that they declare.
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        pub distributions: BTreeMap<String, String> = BTreeMap::new(),
+            "a table of distributions of axes, as [risk.distributions], each a string, such as \"normal:1:0.1\"";
     }
 }
 

@@ -5,6 +5,9 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use super::declare::plan_table;
+use super::keys;
+
 /// When an evaluation or a comparison stops by itself: `decided`, or `width=W`.
 ///
 /// # Example
@@ -73,19 +76,20 @@ pub enum Measure {
     Robustness,
 }
 
-/// Settings of a comparison that stops by itself: the table `[compare]` of a plan.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
-pub struct ComparePlan {
-    /// When it stops.
-    pub until: Until,
-    /// Quantity that the rule watches.
-    pub measure: Measure,
-    /// The largest difference that counts as none. `None`: the comparison never finds that
-    /// controllers are equivalent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub margin: Option<f64>,
-    /// Bounds of the robustness: values beyond them count as the bound.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub robustness_bounds: Option<[f64; 2]>,
+plan_table! {
+    /// Settings of a comparison that stops by itself: the table `[compare]` of a plan.
+    #[derive(Copy)]
+    pub struct ComparePlan in "compare" {
+        /// When it stops.
+        pub until: Until = Until::default(), keys::UNTIL;
+        /// Quantity that the rule watches.
+        pub measure: Measure = Measure::default(), "\"success\" or \"robustness\"";
+        /// The largest difference that counts as none. `None`: the comparison never finds that
+        /// controllers are equivalent.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub margin: Option<f64> = None, "a number above 0";
+        /// Bounds of the robustness: values beyond them count as the bound.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub robustness_bounds: Option<[f64; 2]> = None, "a list of two numbers, such as [-0.5, 0.5]";
+    }
 }

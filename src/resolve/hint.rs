@@ -75,7 +75,9 @@ impl MishandleError {
             MishandleError::CampaignRun { source, .. } | MishandleError::Fallback { source, .. } => {
                 source.hint()
             }
-            MishandleError::UnknownPlanKey { key, known, .. } => suggest_setting(key, known),
+            MishandleError::UnknownPlanKey { key, known, .. } | MishandleError::UnknownKey { key, known } => {
+                suggest_setting(key, known)
+            }
             MishandleError::Settings { source, .. } => match &**source {
                 TrainingError::UnknownSetting { name, known, .. } => suggest_setting(name, known),
                 TrainingError::Setting { found, known, .. } => {

@@ -1,7 +1,6 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mishandle_rollout::Interval;
 use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
@@ -101,13 +100,12 @@ impl TrainPlan {
             command += &format!(" --guard {}", shell_quote(&path_text(guard)));
         }
         for (name, setting) in &self.axes {
-            let (flag, value) = match setting {
-                AxisSetting::Value(value) => ("--set", value.to_string()),
-                AxisSetting::Range([low, high]) => ("--axis", format!("{low}:{high}")),
-                AxisSetting::Text(text) if text.parse::<Interval>().is_ok() => ("--axis", text.clone()),
-                AxisSetting::Text(category) => ("--set", category.clone()),
+            let value = match setting {
+                AxisSetting::Value(value) => value.to_string(),
+                AxisSetting::Range([low, high]) => format!("{low}:{high}"),
+                AxisSetting::Text(text) => text.clone(),
             };
-            command += &format!(" {flag} {}", shell_quote(&format!("{name}={value}")));
+            command += &format!(" --axis {}", shell_quote(&format!("{name}={value}")));
         }
         command + &format!(" --seed {}", self.seed)
     }

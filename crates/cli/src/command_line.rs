@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use crate::commands::{Command, GROUPS};
+use crate::flags::{self, KeyParser};
 use crate::show::{escape, output};
 
 /// Version, and the paths of MuJoCo's library and of the shipped files, for questions about an
@@ -51,13 +52,25 @@ impl CommandLine {
 /// Returns the declaration of the program. Its help lists the commands by group, which the parser
 /// cannot do for subcommands.
 pub fn declaration() -> clap::Command {
-    let program = CommandLine::command();
+    let program = CommandLine::command().mut_subcommands(with_keys);
     let groups = groups(program.clone());
     let header = program.get_styles().get_header();
     let template = format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{groups}\n\n{header}Options:{header:#}\n{{options}}{{after-help}}"
     );
     program.help_template(template)
+}
+
+/// Adds the keys that a command reads: to its completion, and to its long help.
+fn with_keys(command: clap::Command) -> clap::Command {
+    let parser = KeyParser(flags::tables(command.get_name()));
+    if !command.get_arguments().any(|argument| argument.get_id() == "keys") {
+        return command;
+    }
+    let about =
+        "Set a key of the plan; repeat the flag for several. Text stands as it is, other values are TOML";
+    let keys = format!("{about}. The keys:\n\n{}", parser.help());
+    command.mut_arg("keys", |argument| argument.long_help(keys).value_parser(parser))
 }
 
 /// Returns the commands of each group with their descriptions, wrapped at the width of the

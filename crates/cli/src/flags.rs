@@ -1,23 +1,23 @@
 //! Flags: groups that commands share, and the parsing of their values.
 
+mod keys;
 mod log;
 mod log_question;
 pub mod numbers;
 mod plan;
 mod recorded;
 mod run;
-mod screening;
 mod subject;
 
 use std::ops::RangeInclusive;
 
+pub use keys::{KeyParser, Keys, Planned, tables};
 pub use log::{FollowFlags, LogFlags};
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
-pub use plan::plan;
+pub use plan::planned;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};
 pub use run::{OpenRun, Run};
-pub use screening::Screening;
-pub use subject::{Axes, Subject, named_formula};
+pub use subject::{Axes, Simulator, Subject, named_formula};
 
 /// Random seeds.
 pub const SEEDS: RangeInclusive<u64> = 0..=u64::MAX;

@@ -11,7 +11,7 @@ fn every_scenario_is_within_the_range_and_has_the_fixed_value() {
     let bench = Bench::new();
     for search in ["random", "nelder-mead", "dual-annealing"] {
         let out = format!("{search}.sqlite");
-        let flags = format!("--search {search} --axis brake_time=5:7.5 --set speed=20 --out {out} --json");
+        let flags = format!("--search {search} --axis brake_time=5:7.5 --axis speed=20 --out {out} --json");
         let found = bench.run(&format!("{CAR} {flags}"));
         assert!(matches!(found.status.code(), Some(0 | 1)), "{}", bench::text(&found.stderr));
         let run = mishandle::store::RunFile::open(bench.path(&out)).unwrap();
@@ -33,14 +33,14 @@ fn flags_edit_the_table_of_a_plan_and_a_stored_run_is_replayed() {
         "plan.toml",
         "target = \"ball-balancing\"\ncontroller = \"ppo\"\n[axes]\naction_delay = 3\nball_x = [0.3, 0.4]\n[falsify]\ntrials = 1\nbudget = 5\n",
     );
-    let found = bench.json("falsify --plan plan.toml --set action_delay=2 --out run.sqlite --json", 1);
+    let found = bench.json("falsify --plan plan.toml --axis action_delay=2 --out run.sqlite --json", 1);
     assert_eq!(found["axes"], json!(["ball_x", "ball_y", "action_delay"]));
     assert_eq!(found["trials"][0]["scenario"]["action_delay"], 2.0);
     bench.check("replay run.sqlite", 0);
     bench.check("explain run.sqlite", 1);
     // The values of the axes that are not fixed are enough.
     let at =
-        bench.json("simulate ball-balancing --controller ppo --set action_delay=3 --at 0.3,0.1 --json", 1);
+        bench.json("simulate ball-balancing --controller ppo --axis action_delay=3 --at 0.3,0.1 --json", 1);
     let named = "simulate ball-balancing --controller ppo --space starts+delay --at ball_x=0.3,ball_y=0.1,action_delay=3 --json";
     assert_eq!(at["robustness"], bench.json(named, 1)["robustness"]);
 }
@@ -49,7 +49,7 @@ fn flags_edit_the_table_of_a_plan_and_a_stored_run_is_replayed() {
 #[test]
 fn the_corners_of_an_evaluation_are_those_of_the_narrower_box() {
     let bench = Bench::new();
-    let flags = "--axis ball_x=0.25:0.5 --set ball_y=0.125 --episodes 3 --json";
+    let flags = "--axis ball_x=0.25:0.5 --axis ball_y=0.125 --episodes 3 --json";
     let found = bench.json(&format!("evaluate ball-balancing --controller ppo {flags}"), 0);
     let points: Vec<&serde_json::Value> =
         found["corners"]["points"].as_array().unwrap().iter().map(|point| &point["scenario"]).collect();
@@ -61,20 +61,18 @@ fn the_corners_of_an_evaluation_are_those_of_the_narrower_box() {
 fn impossible_settings_are_errors() {
     let bench = Bench::new();
     for (flags, parts) in [
-        ("--set speed", vec!["--set", "a value, such as action_delay=2"]),
-        ("--axis speed=20", vec!["--axis", "ball_x=0.2:0.3"]),
+        ("--axis speed", vec!["--axis", "a value, such as ball_x=0.2:0.3 or action_delay=2"]),
         ("--axis speed=30:20", vec!["speed", "from 30 to 20"]),
-        ("--set sped=20", vec!["no axis `sped`", "did you mean `speed`"]),
-        ("--set speed=20 --axis speed=20:25", vec!["speed is set twice"]),
-        ("--set speed=fast", vec!["the axis speed cannot be fast: expected a number"]),
+        ("--axis sped=20", vec!["no axis `sped`", "did you mean `speed`"]),
+        ("--axis speed=20 --axis speed=20:25", vec!["speed is set twice"]),
+        ("--axis speed=fast", vec!["the axis speed cannot be fast: expected a number"]),
         (
-            "--set brake_time=0,5",
+            "--axis brake_time=0,5",
             vec!["brake_time cannot be 0,5: expected a number from 0 to 15, written 0.5"],
         ),
-        ("--set brake_time=1:2", vec!["found a range; give --axis brake_time=1:2"]),
         ("--axis brake_time=1:20", vec!["brake_time cannot be 20: expected a number from 0 to 15"]),
         (
-            "--set reaction_delay=1.5",
+            "--axis reaction_delay=1.5",
             vec!["reaction_delay cannot be 1.5: expected a whole number from 0 to 10"],
         ),
     ] {

@@ -21,7 +21,7 @@ fn bench() -> Bench {
 fn the_runs_of_a_campaign_have_the_rows_of_single_runs() {
     let bench = bench();
     let printed = bench.check("campaign campaign.toml --out runs/all", 1);
-    let single = "falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 2 --budget 30 --no-isolate --out single.sqlite";
+    let single = "falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 2 --budget 30 -k falsify.isolate=false --out single.sqlite";
     bench.check(single, 1);
     let digest = |path| RunFile::open(bench.path(path)).unwrap().content_digest().unwrap();
     assert_eq!(digest("runs/all/2_nelder-mead_falsify.sqlite"), digest("single.sqlite"));

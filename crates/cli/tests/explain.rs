@@ -148,7 +148,7 @@ fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
     let bench = Bench::new();
     let falsify = "falsify toy/car-following --space events --trials 1 --budget 100 --seed 1";
     let found = bench.json(&format!("{falsify} --out run.sqlite --json"), 1);
-    bench.check(&format!("{falsify} --no-isolate --out alone.sqlite"), 1);
+    bench.check(&format!("{falsify} -k falsify.isolate=false --out alone.sqlite"), 1);
     let explained = bench.json("explain run.sqlite --json", 1);
     let tried = &explained["axes_at_nominal"];
     let axes = tried["axes"].as_array().unwrap();

@@ -145,7 +145,11 @@ fn every_document_satisfies_its_schema() {
             "falsify toy/sphere-2d --formula 'always(distance >= -1)' --search random --trials 1 --budget 60 --out s.sqlite",
             0,
         ),
-        ("falsify", "falsify toy/pits --search random --keep-going --trials 2 --budget 90 --out k.sqlite", 1),
+        (
+            "falsify",
+            "falsify toy/pits --search random -k falsify.keep-going=true --trials 2 --budget 90 --out k.sqlite",
+            1,
+        ),
         (
             "evaluate",
             "evaluate point-reaching --controller expert --episodes 12 --action-noise 3 --out n.sqlite",

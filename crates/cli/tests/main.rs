@@ -25,6 +25,7 @@ mod hostile_models;
 mod interrupt;
 mod invalid_action;
 mod json;
+mod keys;
 mod logs;
 mod margin;
 mod messages;

@@ -83,7 +83,7 @@ fn only_a_deterministic_target_has_all_its_scenarios_simulated() {
     let said = bench.check(delay, 0);
     let claim = format!("no violation in {scenarios} simulations, which are all scenarios, up to");
     assert!(said.contains(&claim), "{said}");
-    let car = "margin toy/car-following --space dynamics --set braking_scale=1 --budget 110";
+    let car = "margin toy/car-following --space dynamics --axis braking_scale=1 --budget 110";
     let said = bench.check(car, 0);
     assert!(said.contains("no violation in 110 simulations with 110 seeds, up to the largest"), "{said}");
 }

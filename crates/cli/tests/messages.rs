@@ -34,11 +34,9 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
     for (command, flag, allowed) in [
         (toy, "--seed", integer(0, u64::MAX)),
         (toy, "--threads", integer(1, 1024)),
-        (toy, "--batch", integer(1, 65_536)),
         (toy, "--trials", integer(1, 1_000_000)),
         (toy, "--budget", integer(1, 1_000_000)),
         (toy, "--action-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
-        (toy, "--observation-noise", "expected a number from 0 to 10, such as 0.5".to_string()),
         ("evaluate toy/sphere-2d", "--episodes", integer(1, 1_000_000_000)),
         ("replay a.sqlite", "--trial", integer(1, u32::MAX.into())),
         ("replay a.sqlite", "--simulation", integer(1, u32::MAX.into())),
@@ -73,9 +71,7 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
             check(&bench, &format!("{command} {flag} 0"), &["'0'", flag, "the value is too small", &allowed]);
         }
     }
-    for (flag, value) in
-        [("--action-noise", "-1"), ("--action-noise", "nan"), ("--observation-noise", "10.5")]
-    {
+    for (flag, value) in [("--action-noise", "-1"), ("--action-noise", "nan"), ("--action-noise", "10.5")] {
         check(
             &bench,
             &format!("{toy} {flag} {value}"),

@@ -142,9 +142,10 @@ fn search_options_come_from_the_plan_and_flags_override_it() {
     let falsify = |more: &str| {
         bench.document(&format!("falsify point-reaching {FAST} --trials 1 --budget 9 --json {more}"), 0)
     };
-    let nelder_mead = "--search nelder-mead --search-option";
+    let nelder_mead = "--search nelder-mead -k";
     let start = "start=[0.25,0.5,0.75]";
-    let short = falsify(&format!("{nelder_mead} max-evaluations=5 --search-option {start}"));
+    let short =
+        falsify(&format!("{nelder_mead} falsify.options.max-evaluations=5 -k falsify.options.{start}"));
     assert_eq!(short["search_options"]["max-evaluations"], 5);
     assert_eq!(
         (&short["trials"][0]["simulations"], &short["trials"][0]["end"]),
@@ -156,11 +157,11 @@ fn search_options_come_from_the_plan_and_flags_override_it() {
     );
     let planned = falsify("--plan plan.toml");
     assert_eq!(planned["trials"][0]["simulations"], 7);
-    assert_eq!(falsify("--plan plan.toml --search-option max_evaluations=5"), short);
+    assert_eq!(falsify("--plan plan.toml -k falsify.options.max_evaluations=5"), short);
     // By default the budget is the limit.
     assert_eq!(falsify("--search nelder-mead")["trials"][0]["simulations"], 9);
     let simplex = "[[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.1, 0.2, 0.1], [0.1, 0.1, 0.2]]";
-    let with_simplex = falsify(&format!("{nelder_mead} 'initial-simplex={simplex}'"));
+    let with_simplex = falsify(&format!("{nelder_mead} 'falsify.options.initial-simplex={simplex}'"));
     assert_ne!(falsify("--search nelder-mead")["trials"], with_simplex["trials"]);
 }
 
@@ -214,7 +215,7 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     assert!(bounded > 0);
     for (target, reason) in [
         ("toy/noisy --formula always(height>=-9)", "random"),
-        ("toy/sphere-2d --formula always(distance>=-1) --early-stopping", "bounds"),
+        ("toy/sphere-2d --formula always(distance>=-1) -k falsify.early-stopping=true", "bounds"),
         (
             "point-reaching --controller expert --formula always(finger_target_distance>=-1) --space delay",
             "whole numbers",
@@ -232,23 +233,26 @@ fn an_invalid_search_option_is_an_error_that_names_it() {
         bench.refuses(&format!("falsify point-reaching --controller expert {options}"), parts);
     };
     refuses(
-        "--search nelder-mead --search-option xtol=1",
+        "--search nelder-mead -k falsify.options.xtol=1",
         &["nelder-mead has no option `xtol`", "max-evaluations", "hint: did you mean `xatol`?"],
     );
-    refuses("--search random --search-option xatol=1", &["random has no option `xatol`; it has no options"]);
     refuses(
-        "--search nelder-mead --search-option xatol=small",
+        "--search random -k falsify.options.xatol=1",
+        &["random has no option `xatol`; it has no options"],
+    );
+    refuses(
+        "--search nelder-mead -k falsify.options.xatol=small",
         &["option `xatol` of nelder-mead is \"small\"; it must be a number, at least 0"],
     );
     refuses(
-        "--search dual-annealing --search-option visit=3.5",
+        "--search dual-annealing -k falsify.options.visit=3.5",
         &["option `visit` of dual-annealing is 3.5; it must be in (1, 3)"],
     );
     refuses(
-        "--search nelder-mead --search-option start=[0.5]",
+        "--search nelder-mead -k falsify.options.start=[0.5]",
         &["`start`", "it must be 3 numbers in [0, 1]"],
     );
-    refuses("--search nelder-mead --search-option xatol", &["NAME=VALUE"]);
+    refuses("--search nelder-mead -k falsify.options.xatol", &["KEY=VALUE"]);
     assert!(!bench.path("runs").exists(), "a run was created");
 }
 
@@ -599,12 +603,24 @@ fn resuming_a_run_with_the_other_command_names_the_right_one() {
     );
     bench.check("falsify --resume f.sqlite", 0);
     // A resumed run takes everything else from its plan.
-    for flag in ["--episodes 5", "--box whole", "--seed 1", "--out g.sqlite", "--batch 3", "--space starts"] {
+    for flag in [
+        "--episodes 5",
+        "-k evaluate.box=whole",
+        "--seed 1",
+        "--out g.sqlite",
+        "-k falsify.batch=3",
+        "--space starts",
+    ] {
         bench.refuses(&format!("evaluate --resume e.sqlite {flag}"), &["cannot be used with"]);
     }
-    for flag in
-        ["--trials 5", "--budget 5", "--search random", "--search-option a=1", "--formula x", "--plan p.toml"]
-    {
+    for flag in [
+        "--trials 5",
+        "--budget 5",
+        "--search random",
+        "-k falsify.options.a=1",
+        "--formula x",
+        "--plan p.toml",
+    ] {
         bench.refuses(&format!("falsify --resume f.sqlite {flag}"), &["cannot be used with"]);
     }
 }
@@ -652,16 +668,16 @@ fn a_second_signal_stops_a_long_batch_immediately() {
 #[test]
 fn an_evaluation_reports_the_region_of_its_initial_states() {
     let bench = Bench::new();
-    let evaluate = format!("evaluate point-reaching {FAST} --episodes 4 --box");
+    let evaluate = format!("evaluate point-reaching {FAST} --episodes 4 -k");
     let note = "no initial state was rejected as unreachable";
     for (part, named) in [("reachable", true), ("whole", false)] {
-        let output = bench.run(&format!("{evaluate} {part}"));
+        let output = bench.run(&format!("{evaluate} evaluate.box={part}"));
         let out = text(&output.stdout);
         let err = text(&output.stderr);
         let header = out.lines().next().unwrap();
         assert_eq!(header.contains("initial states from the reachable part of the box"), named, "{header}");
         assert_eq!(err.contains(note), named, "{err}");
-        assert_eq!(bench.json(&format!("{evaluate} {part} --json"), 0)["box"], part);
+        assert_eq!(bench.json(&format!("{evaluate} evaluate.box={part} --json"), 0)["box"], part);
     }
 }
 
@@ -750,7 +766,7 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
 #[test]
 fn a_run_that_exceeds_the_limit_on_file_sizes_is_one_error_and_can_be_resumed() {
     let bench = Bench::new();
-    let evaluate = "evaluate toy/noisy --episodes 2000 --batch 16";
+    let evaluate = "evaluate toy/noisy --episodes 2000 -k evaluate.batch=16";
     let whole = bench.document(&format!("{evaluate} --json --out whole.sqlite"), 0);
     // Ignoring SIGXFSZ turns the limit, in blocks of 512 bytes, into a write error.
     for (blocks, out) in [(0, "none.sqlite"), (800, "part.sqlite")] {
@@ -833,19 +849,22 @@ fn invalid_arguments_are_errors_before_any_simulation() {
     }
     bench.refuses(&format!("{falsify} --threads 0"), &["'0' for '--threads <N>'", "from 1 to 1024"]);
     bench.refuses(
-        &format!("{falsify} --preset papper"),
+        &format!("{falsify} -k preset=papper"),
         &["no task preset `papper`", "did you mean `paper`?"],
     );
     bench.refuses(
-        &format!("{falsify} --search nelder-mead --search-option xatol=1 --search-option xatol=2"),
-        &["--search-option xatol is given twice"],
+        &format!("{falsify} --search nelder-mead -k falsify.options.xatol=1 -k falsify.options.xatol=2"),
+        &["falsify.options.xatol is set twice"],
     );
     let toy = "toy/sphere-2d";
-    bench.refuses(&format!("falsify {toy} --preset code"), &["does not support a task preset"]);
-    bench.refuses(&format!("falsify {toy} --new-mode-rate 0.1"), &["--keep-going"]);
-    bench.refuses(&format!("evaluate {toy} --box reachable"), &["does not support `--box reachable`"]);
+    bench.refuses(&format!("falsify {toy} -k preset=code"), &["does not support a task preset"]);
+    bench.refuses(&format!("falsify {toy} -k falsify.new-mode-rate=0.1"), &["falsify.keep-going"]);
     bench.refuses(
-        "evaluate point-reaching --controller expert --box reachable --space delay",
+        &format!("evaluate {toy} -k evaluate.box=reachable"),
+        &["does not support `--box reachable`"],
+    );
+    bench.refuses(
+        "evaluate point-reaching --controller expert -k evaluate.box=reachable --space delay",
         &["the space is delay", "`starts`"],
     );
     bench.refuses(&format!("{falsify} --space noise"), &["no space `noise`", "--action-noise"]);
@@ -957,7 +976,7 @@ fn policies_of_other_tools_run_and_replay() {
         &["the ONNX model is for point-reaching, not for ball-balancing"],
     );
     bench.refuses(
-        "evaluate point-reaching --controller ./ppo.onnx --stochastic",
+        "evaluate point-reaching --controller ./ppo.onnx -k stochastic=true",
         &["an ONNX model is deterministic"],
     );
     bench.refuses("controller export point-reaching/ppo --onnx ppo.onnx", &["exists already"]);

@@ -44,7 +44,8 @@ fn the_declared_distribution_changes_the_probability_and_is_printed() {
     let bench = Bench::new();
     // At x = 0.3 and y around -0.4 with a standard deviation of 0.05, half a width of 0.1 fails:
     // 95.45 %.
-    let command = "risk toy/sphere-2d --set x=0.3 --distribution y=normal:-0.4:0.05 --simulations 4000";
+    let command =
+        "risk toy/sphere-2d --axis x=0.3 -k risk.distributions.y=normal:-0.4:0.05 --simulations 4000";
     let report = bench.json(&format!("{command} --json"), 1);
     let value = report["probability"]["value"].as_f64().unwrap();
     // Five standard errors.
@@ -79,7 +80,7 @@ fn results_do_not_depend_on_threads_or_batches() {
     let bench = Bench::new();
     let of = |flags: &str| bench::without_run(bench.json(&format!("{RARE} --json {flags}"), 1));
     let report = of("--threads 1");
-    assert_eq!(report, of("--threads 2 --batch 7"));
+    assert_eq!(report, of("--threads 2 -k risk.batch=7"));
     assert_ne!(report, of("--seed 1"));
 }
 
@@ -87,17 +88,20 @@ fn results_do_not_depend_on_threads_or_batches() {
 fn impossible_requests_are_errors() {
     let bench = Bench::new();
     for (flags, parts) in [
-        ("--distribution z=uniform", &["no axis `z`", "x, y"][..]),
-        ("--distribution x=gamma:1", &["`gamma:1` is unknown", "triangular:MODE"]),
-        ("--distribution x=normal:1:-1", &["the axis x", "the standard deviation positive"]),
-        ("--distribution x=normal:900:1", &["almost no probability from -1 to 1"]),
-        ("--distribution x=uniform --distribution x=uniform", &["has two distributions"]),
-        ("--distribution x=log-uniform", &["its lower bound is not positive"]),
-        ("--distribution x=weights:1:2", &["its values are not discrete"]),
-        ("--distribution x", &["such as friction_scale=normal:1:0.1"]),
+        ("-k risk.distributions.z=uniform", &["no axis `z`", "x, y"][..]),
+        ("-k risk.distributions.x=gamma:1", &["`gamma:1` is unknown", "triangular:MODE"]),
+        ("-k risk.distributions.x=normal:1:-1", &["the axis x", "the standard deviation positive"]),
+        ("-k risk.distributions.x=normal:900:1", &["almost no probability from -1 to 1"]),
+        (
+            "-k risk.distributions.x=uniform -k risk.distributions.x=uniform",
+            &["risk.distributions.x is set twice"],
+        ),
+        ("-k risk.distributions.x=log-uniform", &["its lower bound is not positive"]),
+        ("-k risk.distributions.x=weights:1:2", &["its values are not discrete"]),
+        ("-k risk.distributions.x", &["KEY=VALUE"]),
         ("--simulations 0", &["too small"]),
-        ("--method exact", &["no method `exact`", "splitting"]),
-        ("--set x=0 --set y=0", &["without a fixed value"]),
+        ("-k risk.method=exact", &["no method `exact`", "splitting"]),
+        ("--axis x=0 --axis y=0", &["without a fixed value"]),
         ("--out failure.json", &["a run file is SQLite"]),
     ] {
         bench.refuses(&format!("risk toy/sphere-2d {flags}"), parts);
@@ -107,7 +111,7 @@ fn impossible_requests_are_errors() {
 #[test]
 fn a_method_that_was_not_run_is_named_before_the_answer() {
     let bench = Bench::new();
-    let said = bench.check("risk toy/sphere-2d --method splitting --simulations 2000", 1);
+    let said = bench.check("risk toy/sphere-2d -k risk.method=splitting --simulations 2000", 1);
     let place = |text: &str| said.find(text).unwrap_or_else(|| panic!("no `{text}`: {said}"));
     assert!(
         place("no estimate: multilevel splitting: its part of the budget")
@@ -128,7 +132,7 @@ fn a_method_that_was_not_run_is_named_before_the_answer() {
 fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
     let bench = Bench::new();
     let said = |distribution: &str| {
-        let arguments = format!("risk toy/sphere-2d --simulations 100 --distribution {distribution}");
+        let arguments = format!("risk toy/sphere-2d --simulations 100 -k risk.distributions.{distribution}");
         bench::text(&bench.run(&arguments).stderr)
     };
     let warning = "warning: the mean of the distribution normal:1.5:1 of x is outside of its bounds, -1 to 1";
@@ -141,7 +145,7 @@ fn a_normal_distribution_whose_mean_is_outside_of_the_bounds_is_warned_of() {
 #[test]
 fn screening_with_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
-        let command = format!("{command} point-reaching --controller ppo --screening gpu");
+        let command = format!("{command} point-reaching --controller ppo -k screening.device=gpu");
         let bench = Bench::new();
         bench.refuses(&command, &["pip install '.[gpu]' in a clone"]);
         assert!(!bench.path("runs").exists(), "an empty run file is left");
@@ -149,9 +153,5 @@ fn screening_with_the_plain_program_says_what_to_install() {
     for command in ["risk", "evaluate", "falsify"] {
         let run_file = format!("{command} point-reaching --controller ppo --out run.json");
         Bench::new().refuses(&run_file, &["--out ends with .json", "run.sqlite"]);
-    }
-    for command in ["risk", "evaluate", "falsify"] {
-        let on_cpu = format!("{command} point-reaching --controller ppo --screening none --rows 64");
-        Bench::new().refuses(&on_cpu, &["--rows and --confirm need --screening gpu"]);
     }
 }

@@ -23,7 +23,8 @@ fn write_policy(bench: &Bench) {
 fn the_page_of_a_failure_shows_what_the_policy_saw_beside_the_nominal_images() {
     let bench = Bench::new();
     write_policy(&bench);
-    let falsify = "falsify point-reaching --controller seeing.onnx --trials 1 --budget 3 --no-isolate";
+    let falsify =
+        "falsify point-reaching --controller seeing.onnx --trials 1 --budget 3 -k falsify.isolate=false";
     let pages = [("starts+light", 2), ("starts", 0)].map(|(space, rows)| {
         bench.check(&format!("{falsify} --space {space} --out {space}.sqlite"), 1);
         bench.check(&format!("report {space}.sqlite --probes 0 --out {space}.html"), 0);
@@ -39,7 +40,7 @@ fn the_page_of_a_failure_shows_what_the_policy_saw_beside_the_nominal_images() {
     });
     assert!(pages[0].contains("all other axes at nominal, which violates the formula"));
     // A controller that sees nothing has no images.
-    bench.check("falsify point-reaching --controller expert --formula 'always(finger_target_distance >= 1)' --trials 1 --budget 1 --no-isolate --out expert.sqlite", 1);
+    bench.check("falsify point-reaching --controller expert --formula 'always(finger_target_distance >= 1)' --trials 1 --budget 1 -k falsify.isolate=false --out expert.sqlite", 1);
     bench.check("report expert.sqlite --probes 0 --out expert.html", 0);
     let page = std::fs::read_to_string(bench.path("expert.html")).unwrap();
     assert!(page.contains("class=\"strip\"") && !page.contains("the policy saw"));

@@ -92,7 +92,7 @@ fn a_command_in_a_file_needs_permission_and_a_typed_one_does_not() {
 #[test]
 fn a_resumed_run_has_the_records_of_an_uninterrupted_one() {
     let bench = bench();
-    let evaluate = format!("evaluate {COMMAND} --episodes 300 --batch 8 --json --out");
+    let evaluate = format!("evaluate {COMMAND} --episodes 300 -k evaluate.batch=8 --json --out");
     let whole = bench.document(&format!("{evaluate} whole.sqlite"), 0);
     let mut command = bench.command(&format!("{evaluate} part.sqlite"));
     let child = command.env("SLOW", "0.02").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -137,7 +137,7 @@ fn assert_no_process(bench: &Bench) {
 #[test]
 fn the_reason_of_a_crash_is_in_the_text_the_document_the_replay_and_the_report() {
     let bench = bench();
-    let set = "--set outlet=blocked --axis inflow=0.9:1.0";
+    let set = "--axis outlet=blocked --axis inflow=0.9:1.0";
     let said = bench.check(&format!("evaluate {COMMAND} {set} --episodes 20 --out run.sqlite"), 0);
     assert!(said.contains("crashed: ") && said.contains("the pump is too hot"), "{said}");
     let found = bench.json(&format!("evaluate {COMMAND} {set} --episodes 20 --json"), 0);
@@ -176,10 +176,10 @@ fn a_counterexample_stands_with_the_files_of_the_simulator() {
 #[test]
 fn margins_probabilities_and_campaigns_take_a_simulator() {
     let bench = bench();
-    let margin = bench.json(&format!("margin {COMMAND} --set outlet=blocked --budget 200 --json"), 1);
+    let margin = bench.json(&format!("margin {COMMAND} --axis outlet=blocked --budget 200 --json"), 1);
     assert_eq!(margin["space"], "disturbance");
-    bench.check(&format!("risk {COMMAND} --method monte-carlo --simulations 300"), 1);
-    bench.check(&format!("simulate {COMMAND} --at inflow=1 --set outlet=open"), 0);
+    bench.check(&format!("risk {COMMAND} -k risk.method=monte-carlo --simulations 300"), 1);
+    bench.check(&format!("simulate {COMMAND} --at inflow=1 --axis outlet=open"), 0);
     bench.write(
         "grid.toml",
         "target = \"process:python3 tank.py\"\nseed = [1, 2]\n[falsify]\ntrials = 1\nbudget = 20\n",

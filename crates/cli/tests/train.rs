@@ -192,8 +192,8 @@ fn settings_and_names_are_checked_before_training() {
     bench.refuses("train point-reaching --settings missing.toml", &["missing.toml: No such file"]);
     bench.refuses("train point-reaching --space delays", &["no space `delays`", "delay"]);
     bench.refuses("train point-reaching --axis action_delay=0:9", &["action_delay", "from 0 to 3"]);
-    bench.refuses("train point-reaching --set action_delay=1 --axis action_delay=0:1", &["set twice"]);
-    let nan = "train point-reaching --space faults-sensing --set sensor_fault_fill=nan";
+    bench.refuses("train point-reaching --axis action_delay=1 --axis action_delay=0:1", &["set twice"]);
+    let nan = "train point-reaching --space faults-sensing --axis sensor_fault_fill=nan";
     bench.refuses(nan, &["give --axis sensor_fault_fill=0:1"]);
     bench.write("shares.toml", "scenarios = { nominal = 0.7, corners = 0.4 }");
     bench.refuses("train point-reaching --settings shares.toml", &["shares.toml", "scenarios.corners"]);

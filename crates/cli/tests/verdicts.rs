@@ -210,7 +210,7 @@ fn an_invalid_start_is_in_no_rate() {
 
     // 0.2 of 0.5 fail.
     let (code, found, err) =
-        ask(&bench, &format!("risk {COMMAND} --simulations 400 --method monte-carlo --out r.sqlite"));
+        ask(&bench, &format!("risk {COMMAND} --simulations 400 -k risk.method=monte-carlo --out r.sqlite"));
     assert_eq!(code, Some(1), "{err}");
     let part = &found["monte_carlo"];
     let probability = &found["probability"];

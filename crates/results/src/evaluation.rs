@@ -192,8 +192,8 @@ impl EndCounts {
 pub struct Corners {
     /// Number of simulations per point.
     pub seeds: u32,
-    /// Number of corners that count: those from which the target can start, with `--box reachable`
-    /// the reachable ones.
+    /// Number of corners that count: those from which the target can start, with
+    /// `evaluate.box = "reachable"` the reachable ones.
     pub n: u64,
     /// Number of these at which no simulation has a verdict. They do not count as successes.
     pub without_verdict: u64,

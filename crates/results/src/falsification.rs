@@ -63,7 +63,7 @@ pub struct Falsification {
     pub reasons: Option<Vec<EndReasons>>,
     /// The trials.
     pub trials: Vec<Trial>,
-    /// Failure modes, with `--keep-going`.
+    /// Failure modes, with `falsify.keep-going`.
     #[serde(flatten)]
     pub modes: Option<Modes>,
     /// Counts of the screening; missing without it.
@@ -94,7 +94,7 @@ pub struct Trial {
     pub simulation: Option<u32>,
     /// Random seed of that simulation.
     pub seed: Option<Seed>,
-    /// `falsified`, `budget spent`, `search ended` or, with `--keep-going`, `modes dried up`;
+    /// `falsified`, `budget spent`, `search ended` or, with `falsify.keep-going`, `modes dried up`;
     /// `null` if the run was interrupted before.
     pub end: Option<String>,
     /// Number of simulations that diverged.
@@ -113,7 +113,7 @@ pub struct Trial {
     /// randomness, and in a campaign.
     pub repeats: Option<Repeats>,
     /// The axes that cause the failure; `null` without a counterexample, in a campaign, with
-    /// `--keep-going`, with `--no-isolate` and with a screening.
+    /// `falsify.keep-going`, with `falsify.isolate = false` and with a screening.
     pub cause: Option<Cause>,
 }
 

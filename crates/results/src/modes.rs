@@ -8,7 +8,7 @@ use crate::{Named, Number, Scenario, Seed};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Modes {
     /// Number of simulations that violate the requirement, over all trials. This key and the next
-    /// four exist with `--keep-going` only.
+    /// four exist with `falsify.keep-going` only.
     pub failures: u64,
     /// Number of these that are in no mode: without a recorded trace, or beyond 5,000.
     pub not_grouped: u64,

@@ -4,6 +4,7 @@
 
 mod ends;
 mod instant;
+mod integer;
 mod invisible;
 mod number;
 mod path;
@@ -12,6 +13,7 @@ mod xml;
 
 pub use ends::first_and_last_line;
 pub use instant::instant;
+pub use integer::parse_integer;
 pub use invisible::{is_invisible, visible};
 pub use number::{
     decimal, number_text, p_value_phrase, p_value_text, plural, probability_text, short_number,

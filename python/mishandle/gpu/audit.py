@@ -283,7 +283,8 @@ class CpuPhysics:
 
 @contextlib.contextmanager
 def _simulated_on_the_cpu(period: int, made: list[CpuBatch]) -> Iterator[None]:
-    """Lets MuJoCo C step the worlds of ``--screening gpu``, and drops the output of the process."""
+    """Lets MuJoCo C step the worlds of ``-k screening.device=gpu``, and drops the output of the
+    process."""
     module: Any = gpu
     original, stdout, null = gpu.WarpBatch, os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
@@ -309,8 +310,10 @@ def visited(
             f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed "
             f"1 --formula {formula}"
         )
-        search = f"--search random --trials {episodes} --budget 1 --batch 1 --repeats 0"
-        screening = f"--screening gpu --rows {episodes} --confirm 0.01"
+        search = f"--search random --trials {episodes} --budget 1 -k falsify.batch=1 --repeats 0"
+        screening = (
+            f"-k screening.device=gpu -k screening.rows={episodes} -k screening.confirm=0.01"
+        )
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])
     if code not in (0, 1):
         raise RuntimeError(f"the search of {task} ended with exit code {code}")

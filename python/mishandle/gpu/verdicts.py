@@ -4,8 +4,8 @@
     [--c-only | --gpu-only] [TASK ...]
 
 Each task has a controller and an action noise with which a good part of the simulations fails, if
-needed one per formula. Scenarios and seeds are those of ``mishandle risk --method monte-carlo``
-with the same seed. It prints one row per task and formula:
+needed one per formula. Scenarios and seeds are the ones of ``mishandle risk -k
+risk.method=monte-carlo`` with the same seed. It prints one row per task and formula:
 
 - ``violated``: simulations that violate the formula in MuJoCo C.
 - ``GPU: missed``: violated in MuJoCo C, satisfied on the GPU.
@@ -228,11 +228,12 @@ def on_gpu(case: Case, sample: Sample) -> list[Row]:
 
 def _on_gpu(case: Case, sample: Sample, formula: str) -> Row:
     method = (
-        "--formula", formula, "--method", "monte-carlo", "--simulations", sample.simulations,
+        "--formula", formula, "-k", "risk.method=monte-carlo", "--simulations", sample.simulations,
         "--seed", sample.seed
     )
     screen = (
-        "--screening", "gpu", "--rows", sample.simulations, "--confirm", 1, "--threads",
+        "-k", "screening.device=gpu", "-k", f"screening.rows={sample.simulations}", "-k",
+        "screening.confirm=1", "--threads",
         sample.threads
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -1,11 +1,11 @@
-"""Compares `falsify --keep-going` with random points and with repeated trials of the plain search, at equal budgets.
+"""Compares `falsify -k falsify.keep-going=true` with random points and with repeated trials of the plain search, at equal budgets.
 
     python3 studies/experiments/keep_going/keep_going.py target/release/mishandle [SYSTEM ...]
 
 Each method spends the same number of simulations per seed:
 
-    keep-going  one trial with --keep-going --new-mode-rate 0
-    random      one trial of --search random with --keep-going --new-mode-rate 0
+    keep-going  one trial with -k falsify.keep-going=true -k falsify.new-mode-rate=0
+    random      one trial of --search random with -k falsify.keep-going=true -k falsify.new-mode-rate=0
     repeated    as many trials of the plain search as the budget allows; each ends at its first violation
 
 Printed are means over the seeds, with the smallest and largest value: failures, modes (as `mishandle counterexamples` groups
@@ -94,7 +94,7 @@ def main():
                         continue
                     own = [*arguments, "--search", search, "--seed", str(seed), "--trials", "1", "--budget", str(budget)]
                     run = folder / "run.sqlite"
-                    falsify(program, target, [*own, "--keep-going", "--new-mode-rate", "0"], run)
+                    falsify(program, target, [*own, "-k", "falsify.keep-going=true", "-k", "falsify.new-mode-rate=0"], run)
                     results.append(measure(program, target, run))
             cells = []
             for key in results[0]:

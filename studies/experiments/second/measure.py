@@ -30,7 +30,7 @@ DELAYS = ["--axis", "action_delay=0:2", "--axis", "observation_delay=0:2"]
 CONDITIONS = {
     "starts": [],
     "action noise 0.5": ["--action-noise", "0.5"],
-    "observation noise 0.01": ["--observation-noise", "0.01"],
+    "observation noise 0.01": ["-k", "observation-noise=0.01"],
     "delay": ["--space", "starts+delay", *DELAYS],
     "sensing": ["--space", "starts+sensing"],
     "dynamics": ["--space", "starts+dynamics"],
@@ -59,7 +59,7 @@ GOALS = {
 def evaluate(program, task, controller, condition, episodes, seed):
     """Returns the figures of a controller under a condition."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [*program, "evaluate", task, "--controller", controller, "--episodes", str(episodes), "--seed", str(seed), "--no-control"]
+        command = [*program, "evaluate", task, "--controller", controller, "--episodes", str(episodes), "--seed", str(seed), "-k", "evaluate.control=false"]
         command += CONDITIONS[condition] + ["--json"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         if done.returncode != 0:

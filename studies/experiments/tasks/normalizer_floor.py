@@ -1,7 +1,7 @@
 """Writes a copy of a controller whose normalizer has a floor of the standard deviation. The weights stay the same.
 
     python studies/experiments/tasks/normalizer_floor.py controllers/ball-balancing/ppo.safetensors 0.01 floor.safetensors
-    mishandle evaluate ball-balancing --controller ./floor.safetensors --episodes 200 --seed 1 --observation-noise 0.01
+    mishandle evaluate ball-balancing --controller ./floor.safetensors --episodes 200 --seed 1 -k observation-noise=0.01
 
 Prints the inputs whose standard deviation in training is below the floor. If the copy succeeds under observation noise and
 the original does not, then the missing floor is the cause.

@@ -100,7 +100,7 @@ def axes(program, options):
                 try:
                     result = ask(
                         program, "evaluate", task, "--controller", file, "--space", "starts",
-                        "--axis", f"{axis['name']}={axis['low']}:{axis['high']}", "--no-control",
+                        "--axis", f"{axis['name']}={axis['low']}:{axis['high']}", "-k", "evaluate.control=false",
                         "--episodes", options.episodes, "--seed", options.seed,
                     )
                 except SystemExit as error:

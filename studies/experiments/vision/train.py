@@ -206,7 +206,7 @@ def main():
     if options.evaluate:
         found = program(
             options, "evaluate", options.task, "--controller", policy, "--episodes", options.evaluate,
-            "--no-control", "--out", options.out / "evaluation.sqlite", seed=9_000_000 + options.seed,
+            "-k", "evaluate.control=false", "--out", options.out / "evaluation.sqlite", seed=9_000_000 + options.seed,
         )
         note(round=number, evaluation=found["success_rate"], bytes=policy.stat().st_size)
     else:

@@ -102,22 +102,12 @@ impl Arguments {
             self.target.is_some() || self.plan.is_some(),
             "--rate needs a target: give --target TARGET or --plan FILE"
         );
-        let subject = flags::Subject {
-            target: self.target.clone(),
-            command: None,
-            controller: None,
-            guard: None,
-            space: self.space.clone(),
-            axes: flags::Axes { axis: Vec::new(), set: Vec::new() },
-            requirement: Vec::new(),
-            batch: None,
-            preset: None,
-            action_noise: self.action_noise,
-            observation_noise: None,
-            stochastic: false,
-            plan: self.plan.clone(),
-        };
-        Ok(BisectionTest::rate(flags::plan(&subject, &self.run)?, bar, self.episodes)?)
+        let mut planned = flags::Planned::new(&flags::Keys { keys: Vec::new(), plan: self.plan.clone() })?;
+        planned.flag("--target", "target", self.target.clone())?;
+        planned.flag("--space", "space", self.space.clone())?;
+        planned.flag("--action-noise", "action-noise", self.action_noise)?;
+        planned.number("--seed", "seed", self.run.seed)?;
+        Ok(BisectionTest::rate(planned.plan()?, bar, self.episodes)?)
     }
 
     /// Returns the command that asks the question, without the flags that do not change the result.

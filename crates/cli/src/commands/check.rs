@@ -8,6 +8,7 @@ use mishandle::Plan;
 use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check};
 use mishandle::plan::FalsifyPlan;
 use mishandle::requirements::{TEMPLATES, template};
+use mishandle::resolve::command_target;
 use mishandle::results::{Check, NOT_APPLICABLE, Severity};
 use mishandle_text::{path_text, plural, shell_quote};
 
@@ -39,6 +40,10 @@ of them could not be checked. docs/guide/check.md describes the file.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    /// Command of a simulator that is a program, such as 'python3 my_simulator.py', instead of a
+    /// target: it answers questions as lines of JSON (docs/reference/simulator_protocol.md)
+    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
+    pub command: Option<String>,
     /// TOML file with [[requirement]] tables (docs/guide/check.md)
     #[arg(long, alias = "formulas", value_name = "FILE", required_unless_present = "template")]
     pub requirements: Option<PathBuf>,
@@ -99,13 +104,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
     let path = command.requirements.as_deref().context("give --requirements FILE")?;
     let out = command.out.as_deref().context("give --out FOLDER")?;
-    ensure!(
-        command.subject.requirement.is_empty(),
-        "--requirement has no place here: write a [[requirement]] into {}",
-        path.display()
-    );
     let (file, text) = logs::requirement_file(path)?;
-    let first = flags::plan(&command.subject, &command.run)?;
+    let mut planned = flags::planned("check", &command.subject, &command.run)?;
+    planned.flag("--command", "target", command.command.as_deref().map(command_target))?;
+    let first = planned.plan()?;
     ensure!(first.requirements.is_empty(), "the plan has requirements: write them into {}", path.display());
     let subject = |plan: Plan| CheckSubject { plan, target: None };
     let further =
@@ -122,7 +124,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         trials: command.trials,
         budget: command.budget,
         search: command.search.as_deref().unwrap_or(&defaults.search),
-        batch: command.subject.batch.unwrap_or(defaults.batch),
+        batch: defaults.batch,
         fail_on: command.fail_on.severity(),
         allow_inapplicable: command.allow_inapplicable,
     };

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::plan::{ComparePlan, EvaluatePlan, Measure, Until};
+use mishandle::plan::{EvaluatePlan, Until};
 use mishandle::run::Engine;
 use mishandle::store::RunWriter;
 use mishandle::{Plan, ResolvedPlan};
@@ -47,20 +47,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
     /// Stop by itself, looking after each batch of pairs, at most after --episodes pairs: decided
-    /// (the interval of the difference excludes 0, or lies within --margin), or width=W. The
-    /// interval and the p-value hold at any time
+    /// (the interval of the difference excludes 0, or lies within -k compare.margin=D), or
+    /// width=W. The interval and the p-value hold at any time
     #[arg(long, value_name = "RULE", requires = "against")]
     pub until: Option<Until>,
-    /// With --until decided: the largest difference that counts as none, such as 0.02
-    #[arg(long, value_name = "D", requires = "against", value_parser = numbers::number("a number above 0", |margin| margin > 0.0 && margin.is_finite()))]
-    pub margin: Option<f64>,
-    /// Quantity that --until watches: success, or robustness (its mean, clipped to
-    /// --robustness-bounds) [default: success]
-    #[arg(long, value_name = "WHAT", requires = "against", value_parser = measure)]
-    pub measure: Option<Measure>,
-    /// With --measure robustness: bounds of the robustness; values beyond count as the bound
-    #[arg(long, value_name = "LOW:HIGH", requires = "against", allow_hyphen_values = true, value_parser = bounds)]
-    pub robustness_bounds: Option<[f64; 2]>,
     /// Continue the two run files of a comparison that stops by itself
     #[arg(long, requires = "second")]
     pub resume: bool,
@@ -79,22 +69,18 @@ pub struct Arguments {
 }
 
 /// Arguments of `compare` that two run files already determine.
-const COMPARED: [&str; 15] = [
+const COMPARED: [&str; 11] = [
     "controller",
     "space",
-    "preset",
+    "axis",
+    "guard",
     "action_noise",
-    "observation_noise",
-    "stochastic",
-    "batch",
+    "keys",
     "plan",
     "against",
     "episodes",
     "seed",
     "until",
-    "margin",
-    "measure",
-    "robustness_bounds",
 ];
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -144,18 +130,23 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 
 /// Evaluates both controllers. Returns `None` if a signal interrupts it.
 fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let evaluate = plan.evaluate.take().unwrap_or_default();
-    (plan.falsify, plan.risk) = (None, None);
-    plan.compare = compare_plan(command, plan.compare)?;
+    let mut planned = flags::planned("compare", &command.subject, &command.run)?;
+    planned.number("--episodes", "evaluate.episodes", command.episodes)?;
+    planned.flag("--until", "compare.until", command.until.map(String::from))?;
+    let has_rule = !planned.has_stated_in("compare") || planned.has("compare", "until");
+    let mut plan = planned.plan()?;
+    ensure!(
+        has_rule,
+        "the keys of the table compare need a rule that stops the comparison: give --until decided or --until width=W"
+    );
+    let Plan { evaluate, compare, .. } = plan.clone();
+    plan = Plan { compare, ..plan.without_questions() };
     plan.evaluate = Some(EvaluatePlan {
-        episodes: command.episodes.unwrap_or(evaluate.episodes),
-        batch: command.subject.batch.unwrap_or(evaluate.batch),
         // B stands beside A, and nothing here shows a control arm.
         control: false,
         until: None,
         rate: None,
-        ..evaluate
+        ..evaluate.unwrap_or_default()
     });
     let mut other = plan.clone();
     other.controller = command.against.clone().unwrap_or_default();
@@ -190,29 +181,6 @@ fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     }
     bar.clear();
     Ok(Some(paths))
-}
-
-/// Returns the rule of a comparison that stops by itself; `None` if it does not.
-fn compare_plan(command: &Arguments, given: Option<ComparePlan>) -> Result<Option<ComparePlan>> {
-    let other = [
-        ("--margin", command.margin.is_some()),
-        ("--measure", command.measure.is_some()),
-        ("--robustness-bounds", command.robustness_bounds.is_some()),
-    ];
-    let Some(until) = command.until.or(given.map(|given| given.until)) else {
-        let other = other.into_iter().find(|(_, is_given)| *is_given);
-        let (flag, _) = other.unwrap_or_default();
-        let rules = if flag == "--margin" { "decided" } else { "decided or --until width=W" };
-        ensure!(other.is_none(), "{flag} needs --until {rules}");
-        return Ok(None);
-    };
-    let given = given.unwrap_or_default();
-    Ok(Some(ComparePlan {
-        until,
-        measure: command.measure.unwrap_or(given.measure),
-        margin: command.margin.or(given.margin),
-        robustness_bounds: command.robustness_bounds.or(given.robustness_bounds),
-    }))
 }
 
 /// Runs both evaluations in step until the rule decides. Returns `false` if a signal interrupts
@@ -262,19 +230,4 @@ fn resume_pairs(paths: &[PathBuf; 2]) -> Result<bool> {
         Ok([(first, a), (second, b)]) => run_pairs([&first, &second], [a, b], &names, &bar),
         Err(_) => bail!("expected two run files"),
     }
-}
-
-/// Parses what a rule watches.
-fn measure(text: &str) -> std::result::Result<Measure, String> {
-    match text {
-        "success" => Ok(Measure::Success),
-        "robustness" => Ok(Measure::Robustness),
-        _ => Err("expected success or robustness".to_string()),
-    }
-}
-
-/// Parses `LOW:HIGH`.
-fn bounds(text: &str) -> std::result::Result<[f64; 2], String> {
-    let parsed = text.split_once(':').and_then(|(low, high)| Some([low.parse().ok()?, high.parse().ok()?]));
-    parsed.ok_or_else(|| "expected two numbers, such as -0.5:0.5".to_string())
 }

@@ -1,7 +1,7 @@
 use anyhow::{Result, ensure};
 use clap::Args;
 use mishandle::Plan;
-use mishandle::plan::{EvaluatePlan, StartRegion, Until};
+use mishandle::plan::Until;
 use mishandle::results::{CornerPoint, Evaluation};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
@@ -22,19 +22,17 @@ use crate::show::{evaluation, output};
   mishandle evaluate point-reaching --controller my_controller.safetensors --json
 
 In a space with other axes than initial states, the same starts and seeds are simulated with every
-other axis at nominal, too (the control arm): --no-control does without.")]
+other axis at nominal, too (the control arm): -k evaluate.control=false does without.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Number of random initial states; the corners and the center of the initial box are simulated
     /// as well. With --until, the largest number [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     #[arg(conflicts_with = "resume")]
     pub episodes: Option<u64>,
-    /// Region of the initial states: whole, or reachable (the part of the box from which the task
-    /// is feasible) [default: whole]
-    #[arg(long = "box", value_name = "PART", conflicts_with = "resume")]
-    pub starts: Option<String>,
     /// Stop by itself, looking after each batch: decided (the interval of the success rate lies on
     /// one side of --rate), or width=W (it is at most W wide, such as width=0.04). The interval
     /// holds at any time
@@ -43,11 +41,6 @@ pub struct Arguments {
     /// The success rate that --until decided decides about, such as 0.95
     #[arg(long, value_name = "R", conflicts_with = "resume", value_parser = numbers::number("a number above 0 and below 1", |rate| rate > 0.0 && rate < 1.0))]
     pub rate: Option<f64>,
-    /// Do not simulate the same starts and seeds with every other axis at nominal
-    #[arg(long, conflicts_with = "resume")]
-    pub no_control: bool,
-    #[command(flatten)]
-    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -79,7 +72,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     }
     if found.starts == "reachable" && !found.leaves_out_starts {
         output::message(
-            "note: no initial state was rejected as unreachable: --box whole gives the same result",
+            "note: no initial state was rejected as unreachable: -k evaluate.box=whole gives the same result",
         );
     }
     // Exit status 0 would say that the success rate was measured.
@@ -97,21 +90,10 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut evaluate = plan.evaluate.take().unwrap_or_default();
-    evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
-    evaluate.until = command.until.or(evaluate.until);
-    evaluate.rate = command.rate.or(evaluate.rate);
-    evaluate.control &= !command.no_control;
-    evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
-    if let Some(starts) = &command.starts {
-        evaluate.starts = match starts.as_str() {
-            "whole" => StartRegion::Whole,
-            "reachable" => StartRegion::Reachable,
-            other => anyhow::bail!("--box is `{other}`; it must be whole or reachable"),
-        };
-    }
-    plan.evaluate = Some(EvaluatePlan { ..evaluate });
-    plan.screening = command.screening.plan(plan.screening.take())?;
-    Ok(plan.only(RunKind::Evaluate))
+    let mut planned =
+        flags::planned("evaluate", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.number("--episodes", "evaluate.episodes", command.episodes)?;
+    planned.flag("--until", "evaluate.until", command.until.map(String::from))?;
+    planned.flag("--rate", "evaluate.rate", command.rate)?;
+    planned.question("evaluate")
 }

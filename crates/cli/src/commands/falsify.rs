@@ -1,6 +1,6 @@
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::plan::FalsifyPlan;
+use mishandle::Plan;
 use mishandle::results::{Answer, Falsification};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
@@ -21,20 +21,19 @@ use crate::show::{falsification, mode_survey, output};
   mishandle falsify ball-balancing --controller ppo --formula 'always[50:300](ball_speed <= 0.5)'
   mishandle falsify ball-balancing --controller ppo --space events
   mishandle falsify toy/car-following --space events+dynamics
-  mishandle falsify ball-balancing --controller ppo --search nelder-mead --search-option xatol=1e-6
-  mishandle falsify toy/pits --search portfolio --keep-going --trials 3 --budget 1000
+  mishandle falsify toy/needle --search nelder-mead -k falsify.options.xatol=1e-6
+  mishandle falsify toy/pits -k falsify.keep-going=true --trials 3 --budget 1000
   mishandle falsify --resume runs/RUN.sqlite
 
 Exit code 1 means that a counterexample was found.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Search algorithm, a name of `mishandle searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
-    /// Option of the search algorithm (repeatable); `mishandle searches SEARCH` lists them
-    #[arg(long = "search-option", value_name = "NAME=VALUE", value_parser = name_and_value, conflicts_with = "resume")]
-    pub search_options: Vec<(String, String)>,
     /// Requirement to violate: the name of a formula of the target (such as success or strict), or
     /// the text of a formula [default: the target's first formula, which is success for a task]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
@@ -47,51 +46,15 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// Simulate every scenario with this one random seed, so that robustness has no noise [default
-    /// without a number: the seed of the run; without the flag: a seed for each simulation]
-    #[arg(long, value_name = "N", num_args = 0..=1, require_equals = true, allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::integer::<u64>(flags::SEEDS), conflicts_with = "resume")]
-    pub fixed_seed: Option<Option<u64>>,
-    /// End simulations as soon as the search does not need the rest. The scenarios and violations
-    /// are the same, but a trial without a violation can have a lower bound as lowest robustness
-    #[arg(long, conflicts_with = "resume")]
-    pub early_stopping: bool,
-    /// Continue each trial after its first counterexample, to find other failure modes
-    #[arg(long, conflicts_with = "resume")]
-    pub keep_going: bool,
-    /// With --keep-going, end a trial when less than this fraction of its simulations finds a new
-    /// failure mode; 0 spends the whole budget [default: 0.01]
-    #[arg(long, value_name = "RATE", allow_negative_numbers = true, conflicts_with = "resume")]
-    pub new_mode_rate: Option<f64>,
-    /// Do not move the counterexample of each trial toward nominal to find the axes that cause it
-    /// (at most 30 simulations, or a tenth of a larger budget, and some more if it is on a bound)
-    /// [default with --keep-going]
-    #[arg(long, conflicts_with_all = ["resume", "isolate"])]
-    pub no_isolate: bool,
-    /// With --keep-going, move the first counterexample of each trial toward nominal
-    #[arg(long, conflicts_with = "resume")]
-    pub isolate: bool,
     /// If the target is random: number of simulations of each counterexample with other seeds,
     /// which measure how often it fails; at most as many in total as the run has; 0 skips this
     /// [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
     pub repeats: Option<u32>,
     #[command(flatten)]
-    pub screening: flags::Screening,
-    #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-/// Parses `NAME=VALUE`.
-fn name_and_value(text: &str) -> Result<(String, String), String> {
-    match text.split_once('=') {
-        Some((name, value)) if !name.trim().is_empty() => {
-            Ok((name.trim().to_string(), value.trim().to_string()))
-        }
-        _ => Err("expected NAME=VALUE, such as xatol=1e-6".to_string()),
-    }
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -148,38 +111,23 @@ fn add_repeats(answer: &mut Answer, resolved: &ResolvedPlan, repeats: Option<u32
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
-    falsify.search = command.search.clone().unwrap_or(falsify.search);
-    for (index, (name, value)) in command.search_options.iter().enumerate() {
-        let earlier = &command.search_options[..index];
-        ensure!(
-            earlier.iter().all(|(other, _)| other != name),
-            "--search-option {name} is given twice; give it once"
-        );
-        let value = mishandle::plan::search_option_value(&falsify.search, name, value);
-        falsify.options.set(name, value);
+    let mut planned =
+        flags::planned("falsify", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.flag("--search", "falsify.search", command.search.clone())?;
+    planned.flag("--formula", "falsify.formula", command.formula.clone())?;
+    planned.number("--trials", "falsify.trials", command.trials)?;
+    planned.number("--budget", "falsify.budget", command.budget)?;
+    let has_batch = planned.has_stated("falsify.batch");
+    let sets_rate = planned.has_stated("falsify.new-mode-rate");
+    let mut plan = planned.question("falsify")?;
+    let Plan { falsify: Some(falsify), screening, .. } = &mut plan else { bail!("the plan has no search") };
+    if let (false, Some(screening)) = (has_batch, screening) {
+        falsify.batch = screening.rows.min(*Plan::BATCH.end() as u32);
     }
-    falsify.formula = command.formula.clone().or(falsify.formula);
-    falsify.trials = command.trials.unwrap_or(falsify.trials);
-    falsify.budget = command.budget.unwrap_or(falsify.budget);
-    plan.screening = command.screening.plan(plan.screening.take())?;
-    falsify.batch = command.subject.batch.unwrap_or(match &plan.screening {
-        Some(screening) => screening.rows.min(*Plan::BATCH.end() as u32),
-        None => falsify.batch,
-    });
-    falsify.fixed_seed = command.fixed_seed.map(|seed| seed.unwrap_or(plan.seed)).or(falsify.fixed_seed);
-    falsify.early_stopping |= command.early_stopping;
-    falsify.keep_going |= command.keep_going;
     ensure!(
-        falsify.keep_going || command.new_mode_rate.is_none(),
-        "--new-mode-rate has no effect without --keep-going; give both"
+        falsify.keep_going || !sets_rate,
+        "falsify.new-mode-rate has no effect without falsify.keep-going; set both"
     );
-    falsify.new_mode_rate = command.new_mode_rate.unwrap_or(falsify.new_mode_rate);
-    if command.isolate || command.no_isolate {
-        falsify.isolate = Some(command.isolate);
-    }
     falsify.isolate_by_default();
-    plan.falsify = Some(falsify);
-    Ok(plan.only(RunKind::Falsify))
+    Ok(plan)
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
-use mishandle::plan::{DEVICES, HardenPlan};
+use mishandle::plan::HardenPlan;
 use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 use mishandle_text::{path_text, shell_quote};
@@ -27,7 +27,7 @@ use crate::show::{escape, hardening, output};
   mishandle harden --resume better.harden
 
 A round searches for failures in the space, trains the controller on them, and is accepted if the
-upper bound of the failure rate falls and no other measure gets worse (--allow names exceptions).
+upper bound of the failure rate falls and no other measure gets worse (-k harden.allow names exceptions).
 The final comparison uses scenarios and seeds that no search, training or decision used. Everything
 is in the folder beside --out: better.harden for better.safetensors. Exit code 0: a controller was
 accepted and written. 1: none was.
@@ -58,15 +58,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     pub settings: Option<String>,
     /// Command that trains the controller of a round, such as 'python train.py'
-    #[arg(long, value_name = "COMMAND", conflicts_with_all = ["settings", "device"])]
+    #[arg(long, value_name = "COMMAND", conflicts_with = "settings")]
     pub trainer: Option<String>,
-    /// Measure that may get worse; repeat the flag for several: success, strict, careful, noise,
-    /// corners
-    #[arg(long, value_name = "MEASURE")]
-    pub allow: Vec<String>,
-    /// Device of the training's physics: cpu or gpu [default: cpu]
-    #[arg(long, value_name = "NAME", hide_possible_values = true, value_parser = DEVICES)]
-    pub device: Option<String>,
     /// Continue the hardening of this folder
     #[arg(long, value_name = "FOLDER", conflicts_with_all = PLANNED)]
     pub resume: Option<PathBuf>,
@@ -75,12 +68,14 @@ pub struct Arguments {
 }
 
 /// Arguments that a resumed hardening takes from its plan.
-const PLANNED: [&str; 14] = [
+const PLANNED: [&str; 15] = [
     "target",
     "controller",
     "space",
     "axis",
-    "set",
+    "action_noise",
+    "guard",
+    "keys",
     "plan",
     "rounds",
     "steps",
@@ -88,7 +83,6 @@ const PLANNED: [&str; 14] = [
     "episodes",
     "settings",
     "trainer",
-    "allow",
     "seed",
 ];
 
@@ -126,21 +120,16 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut table = plan.harden.take().unwrap_or_default();
-    table.rounds = command.rounds.unwrap_or(table.rounds);
-    table.steps = command.steps.unwrap_or(table.steps);
-    table.budget = command.budget.unwrap_or(table.budget);
-    if let Some(episodes) = command.episodes {
-        (table.episodes, table.validation) = (episodes, episodes.div_ceil(2));
+    let mut planned = flags::planned("harden", &command.subject, &command.run)?;
+    planned.number("--rounds", "harden.rounds", command.rounds)?;
+    planned.number("--steps", "harden.steps", command.steps)?;
+    planned.number("--budget", "harden.budget", command.budget)?;
+    planned.number("--episodes", "harden.episodes", command.episodes)?;
+    if !planned.has_stated("harden.validation") {
+        let half = command.episodes.map(|episodes| episodes.div_ceil(2));
+        planned.number("--episodes", "harden.validation", half)?;
     }
-    table.settings = command.settings.clone().or(table.settings);
-    if command.trainer.is_some() {
-        (table.trainer, table.is_trainer_typed) = (command.trainer.clone(), true);
-    }
-    table.device = command.device.clone().unwrap_or(table.device);
-    if !command.allow.is_empty() {
-        table.allow.clone_from(&command.allow);
-    }
-    Ok(Plan { harden: Some(table), ..plan.without_questions() })
+    planned.flag("--settings", "harden.settings", command.settings.clone())?;
+    planned.flag("--trainer", "harden.trainer", command.trainer.clone())?;
+    planned.question("harden")
 }

@@ -25,6 +25,8 @@ disturbances that violate the formula may exist. Exit code 1 means that a violat
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the
     /// target's first formula]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
@@ -33,10 +35,6 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u64>,
-    /// Search once for each combination of categories, each time with the whole budget; otherwise
-    /// categories stay nominal
-    #[arg(long, conflicts_with = "resume")]
-    pub each_category: bool,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -67,14 +65,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    if command.subject.space.is_none() && command.subject.plan.is_none() {
-        plan.space = mishandle::falsification::Margin::SPACE.to_string();
-    }
-    let mut margin = plan.margin.take().unwrap_or_default();
-    margin.formula = command.formula.clone().or(margin.formula);
-    margin.budget = command.budget.unwrap_or(margin.budget);
-    margin.each_category |= command.each_category;
-    plan.margin = Some(margin);
-    Ok(plan.only(RunKind::Margin))
+    let mut planned =
+        flags::planned("margin", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.flag("--formula", "margin.formula", command.formula.clone())?;
+    planned.number("--budget", "margin.budget", command.budget)?;
+    planned.question("margin")
 }

@@ -4,7 +4,6 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::picture::CameraSettings;
 use mishandle::record::{ArchiveSettings, RecordSettings};
-use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 
 use crate::exit_status::ExitStatus;
@@ -30,6 +29,8 @@ noise and disturbances. The folder appears when it is complete.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Number of simulations [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
@@ -76,12 +77,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             share: command.archive_share.unwrap_or(ArchiveSettings::SHARE),
         }),
     };
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut evaluate = plan.evaluate.take().unwrap_or_default();
-    evaluate.episodes = command.episodes.unwrap_or(evaluate.episodes);
-    evaluate.batch = command.subject.batch.unwrap_or(evaluate.batch);
-    plan.evaluate = Some(evaluate);
-    let resolved = ResolvedPlan::new(&plan.only(RunKind::Evaluate))?;
+    let mut planned =
+        flags::planned("record", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.number("--episodes", "evaluate.episodes", command.episodes)?;
+    let resolved = ResolvedPlan::new(&planned.question("evaluate")?)?;
     let bar =
         Bar::new(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes), "simulations");
     run::stop_on_signals(&bar)?;

@@ -18,8 +18,8 @@ use crate::show::{output, risk};
 #[command(after_help = "Examples:
   mishandle risk toy/hidden-corner
   mishandle risk ball-balancing --controller ppo --simulations 100000
-  mishandle risk ball-balancing --controller ppo --distribution ball_x=normal:0.35:0.05
-  mishandle risk ball-balancing --controller ppo --action-noise 0.1 --space noise --method sequence
+  mishandle risk toy/sphere-2d -k risk.distributions.x=normal:0.3:0.05
+  mishandle risk ball-balancing --controller ppo --action-noise 0.1 -k risk.method=sequence
   mishandle risk --resume runs/RUN.sqlite
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
@@ -28,37 +28,20 @@ means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the
     /// target's first formula]
     #[arg(long, allow_hyphen_values = true, conflicts_with = "resume")]
     pub formula: Option<String>,
-    /// Distribution of an axis, for instance friction_scale=normal:1:0.1; repeat the flag for
-    /// several axes [default: the distribution that the axis declares, mostly uniform]
-    #[arg(long, value_name = "NAME=DISTRIBUTION", allow_hyphen_values = true, value_parser = distribution, conflicts_with = "resume")]
-    pub distribution: Vec<(String, String)>,
     /// Number of simulations [default: 50000]
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     #[arg(value_parser = numbers::integer::<u64>(RiskPlan::SIMULATIONS), conflicts_with = "resume")]
     pub simulations: Option<u64>,
-    /// Parts of the estimation besides Monte Carlo: auto (all), monte-carlo (none), importance,
-    /// splitting, or sequence, which chooses disturbances of actions from the state while a
-    /// simulation runs, for 37 axes and more [default: auto]
-    #[arg(long, value_name = "METHOD", conflicts_with = "resume")]
-    pub method: Option<String>,
-    #[command(flatten)]
-    pub screening: flags::Screening,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-/// Parses `NAME=DISTRIBUTION`.
-fn distribution(text: &str) -> Result<(String, String), String> {
-    let (name, distribution) = text
-        .split_once('=')
-        .ok_or("expected the name of an axis and a distribution, such as friction_scale=normal:1:0.1")?;
-    Ok((name.to_string(), distribution.to_string()))
 }
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
@@ -98,18 +81,9 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut risk = plan.risk.take().unwrap_or_default();
-    risk.formula = command.formula.clone().or(risk.formula);
-    risk.simulations = command.simulations.unwrap_or(risk.simulations);
-    risk.method = command.method.clone().unwrap_or(risk.method);
-    risk.batch = command.subject.batch.unwrap_or(risk.batch);
-    for (index, (name, distribution)) in command.distribution.iter().enumerate() {
-        let earlier = command.distribution[..index].iter().any(|(other, _)| other == name);
-        ensure!(!earlier, "the axis {name} has two distributions; give --distribution {name}=... once");
-        risk.distributions.insert(name.clone(), distribution.clone());
-    }
-    plan.risk = Some(risk);
-    plan.screening = command.screening.plan(plan.screening.take())?;
-    Ok(plan.only(RunKind::Risk))
+    let mut planned =
+        flags::planned("risk", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.flag("--formula", "risk.formula", command.formula.clone())?;
+    planned.number("--simulations", "risk.simulations", command.simulations)?;
+    planned.question("risk")
 }

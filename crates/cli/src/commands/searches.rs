@@ -52,7 +52,7 @@ fn page(entry: &SearchEntry) -> String {
         "Options: none".to_string()
     } else {
         format!(
-            "Options (set with `falsify --search-option NAME=VALUE` or in the table [falsify.options] of a plan)\n\
+            "Options (set with `falsify -k falsify.options.NAME=VALUE` or in [falsify.options] of a plan)\n\
              {}\n\n{}",
             options.join("\n"),
             wrapped(UNITS, output::width())

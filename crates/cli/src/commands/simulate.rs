@@ -2,10 +2,8 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
 use mishandle::inspect::Simulated;
-use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Axis, AxisValues, Scenario, Seed, Space};
 use mishandle::stl::is_violated;
-use mishandle::store::RunKind;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -25,6 +23,8 @@ Exit code 1 means that a simulation violated the formula.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Scenario: one value per axis of the space, or NAME=VALUE for some axes; the others are
     /// nominal [default: the nominal scenario]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
@@ -50,12 +50,10 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    let mut falsify: FalsifyPlan = plan.falsify.take().unwrap_or_default();
-    falsify.formula = command.formula.clone().or(falsify.formula);
-    plan.falsify = Some(falsify);
-    plan = plan.only(RunKind::Falsify);
-    let resolved = ResolvedPlan::new(&plan)?;
+    let mut planned =
+        flags::planned("simulate", &command.subject, &command.run)?.simulator(&command.simulator)?;
+    planned.flag("--formula", "falsify.formula", command.formula.clone())?;
+    let resolved = ResolvedPlan::new(&planned.question("falsify")?)?;
     output::warn_about(&resolved.specification.requirement);
     // Its errors say more than the end of a simulation that could not start.
     mishandle::resolve::contract_warnings(&resolved.plan)?;
@@ -65,7 +63,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     for axis in resolved.space.inactive(&given) {
         let value = given.get(axis);
         let axis = &resolved.space.axes()[axis];
-        // A value of --set is the nominal one.
+        // The value of a fixed axis is the nominal one.
         if value != axis.nominal || resolved.plan.axes.contains_key(&axis.name) {
             let needed: Vec<&str> = axis.conditions.iter().map(|needed| needed.axis.as_str()).collect();
             let name = &axis.name;

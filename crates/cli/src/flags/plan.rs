@@ -1,50 +1,43 @@
 //! The plan that flags describe.
 
-use anyhow::{Context, Result, bail, ensure};
-use mishandle::Plan;
+use anyhow::{Context, Result};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::plan::GuardPlan;
 use mishandle::resolve::command_target;
+use toml::Value;
 
-use super::{Run, Subject};
+use super::{Planned, Run, Simulator, Subject};
 
-/// Returns the plan that the flags describe: the plan of `--plan` or a new plan, with the values of
-/// the flags.
-pub fn plan(subject: &Subject, run: &Run) -> Result<Plan> {
-    let target = subject.command.as_deref().map(command_target).or_else(|| subject.target.clone());
-    let mut plan = match (&subject.plan, &target) {
-        (Some(path), _) => {
-            let text = read_text_bounded(path, limits::PLAN).with_context(|| path.display().to_string())?;
-            Plan::from_toml(&text).with_context(|| path.display().to_string())?
-        }
-        (None, Some(target)) => Plan::new(target, ""),
-        (None, None) => bail!("there is no target: name one, or give --plan FILE"),
-    };
-    let edit = |field: &mut String, flag: &Option<String>| {
-        if let Some(value) = flag {
-            field.clone_from(value);
-        }
-    };
-    if let Some(target) = target {
-        (plan.target, plan.folder, plan.is_typed) = (target, String::new(), true);
-    }
-    edit(&mut plan.space, &subject.space);
-    edit(&mut plan.controller, &subject.controller);
-    edit(&mut plan.preset, &subject.preset);
-    plan.axes.extend(subject.axes.settings()?);
-    for (name, formula) in &subject.requirement {
-        let earlier = plan.requirements.insert(name.clone(), formula.clone());
-        let is_once = subject.requirement.iter().filter(|(other, _)| other == name).count() == 1;
-        ensure!(earlier.is_none() || is_once, "the requirement {name} is given twice");
-    }
+/// Returns the plan of `--plan` or a new one, with the values of the shared flags and of the keys.
+/// `command` is the name of the command.
+pub fn planned(command: &str, subject: &Subject, run: &Run) -> Result<Planned> {
+    let mut planned = Planned::new(&subject.keys)?;
+    planned.flag("TARGET", "target", subject.target.clone())?;
+    planned.flag("--controller", "controller", subject.controller.clone())?;
     if let Some(path) = &subject.guard {
-        let text = read_text_bounded(path, limits::SETTINGS).with_context(|| path.display().to_string())?;
-        plan.guard = Some(GuardPlan::from_toml(&text).with_context(|| path.display().to_string())?);
+        let name = || path.display().to_string();
+        let text = read_text_bounded(path, limits::SETTINGS).with_context(name)?;
+        let guard = GuardPlan::from_toml(&text).with_context(name)?;
+        planned.table.insert("guard".to_string(), Value::try_from(guard)?);
     }
-    plan.action_noise = subject.action_noise.unwrap_or(plan.action_noise);
-    plan.observation_noise = subject.observation_noise.unwrap_or(plan.observation_noise);
-    plan.stochastic |= subject.stochastic;
-    plan.seed = run.seed.unwrap_or(plan.seed);
-    ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
-    Ok(plan)
+    planned.flag("--space", "space", subject.space.clone())?;
+    for (name, setting) in subject.axes.settings()? {
+        planned.flag(&format!("--axis {name}"), &format!("axes.{name}"), Some(Value::try_from(setting)?))?;
+    }
+    planned.flag("--action-noise", "action-noise", subject.action_noise)?;
+    planned.number("--seed", "seed", run.seed)?;
+    planned.assign(&subject.keys.keys, command)?;
+    Ok(planned)
+}
+
+impl Planned {
+    /// Adds the command of a simulator, and requirements.
+    pub fn simulator(mut self, flags: &Simulator) -> Result<Planned> {
+        self.flag("--command", "target", flags.command.as_deref().map(command_target))?;
+        for (name, formula) in &flags.requirement {
+            let key = format!("requirements.{name}");
+            self.flag(&format!("--requirement {name}"), &key, Some(formula.clone()))?;
+        }
+        Ok(self)
+    }
 }

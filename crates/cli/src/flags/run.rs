@@ -50,18 +50,15 @@ pub struct OpenRun {
 
 /// Arguments of all commands that a resumed run takes from its own plan. The path of the controller
 /// is not among them.
-const PLANNED: [&str; 14] = [
+const PLANNED: [&str; 11] = [
     "target",
     "command",
     "space",
     "axis",
-    "set",
-    "preset",
+    "requirement",
     "action_noise",
-    "observation_noise",
-    "stochastic",
     "guard",
-    "batch",
+    "keys",
     "plan",
     "out",
     "seed",

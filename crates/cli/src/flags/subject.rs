@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::Plan;
-use mishandle::plan::AxisSetting;
-use mishandle::rollout::{Interval, Noise};
+use mishandle::plan::{AxisSetting, axis_setting};
+use mishandle::rollout::Noise;
 
-use super::numbers::{integer, number};
+use super::Keys;
+use super::numbers::number;
 
 /// Standard deviations of noise.
 const NOISE: &str = "a number from 0 to 10, such as 0.5";
@@ -24,10 +24,6 @@ pub struct Subject {
     /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a
     /// target file (.toml)
     pub target: Option<String>,
-    /// Command of a simulator that is a program, such as 'python3 my_simulator.py', instead of a
-    /// target: it answers questions as lines of JSON (docs/reference/simulator_protocol.md)
-    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
-    pub command: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped
     /// controller such as ppo or expert
     #[arg(long, value_name = "C")]
@@ -42,53 +38,45 @@ pub struct Subject {
     pub space: Option<String>,
     #[command(flatten)]
     pub axes: Axes,
+    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1];
+    /// from 0 to 10 [default: 0]
+    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
+    pub action_noise: Option<f64>,
+    #[command(flatten)]
+    pub keys: Keys,
+}
+
+/// Flags of commands that also take a simulator's command and requirements.
+#[derive(Debug, Args)]
+pub struct Simulator {
+    /// Command of a simulator that is a program, such as 'python3 my_simulator.py', instead of a
+    /// target: it answers questions as lines of JSON (docs/reference/simulator_protocol.md)
+    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
+    pub command: Option<String>,
     /// Requirement with a name: the name of a formula of the target, or a text; repeat the flag for
     /// several. Each has a result of its own from the same simulations, and a search tries to
     /// violate any of them
     #[arg(long, value_name = "NAME=FORMULA", allow_hyphen_values = true, value_parser = named_formula)]
     pub requirement: Vec<(String, String)>,
-    /// Batch size: number of simulations run at once [default: 64]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(Plan::BATCH))]
-    pub batch: Option<u32>,
-    /// Task preset: initial box and formulas of the benchmark's `paper` or of its `code` [default:
-    /// paper]
-    #[arg(long)]
-    pub preset: Option<String>,
-    /// Standard deviation of the Gaussian noise on each action, added after clipping to [-1, 1];
-    /// from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
-    pub action_noise: Option<f64>,
-    /// Standard deviation of the Gaussian noise on each observation, from 0 to 10 [default: 0]
-    #[arg(long, value_name = "STD", allow_negative_numbers = true, value_parser = number(NOISE, is_noise))]
-    pub observation_noise: Option<f64>,
-    /// Sample actions from the policy instead of taking the mean action
-    #[arg(long)]
-    pub stochastic: bool,
-    /// Read a plan (TOML); other flags override it
-    #[arg(long, value_name = "FILE")]
-    pub plan: Option<PathBuf>,
 }
 
 /// Flags that set single axes.
 #[derive(Debug, Args)]
 pub struct Axes {
-    /// Vary this axis only from LOW to HIGH, or within '[LOW, HIGH)' without HIGH; repeat the flag
-    /// for several axes. An axis outside of the space is added to it
-    #[arg(long, value_name = "NAME=LOW:HIGH", allow_hyphen_values = true, value_parser = axis_range)]
+    /// Vary this axis only from LOW to HIGH, or within '[LOW, HIGH)' without HIGH, or fix it at a
+    /// value or at a category; repeat the flag for several axes. An axis outside of the space is
+    /// added to it
+    #[arg(long, value_name = "NAME=LOW:HIGH|VALUE", allow_hyphen_values = true, value_parser = axis)]
     pub axis: Vec<(String, AxisSetting)>,
-    /// Fix this axis at a value, or at a category; repeat the flag for several axes. It may be
-    /// outside of the space
-    #[arg(long, value_name = "NAME=VALUE", allow_hyphen_values = true, value_parser = axis_value)]
-    pub set: Vec<(String, AxisSetting)>,
 }
 
 impl Axes {
     /// Returns the settings of axes, each of which may be given once.
     pub fn settings(&self) -> Result<BTreeMap<String, AxisSetting>> {
         let mut settings = BTreeMap::new();
-        for (name, setting) in self.axis.iter().chain(&self.set) {
+        for (name, setting) in &self.axis {
             let earlier = settings.insert(name.clone(), setting.clone());
-            ensure!(earlier.is_none(), "the axis {name} is set twice; give one --axis or one --set for it");
+            ensure!(earlier.is_none(), "the axis {name} is set twice; give one --axis for it");
         }
         Ok(settings)
     }
@@ -105,32 +93,11 @@ pub fn named_formula(text: &str) -> std::result::Result<(String, String), String
     }
 }
 
-/// Parses `NAME=LOW:HIGH` and `NAME=[LOW, HIGH)`.
-fn axis_range(text: &str) -> std::result::Result<(String, AxisSetting), String> {
-    let parsed = text.split_once('=').and_then(|(name, range)| {
-        if range.parse::<Interval>().is_ok() {
-            return Some((name.to_string(), AxisSetting::Text(range.to_string())));
-        }
-        let (low, high) = range.split_once(':')?;
-        Some((name.to_string(), AxisSetting::Range([low.parse().ok()?, high.parse().ok()?])))
-    });
-    let expected = "expected the name of an axis and two numbers with decimal points, such as ball_x=0.2:0.3";
+/// Parses `NAME=LOW:HIGH`, `NAME=[LOW, HIGH)` and `NAME=VALUE`.
+fn axis(text: &str) -> std::result::Result<(String, AxisSetting), String> {
+    let parsed =
+        text.split_once('=').and_then(|(name, setting)| Some((name.to_string(), axis_setting(setting)?)));
+    let expected =
+        "expected the name of an axis and a range or a value, such as ball_x=0.2:0.3 or action_delay=2";
     parsed.ok_or_else(|| expected.to_string())
-}
-
-/// Parses `NAME=VALUE`.
-fn axis_value(text: &str) -> std::result::Result<(String, AxisSetting), String> {
-    let (name, value) = text
-        .split_once('=')
-        .filter(|(_, value)| !value.is_empty())
-        .ok_or("expected the name of an axis and a value, such as action_delay=2")?;
-    let is_number = |text: &str| text.parse::<f64>().is_ok();
-    let is_range = value.split_once(':').is_some_and(|(low, high)| is_number(low) && is_number(high));
-    if is_range || value.parse::<Interval>().is_ok() {
-        return Err(format!("expected one value, found a range; give --axis {name}={value}"));
-    }
-    // `nan` is the name of a category of lost samples, and no axis has it as a number.
-    let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
-    let setting = number.map_or_else(|| AxisSetting::Text(value.to_string()), AxisSetting::Value);
-    Ok((name.to_string(), setting))
 }

@@ -42,7 +42,9 @@ fn categories_text(found: &Margin) -> String {
     }
     let chosen = category_names(&found.categories);
     if found.each_category.is_empty() {
-        return format!("numbers vary, categories stay: {chosen}; --each-category searches each of them\n");
+        return format!(
+            "numbers vary, categories stay: {chosen}; -k margin.each-category=true searches each of them\n"
+        );
     }
     let header = ["categories", "simulations", "smallest amplitude", "no violation up to"].map(String::from);
     let row = |each: &CategoryMargin| {

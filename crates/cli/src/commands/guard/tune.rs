@@ -29,6 +29,8 @@ threshold. The same command continues an interrupted tuning.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
+    #[command(flatten)]
+    pub simulator: flags::Simulator,
     /// Requirement whose violation is a failure: the name or the text of a formula [default: the
     /// first formula of the target]
     #[arg(long, value_name = "F")]
@@ -60,10 +62,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bar.set_note(progress.phase.to_string());
         control_flow()
     };
-    let mut plan = flags::plan(&command.subject, &command.run)?;
-    if let (Some(evaluate), Some(batch)) = (&mut plan.evaluate, command.subject.batch) {
-        evaluate.batch = batch;
-    }
+    let plan =
+        flags::planned("guard", &command.subject, &command.run)?.simulator(&command.simulator)?.plan()?;
     let defaults = TuneSettings::default();
     let settings = TuneSettings {
         episodes: command.episodes.unwrap_or(defaults.episodes),

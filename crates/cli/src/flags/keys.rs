@@ -1,0 +1,239 @@
+//! Keys of plans on the command line: `-k KEY=VALUE`, and the plan that they, `--plan` and the
+//! flags describe together.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use clap::builder::{PossibleValue, TypedValueParser};
+use mishandle::Plan;
+use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::{Key, Values, keys, set, set_value};
+use toml::{Table, Value};
+
+/// Keys of a plan that stand outside of its tables.
+const TOP: &str = "";
+
+/// Tables and single keys of plans that a command reads.
+const TABLES: [(&str, &[&str]); 10] = [
+    ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening"]),
+    ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening"]),
+    ("margin", &[TOP, "axes", "requirements", "guard", "margin"]),
+    ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening"]),
+    ("check", &[TOP, "axes", "guard"]),
+    ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare"]),
+    ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
+    ("harden", &[TOP, "axes", "guard", "harden"]),
+    ("guard", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+    ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+];
+
+/// Returns the tables and keys that a command reads.
+pub fn tables(command: &str) -> &'static [&'static str] {
+    TABLES.iter().find(|(name, _)| *name == command).map_or(&[], |(_, tables)| tables)
+}
+
+/// Returns whether a key is one of these tables or stands in one.
+fn is_within(key: &str, tables: &[&str]) -> bool {
+    let table = key.split_once('.').map_or(TOP, |(table, _)| table);
+    tables.iter().any(|known| *known == table || *known == key)
+}
+
+/// Flags that set keys of a plan.
+#[derive(Debug, Args)]
+pub struct Keys {
+    /// Set a key of the plan; repeat the flag for several. Text stands as it is, other values are
+    /// TOML
+    #[arg(short = 'k', value_name = "KEY=VALUE", allow_hyphen_values = true, value_parser = assignment)]
+    #[arg(hide_possible_values = true)]
+    pub keys: Vec<Assignment>,
+    /// Read a plan (TOML); flags and keys override it
+    #[arg(long, value_name = "FILE")]
+    pub plan: Option<PathBuf>,
+}
+
+/// The assignment of a text to a key.
+#[derive(Clone, Debug)]
+pub struct Assignment {
+    pub key: String,
+    pub text: String,
+}
+
+fn assignment(text: &str) -> Result<Assignment, String> {
+    match text.split_once('=') {
+        Some((key, text)) if !key.trim().is_empty() => {
+            Ok(Assignment { key: key.trim().to_string(), text: text.to_string() })
+        }
+        _ => Err("expected KEY=VALUE, such as falsify.early-stopping=true".to_string()),
+    }
+}
+
+/// Parses an assignment, and offers the keys of a command for completion.
+#[derive(Clone)]
+pub struct KeyParser(pub &'static [&'static str]);
+
+impl KeyParser {
+    fn keys(&self) -> impl Iterator<Item = &'static Key> {
+        let tables = self.0;
+        keys().iter().filter(move |key| is_within(&key.name, tables))
+    }
+
+    /// Returns a line for each key: its name, its default and its allowed values.
+    pub fn help(&self) -> String {
+        let column = self.keys().map(|key| key.name.len()).max().unwrap_or(0);
+        let line = |key: &Key| {
+            let default = key.default.as_ref().map(|default| format!(" [default: {default}]"));
+            format!("  {:column$}  {}{}", key.name, key.allowed, default.unwrap_or_default())
+        };
+        self.keys().map(line).collect::<Vec<_>>().join("\n")
+    }
+}
+
+impl TypedValueParser for KeyParser {
+    type Value = Assignment;
+
+    fn parse_ref(
+        &self,
+        command: &clap::Command,
+        argument: Option<&clap::Arg>,
+        value: &std::ffi::OsStr,
+    ) -> Result<Assignment, clap::Error> {
+        assignment.parse_ref(command, argument, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        let value = |key: &Key| {
+            let about = key.doc.trim().lines().next().unwrap_or_default().trim().to_string();
+            // The parser wants names that live as long as the program, which asks once.
+            PossibleValue::new(&*format!("{}=", key.name).leak()).help(about)
+        };
+        Some(Box::new(self.keys().map(value)))
+    }
+}
+
+/// A plan in the making: a table, and who has stated each of its keys.
+#[derive(Debug)]
+pub struct Planned {
+    pub table: Table,
+    /// Flag or assignment that set a key.
+    stated: BTreeMap<String, String>,
+    /// Assignments of search options, whose type depends on the search.
+    options: Vec<Assignment>,
+}
+
+impl Planned {
+    /// Reads the file of a plan.
+    pub fn new(flags: &Keys) -> Result<Planned> {
+        let table = match &flags.plan {
+            Some(path) => {
+                let name = || path.display().to_string();
+                let text = read_text_bounded(path, limits::PLAN).with_context(name)?;
+                mishandle::plan::table(&text, Values::One).with_context(name)?
+            }
+            None => Table::new(),
+        };
+        Ok(Planned { table, stated: BTreeMap::new(), options: Vec::new() })
+    }
+
+    /// Sets the keys of a command.
+    pub fn assign(&mut self, assignments: &[Assignment], command: &str) -> Result<()> {
+        for Assignment { key, text } in assignments {
+            check_table(key, command)?;
+            self.state(key, &format!("-k {key}={text}"))?;
+            if key.starts_with("falsify.options.") {
+                self.options.push(Assignment { key: key.clone(), text: text.clone() });
+            } else {
+                set(&mut self.table, key, text, Values::One)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sets a key to the value of a flag, if the flag is given.
+    pub fn flag(&mut self, flag: &str, key: &str, value: Option<impl Into<Value>>) -> Result<()> {
+        if let Some(value) = value {
+            self.state(key, flag)?;
+            set_value(&mut self.table, key, value.into())?;
+        }
+        Ok(())
+    }
+
+    /// As [`Planned::flag`] for an integer.
+    pub fn number(&mut self, flag: &str, key: &str, value: Option<impl Into<u64>>) -> Result<()> {
+        // Integers of TOML end at 2⁶³ - 1. Seeds above are texts.
+        let value = value.map(|number| {
+            let number = number.into();
+            i64::try_from(number).map_or_else(|_| Value::String(number.to_string()), Value::Integer)
+        });
+        self.flag(flag, key, value)
+    }
+
+    /// Notes who states a key.
+    fn state(&mut self, key: &str, who: &str) -> Result<()> {
+        match self.stated.insert(key.to_string(), who.to_string()) {
+            Some(earlier) => bail!("{key} is set twice, by {earlier} and by {who}; set it once"),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns whether a flag or an assignment stated a key.
+    pub fn has_stated(&self, key: &str) -> bool {
+        self.stated.contains_key(key)
+    }
+
+    /// Returns whether an assignment stated a key of a table.
+    pub fn has_stated_in(&self, table: &str) -> bool {
+        self.stated.keys().any(|key| key.strip_prefix(table).is_some_and(|key| key.starts_with('.')))
+    }
+
+    /// Returns whether the plan has a key of a table.
+    pub fn has(&self, table: &str, key: &str) -> bool {
+        self.table.get(table).and_then(Value::as_table).is_some_and(|table| table.contains_key(key))
+    }
+
+    /// Returns the plan of one question, whose table has its defaults if nothing sets its keys.
+    pub fn question(mut self, question: &str) -> Result<Plan> {
+        let others = ["evaluate", "compare", "falsify", "margin", "metamorphic", "risk", "harden"];
+        self.table.retain(|name, _| !others.contains(&name) || name == question);
+        self.table.entry(question).or_insert_with(|| Value::Table(Table::new()));
+        self.plan()
+    }
+
+    /// Returns the plan with all of its tables.
+    pub fn plan(mut self) -> Result<Plan> {
+        for Assignment { key, text } in &self.options {
+            set(&mut self.table, key, text, Values::One)?;
+        }
+        let is_typed = self.has_stated("target");
+        if is_typed && !self.has_stated("folder") {
+            self.table.remove("folder");
+        }
+        let is_trainer_typed = self.has_stated("harden.trainer");
+        let mut plan = Plan::from_toml(&self.table.to_string())?;
+        plan.is_typed = is_typed;
+        if let Some(harden) = &mut plan.harden {
+            harden.is_trainer_typed = is_trainer_typed;
+        }
+        ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
+        Ok(plan)
+    }
+}
+
+/// Checks that a command reads a key.
+fn check_table(key: &str, command: &str) -> Result<()> {
+    let tables = tables(command);
+    // An unknown key gets a better error than one of another command.
+    let is_known = keys().iter().any(|known| {
+        known.name == key || key.strip_prefix(&known.name).is_some_and(|rest| rest.starts_with('.'))
+    });
+    if !is_known || is_within(key, tables) {
+        return Ok(());
+    }
+    let table = key.split_once('.').map_or(TOP, |(table, _)| table);
+    let known: Vec<&str> = tables.iter().copied().filter(|table| !table.is_empty()).collect();
+    bail!(
+        "{key} is a key of the table {table}, which `mishandle {command}` does not read; it reads {}",
+        known.join(", ")
+    )
+}

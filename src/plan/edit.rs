@@ -1,0 +1,216 @@
+//! Edits of plans: one key gets one value, from the words of a command line or from a program.
+
+use mishandle_rollout::Interval;
+use serde::Deserialize;
+use toml::de::{DeTable, DeValue, ValueDeserializer};
+use toml::{Spanned, Table, Value};
+
+use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys};
+use super::read::may_be_list;
+use super::search_options::{TomlValue, search_option_value};
+use super::{AxisSetting, FalsifyPlan};
+use crate::error::MishandleError;
+
+/// Tables whose keys are chosen by the user: their entries are the keys to set.
+const MAPS: [&str; 5] = [RELATIONS, DISTRIBUTIONS, OPTIONS, REQUIREMENTS, AXES];
+
+/// Whether a list of values makes a grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Values {
+    /// A key has one value.
+    One,
+    /// A list is a list of values, except for keys that are lists.
+    Lists,
+}
+
+/// Sets a key of the table of a plan by a text: a key of text takes it as it stands, any other key
+/// takes TOML, and an integer also `1e6`.
+///
+/// A search option has the type that the search in the table gives it.
+///
+/// # Errors
+/// If there is no such key, or the text is not a value of it.
+///
+/// # Example
+/// ```
+/// use mishandle::plan::{Values, set};
+/// let mut plan = toml::Table::new();
+/// set(&mut plan, "falsify.budget", "1e3", Values::One)?;
+/// set(&mut plan, "falsify.formula", "always(x <= 1)", Values::One)?;
+/// set(&mut plan, "axes.ball_x", "0.2:0.3", Values::One)?;
+/// assert_eq!(plan["falsify"]["budget"].as_integer(), Some(1000));
+/// assert!(set(&mut plan, "falsify.budget", "many", Values::One).is_err());
+/// assert!(set(&mut plan, "falsify.bugdet", "1", Values::One).is_err());
+/// # Ok::<(), mishandle::MishandleError>(())
+/// ```
+pub fn set(table: &mut Table, key: &str, text: &str, values: Values) -> Result<(), MishandleError> {
+    let place = place(key)?;
+    let value = match place.entry() {
+        Some((AXES, _)) => axis_value(text),
+        Some((OPTIONS, name)) => {
+            let falsify = table.get("falsify").and_then(|falsify| falsify.get("search"));
+            let default = FalsifyPlan::default().search;
+            let search = falsify.and_then(Value::as_str).unwrap_or(&default);
+            let value = TomlValue::from(search_option_value(search, name, text));
+            Value::try_from(value).ok()
+        }
+        Some(_) => Some(Value::String(text.to_string())),
+        None => value_of(place.key, text, values),
+    };
+    let value = value.ok_or_else(|| place.wrong(text))?;
+    place.write(table, value)
+}
+
+/// As [`set`], by a value that has a type already. In the name of the key, `_` is as good as `-`.
+///
+/// # Errors
+/// As [`set`].
+pub fn set_value(table: &mut Table, key: &str, value: Value) -> Result<(), MishandleError> {
+    let key = match MAPS.iter().find(|map| key.starts_with(&format!("{map}."))) {
+        Some(_) => key.to_string(),
+        None => key.replace('_', "-"),
+    };
+    let place = place(&key)?;
+    let text = value.to_string();
+    if place.entry().is_none() && !reads(place.key, &text) {
+        return Err(place.wrong(&text));
+    }
+    place.write(table, value)
+}
+
+/// A key, and where it stands in the table of a plan.
+struct Place<'a> {
+    name: &'a str,
+    key: &'static Key,
+    /// Tables and key.
+    path: Vec<&'a str>,
+}
+
+impl<'a> Place<'a> {
+    /// Returns the table whose keys the user chooses and the key in it, if it stands in one.
+    fn entry(&self) -> Option<(&'static str, &'a str)> {
+        let table: &'static str = self.key.name.as_str();
+        let entry = self.name.strip_prefix(table)?.strip_prefix('.')?;
+        Some((table, entry))
+    }
+
+    fn wrong(&self, found: &str) -> MishandleError {
+        let expected = match self.entry() {
+            Some((AXES, _)) => "a number, a range such as 0.2:0.3, an interval such as [0, 1), or a category",
+            Some((OPTIONS, _)) => super::read::OPTION,
+            _ => self.key.allowed,
+        };
+        let found = super::read::shortened(found);
+        let key = self.name.to_string();
+        MishandleError::KeyValue { key, found, expected: expected.to_string() }
+    }
+
+    fn write(&self, table: &mut Table, value: Value) -> Result<(), MishandleError> {
+        let (last, tables) = self.path.split_last().unwrap_or((&"", &[]));
+        let mut within = table;
+        for name in tables {
+            let entry = within.entry(*name).or_insert_with(|| Value::Table(Table::new()));
+            within = entry.as_table_mut().ok_or_else(|| self.wrong("below a key that is no table"))?;
+        }
+        if self.key.name == OPTIONS {
+            // `max_iterations` and `max-iterations` are the same option.
+            within.retain(|name, _| name.replace('_', "-") != last.replace('_', "-"));
+        }
+        within.insert((*last).to_string(), value);
+        Ok(())
+    }
+}
+
+/// Finds a key.
+fn place(name: &str) -> Result<Place<'_>, MishandleError> {
+    let unknown = || {
+        let known = keys().iter().map(|key| key.name.as_str()).collect();
+        MishandleError::UnknownKey { key: name.to_string(), known }
+    };
+    let entry = MAPS.iter().find_map(|map| Some((*map, name.strip_prefix(map)?.strip_prefix('.')?)));
+    let Some((map, entry)) = entry.filter(|(_, entry)| !entry.is_empty()) else {
+        let key = find(name).filter(|key| !MAPS.contains(&key.name.as_str())).ok_or_else(unknown)?;
+        return Ok(Place { name, key, path: name.splitn(2, '.').collect() });
+    };
+    let key = find(map).ok_or_else(unknown)?;
+    let mut path: Vec<&str> = map.split('.').collect();
+    if map == RELATIONS {
+        // The name of a relation, and what it says.
+        let change = entry.split_once(".change.").map(|(relation, axis)| vec![relation, "change", axis]);
+        let holds = || entry.strip_suffix(".holds").map(|relation| vec![relation, "holds"]);
+        path.extend(change.or_else(holds).ok_or_else(unknown)?);
+    } else {
+        path.push(entry);
+    }
+    Ok(Place { name, key, path })
+}
+
+/// Returns the value of a text for a key.
+fn value_of(key: &Key, text: &str, values: Values) -> Option<Value> {
+    if values == Values::Lists
+        && may_be_list(&key.name)
+        && text.starts_with('[')
+        && let Some(Value::Array(items)) = parsed(text)
+        && items.iter().all(|item| reads(key, &item.to_string()))
+    {
+        return Some(Value::Array(items));
+    }
+    if (key.reads)(&Spanned::new(0..0, DeValue::String(text.into()))) {
+        return Some(Value::String(text.to_string()));
+    }
+    let value = if reads(key, text) { parsed(text) } else { None };
+    value.or_else(|| {
+        let number = mishandle_text::parse_integer(text).ok()?;
+        reads(key, &number.to_string()).then(|| i64::try_from(number).ok().map(Value::Integer))?
+    })
+}
+
+/// Returns whether a text in TOML is a value of a key.
+fn reads(key: &Key, text: &str) -> bool {
+    let document = format!("value = {text}");
+    let stated = DeTable::parse(&document);
+    stated.is_ok_and(|table| {
+        let table = table.get_ref();
+        table.len() == 1 && table.get("value").is_some_and(|value| (key.reads)(value))
+    })
+}
+
+/// Parses a value in TOML.
+fn parsed(text: &str) -> Option<Value> {
+    let document = format!("value = {text}");
+    let table = DeTable::parse(&document).ok()?;
+    let value = table.get_ref().get("value").filter(|_| table.get_ref().len() == 1)?.clone();
+    Value::deserialize(ValueDeserializer::from(value)).ok()
+}
+
+/// Parses the value of an axis: `LOW:HIGH`, an interval, a number, or the name of a category.
+///
+/// # Example
+/// ```
+/// use mishandle::plan::{AxisSetting, axis_setting};
+/// assert_eq!(axis_setting("0.2:0.3"), Some(AxisSetting::Range([0.2, 0.3])));
+/// assert_eq!(axis_setting("2"), Some(AxisSetting::Value(2.0)));
+/// assert_eq!(axis_setting("steel"), Some(AxisSetting::Text("steel".into())));
+/// assert_eq!(axis_setting(""), None);
+/// ```
+pub fn axis_setting(text: &str) -> Option<AxisSetting> {
+    let text = text.trim();
+    if text.is_empty() {
+        return None;
+    }
+    if text.parse::<Interval>().is_ok() {
+        return Some(AxisSetting::Text(text.to_string()));
+    }
+    if let Some((low, high)) = text.split_once(':')
+        && let (Ok(low), Ok(high)) = (low.trim().parse(), high.trim().parse())
+    {
+        return Some(AxisSetting::Range([low, high]));
+    }
+    // `nan` is the name of a category of lost samples, and no axis has it as a number.
+    let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+    Some(number.map_or_else(|| AxisSetting::Text(text.to_string()), AxisSetting::Value))
+}
+
+fn axis_value(text: &str) -> Option<Value> {
+    Value::try_from(axis_setting(text)?).ok()
+}

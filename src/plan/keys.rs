@@ -1,0 +1,135 @@
+//! The keys of plans: name, description, default and allowed values of each.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeValue, ValueDeserializer};
+
+use super::seed::SeedValue;
+use super::{
+    ComparePlan, EvaluatePlan, FalsifyPlan, GuardPlan, HardenPlan, MarginPlan, MetamorphicPlan, Plan,
+    RiskPlan, ScreeningPlan,
+};
+
+/// Table whose keys are the options of any search.
+pub(super) const OPTIONS: &str = "falsify.options";
+
+/// Table whose keys are names of axes.
+pub(super) const AXES: &str = "axes";
+
+/// Table whose keys are names of requirements, and whose values are formulas.
+pub(super) const REQUIREMENTS: &str = "requirements";
+
+/// Table whose keys are names of axes, and whose values are distributions.
+pub(super) const DISTRIBUTIONS: &str = "risk.distributions";
+
+/// Table whose keys are names of relations, each of which is a table.
+pub(super) const RELATIONS: &str = "metamorphic.relations";
+
+/// Allowed values of keys of several tables.
+pub(super) const BOOLEAN: &str = "true or false";
+pub(super) const FORMULA: &str = "a string, such as \"strict\"";
+pub(super) const BATCH: &str = "an integer from 1 to 65536";
+pub(super) const BUDGET: &str = "an integer from 1 to 1000000";
+pub(super) const EPISODES: &str = "an integer from 1 to 1000000000";
+pub(super) const SIMULATIONS: &str = "an integer from 100 to 1000000000";
+pub(super) const SHARE: &str = "a number from 0 to 1";
+pub(super) const NOISE: &str = "a number from 0 to 10";
+pub(super) const UNTIL: &str = "\"decided\", or a width above 0, such as \"width=0.04\"";
+pub(super) const SEED: &str = "an integer from 0 to 18446744073709551615; above 2^63 - 1 as a string";
+
+/// A key of a plan.
+#[derive(Clone, Debug)]
+pub struct Key {
+    /// Table and key, such as `falsify.budget`.
+    pub name: String,
+    /// Description.
+    pub doc: &'static str,
+    /// The default as TOML, if the key has one.
+    pub default: Option<String>,
+    /// Allowed values, in words.
+    pub allowed: &'static str,
+    /// Returns whether a value has the right type. Ranges are checked later, when the whole plan is
+    /// known.
+    pub(super) reads: fn(&Spanned<DeValue<'_>>) -> bool,
+}
+
+impl Key {
+    /// Adds the name of the field and its description.
+    pub(super) fn named(self, field: &str, doc: &'static str) -> Key {
+        Key { name: field.replace('_', "-"), doc, ..self }
+    }
+
+    /// Completes the key of a field: its name with the table, and its default.
+    pub(super) fn in_table(mut self, table: &str, defaults: &toml::Table) -> Key {
+        self.default = defaults.get(&self.name).map(ToString::to_string);
+        self.name = if table.is_empty() { self.name } else { format!("{table}.{}", self.name) };
+        self
+    }
+}
+
+/// Returns the key of a field of a type, without what identifies it.
+pub(super) fn key<T: DeserializeOwned>(allowed: &'static str) -> Key {
+    Key { name: String::new(), doc: "", default: None, allowed, reads: reads::<T> }
+}
+
+/// Returns whether a value has a type.
+pub(super) fn reads<T: DeserializeOwned>(value: &Spanned<DeValue<'_>>) -> bool {
+    T::deserialize(ValueDeserializer::from(value.clone())).is_ok()
+}
+
+/// Returns all keys, in the order in which a plan is written.
+pub fn keys() -> &'static [Key] {
+    static KEYS: LazyLock<Vec<Key>> = LazyLock::new(|| {
+        [
+            of_plan(),
+            GuardPlan::described(),
+            EvaluatePlan::described(),
+            ComparePlan::described(),
+            FalsifyPlan::described(),
+            MarginPlan::described(),
+            MetamorphicPlan::described(),
+            RiskPlan::described(),
+            HardenPlan::described(),
+            ScreeningPlan::described(),
+        ]
+        .concat()
+    });
+    &KEYS
+}
+
+/// Returns the key with a name.
+pub(super) fn find(name: &str) -> Option<&'static Key> {
+    keys().iter().find(|key| key.name == name)
+}
+
+/// Returns the keys of a plan outside of its tables.
+fn of_plan() -> Vec<Key> {
+    let keys = [
+        key::<u32>("2").named("format", "Version of the format."),
+        key::<String>("a string, such as \"ball-balancing\"")
+            .named("target", "Name of the target: a task, `toy/NAME`, or the path of a target file."),
+        key::<String>("a string, such as \"simulators\"")
+            .named("folder", "Working folder of the simulator and of the trainer."),
+        key::<String>("a string, such as \"starts\"")
+            .named("space", "Scenario space, or several joined by `+`."),
+        key::<toml::Table>("a table of axes, as [axes]")
+            .named(AXES, "Axes with a narrower range or a fixed value, by name."),
+        key::<String>("\"paper\" or \"code\"")
+            .named("preset", "Initial boxes and formulas: those of the benchmark's paper or of its code."),
+        key::<String>("a string, such as \"ppo\"")
+            .named("controller", "Name of a shipped controller, or a path."),
+        key::<bool>(BOOLEAN).named("stochastic", "Sample the policy's actions instead of taking their mean."),
+        key::<f64>(NOISE).named("action-noise", "Standard deviation of the Gaussian noise on each action."),
+        key::<f64>(NOISE)
+            .named("observation-noise", "Standard deviation of the Gaussian noise on each observation."),
+        key::<SeedValue>(SEED).named("seed", "Random seed of the run."),
+        key::<bool>(BOOLEAN).named("careful", "Evaluate the formula `careful` in every question."),
+        key::<BTreeMap<String, String>>("a table of formulas by name, as [requirements], each a string")
+            .named(REQUIREMENTS, "Requirements by name: names of formulas, or texts."),
+    ];
+    let defaults = toml::Table::try_from(Plan::new("", "")).unwrap_or_default();
+    keys.into_iter().map(|key| key.in_table("", &defaults)).collect()
+}
