@@ -13,7 +13,6 @@ from typing_extensions import Unpack
 from mishandle import _native
 from mishandle.errors import InvalidValueError
 from mishandle.log_sources import Reading, native_logs, native_reading
-from mishandle.log_words import python_words
 from mishandle.systems import columns_of
 from mishandle.violations import violation
 
@@ -41,16 +40,7 @@ class Formula:
     """
 
     def __init__(self, text: str) -> None:
-        try:
-            self._native = _native.Formula(text)
-        except InvalidValueError as error:
-            word = re.search(r"found `(\w+)`$", str(error))
-            if word is not None and re.search(rf"\d\.?\s*{word[1]}\b", text):
-                raise InvalidValueError(
-                    f"{error}; a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such "
-                    "as [0:2s] have one"
-                ) from None
-            raise
+        self._native = _native.Formula(text)
         if self._native.chains_comparisons:
             warnings.warn(
                 "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in RTAMT; write `0.2 <= v and v <= "
@@ -110,8 +100,7 @@ class Formula:
         sources = list(native_logs(log, self.signals, self.hint, given))
         if len(sources) != 1:
             raise InvalidValueError(f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each")
-        with python_words():
-            return _native.log_robustness(self._native, sources[0], given, decided_only)
+        return _native.log_robustness(self._native, sources[0], given, decided_only)
 
     def hint(self, names: list[str]) -> str | None:
         """Returns a hint for a log with columns of these names that lacks a signal."""

@@ -14,7 +14,6 @@ from mishandle import _native, results
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.formulas import Formula
 from mishandle.log_sources import NativeLog, Reading, native_logs, native_reading
-from mishandle.log_words import python_words
 
 Formulas = Union[str, Formula, Sequence[Union[str, Formula]], Mapping[str, Union[str, Formula]]]
 
@@ -87,8 +86,7 @@ def monitor(
         for number, ((name, files, topics), readable) in enumerate(sources, 1)
     ]
     asked = [(name, str(formula)) for name, formula in parsed]
-    with python_words():
-        document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
+    document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
     return dataclasses.replace(results.build(Monitoring, json.loads(document)), text=text, without_verdict=(*lacking, *without))
 
 

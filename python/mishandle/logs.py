@@ -17,7 +17,6 @@ from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.files import PathLike
 from mishandle.keywords import check_options
 from mishandle.log_columns import Tables
-from mishandle.log_words import python_words
 
 MESSAGES = (".mcap", ".bag", ".db3")
 """Endings of recordings of messages."""
@@ -184,8 +183,7 @@ def _messages(file: pathlib.Path, requested: list[str] | None, time: str | None,
 
 
 def _table(file: pathlib.Path, time: str | None, table: TableOptions) -> Log:
-    with python_words():
-        topics, left_out = _native.read_table(str(file), {**NATIVE_DEFAULTS, **table, "time": time})
+    topics, left_out = _native.read_table(str(file), {**NATIVE_DEFAULTS, **table, "time": time})
     reasons: dict[str, dict[str, str]] = {name or "": {} for name, _, _ in topics}
     for column, reason in left_out:
         topic = next((name for name in reasons if name and column.startswith(f"{name}/")), "")

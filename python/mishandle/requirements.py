@@ -13,7 +13,6 @@ from mishandle import _native, results
 from mishandle.errors import InvalidValueError
 from mishandle.formulas import Formula
 from mishandle.log_sources import Reading, native_logs, native_reading
-from mishandle.log_words import python_words
 
 Range = Union[tuple[float, float], tuple[float, float, str]]
 """Least and greatest value of a parameter; a bound of a window has a unit."""
@@ -72,8 +71,7 @@ def formula(
     text = str(formula) if isinstance(formula, Formula) else formula
     given = native_reading(reading)
     named = _logs(log, Formula(text).signals, given)
-    with python_words():
-        document, shown = _native.describe_formula(text, named, given, unit, dict(units or {}), episode)
+    document, shown = _native.describe_formula(text, named, given, unit, dict(units or {}), episode)
     return dataclasses.replace(results.build(FormulaDescription, json.loads(document)), text=shown)
 
 
@@ -136,11 +134,10 @@ def mine(
         low, high, *rest = given_range
         ranges.append((name, float(low), float(high), rest[0] if rest else None, steps.get(name)))
     given = native_reading(reading)
-    with python_words():
-        named = _logs(log, _native.mined_signals(formula, ranges), given)
-        if not named:
-            raise InvalidValueError("there is no log")
-        document, text = _native.mine(formula, ranges, named, given, unit, share, points)
+    named = _logs(log, _native.mined_signals(formula, ranges), given)
+    if not named:
+        raise InvalidValueError("there is no log")
+    document, text = _native.mine(formula, ranges, named, given, unit, share, points)
     return dataclasses.replace(results.build(Mining, json.loads(document)), text=text)
 
 

@@ -36,7 +36,7 @@ class TestFormula(unittest.TestCase):
     def test_patterns(self):
         text = mishandle.pattern("hold-for", p="closed >= 1", q="force < 20", duration="2s")
         self.assertEqual(text, "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))")
-        with self.assertRaisesRegex(mishandle.InvalidValueError, "needs the parameter `q`"):
+        with self.assertRaisesRegex(mishandle.InvalidValueError, 'needs the parameter `q`, .*; pass q="x >= 1"$'):
             mishandle.pattern("hold-for", p="closed >= 1")
 
 
