@@ -3,8 +3,8 @@
 use std::error::Error;
 use std::iter::successors;
 
-use mishandle::results::{Choice, Key};
-use mishandle_cli::words::{Dialect, described, remedies, with_causes};
+use mishandle::results::{Choice, Command, Key};
+use mishandle_cli::words::{Dialect, Shell, described, remedies, with_causes};
 
 /// Python: arguments of functions.
 struct Python;
@@ -22,6 +22,12 @@ impl Dialect for Python {
             // Parameters of patterns are arguments of their own.
             Choice::Of(name, value) if key == Key::PARAMETER => format!("{name}={}", literal(value)),
             value => format!("{}={}", self.key(key), literal(value)),
+        }
+    }
+
+    fn command(&self, command: Command) -> String {
+        match command {
+            Command::Import => format!("{} in a shell", Shell.command(command)),
         }
     }
 }

@@ -472,6 +472,6 @@ fn open_table(
         #[cfg(feature = "parquet")]
         Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path, time)?),
         #[cfg(not(feature = "parquet"))]
-        Format::Parquet => return Err(content("this program was built without Parquet")),
+        Format::Parquet => return Err(content("this program was built without its feature `parquet`")),
     })
 }

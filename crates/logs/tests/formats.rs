@@ -242,9 +242,9 @@ fn damaged_and_hostile_files_end_with_a_message() {
     let bomb = write(folder.path(), "bomb.npz", &bomb);
     assert!(open(&bomb, &["d"], &Options::default()).is_ok());
     for (name, bytes, part) in [
-        ("a.mcap", &b"\x89MCAP0\r\n"[..], "mishandle.monitor"),
-        ("a.bag", b"#ROSBAG V2.0\n", "mishandle.monitor"),
-        ("a.db3", b"SQLite format 3\0", "mishandle.monitor"),
+        ("a.mcap", &b"\x89MCAP0\r\n"[..], "only the Python package reads"),
+        ("a.bag", b"#ROSBAG V2.0\n", "only the Python package reads"),
+        ("a.db3", b"SQLite format 3\0", "only the Python package reads"),
         ("a.csv.gz", &[0x1f, 0x8b, 8, 0], "gunzip"),
         ("a.json", b"[{\"d\":1}]", "one object per line"),
         ("a.npz", b"PK", "too short"),

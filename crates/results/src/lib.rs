@@ -113,7 +113,7 @@ pub use monitor::{
 pub use protocol::{ProtocolCheck, ProtocolFinding};
 pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};
-pub use remedy::{Choice, Key, Remedy};
+pub use remedy::{Choice, Command, Key, Remedy};
 pub use replay::Replay;
 pub use requirements::{
     FormulaDescription, FormulaExample, FormulaHorizon, FormulaLane, FormulaTrap, FormulaValues, LaneSpan,

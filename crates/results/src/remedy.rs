@@ -34,6 +34,9 @@ keys! {
     LOG_DECIMAL = "log.decimal",
     LOG_UNIT = "log.unit",
     LOG_STRICT_HORIZON = "log.strict-horizon",
+    NORMALIZER = "controller.normalizer",
+    ACTIVATION = "controller.activation",
+    OUTPUT_ACTIVATION = "controller.output-activation",
     PARAMETER = "formula.set",
     RESOLUTION = "formula.resolution",
 }
@@ -63,8 +66,17 @@ pub enum Choice {
 impl Choice {
     /// A column of a log.
     pub const COLUMN: Choice = Choice::Shape("COLUMN");
+    /// A path.
+    pub const FILE: Choice = Choice::Shape("FILE");
     /// A duration.
     pub const SECONDS: Choice = Choice::Shape("SECONDS");
+}
+
+/// Something else to ask, as a remedy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Import the policy of another tool.
+    Import,
 }
 
 /// One way to avoid an error. An error has a list of them; each is enough.
@@ -74,6 +86,8 @@ pub enum Remedy {
     Set(Vec<(Key, Choice)>),
     /// Leave out a setting.
     Unset(Key),
+    /// Ask this first.
+    Run(Command),
     /// The remedy helps under this condition.
     If(String, Box<Remedy>),
 }
@@ -95,6 +109,7 @@ impl Remedy {
         match self {
             Remedy::Set(settings) => settings.iter().map(|(key, _)| *key).collect(),
             Remedy::Unset(key) => vec![*key],
+            Remedy::Run(_) => Vec::new(),
             Remedy::If(_, remedy) => remedy.keys(),
         }
     }

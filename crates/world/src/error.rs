@@ -54,8 +54,6 @@ pub enum WorldError {
     )]
     Render(String),
     /// The program was built without the feature `render`.
-    #[error(
-        "this program was built without rendering; build it with `cargo build --release --features render`"
-    )]
+    #[error("this program was built without its feature `render`")]
     NoRenderer,
 }

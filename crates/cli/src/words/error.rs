@@ -2,6 +2,7 @@
 
 use std::error::Error;
 
+use mishandle::MishandleError;
 use mishandle::results::Remedy;
 use mishandle_logs::LogError;
 use mishandle_requirements::RequirementError;
@@ -23,7 +24,9 @@ pub fn remedies<'a>(causes: impl IntoIterator<Item = &'a (dyn Error + 'static)>)
 
 fn of(cause: &(dyn Error + 'static)) -> Vec<Remedy> {
     let of_log = cause.downcast_ref().map(LogError::remedies);
-    of_log.or_else(|| cause.downcast_ref().map(RequirementError::remedies)).unwrap_or_default()
+    let of_requirement = || cause.downcast_ref().map(RequirementError::remedies);
+    let of_library = || cause.downcast_ref().map(MishandleError::remedies);
+    of_log.or_else(of_requirement).or_else(of_library).unwrap_or_default()
 }
 
 #[cfg(test)]

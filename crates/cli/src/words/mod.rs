@@ -3,7 +3,7 @@
 mod error;
 mod shell;
 
-use mishandle::results::{Choice, Key, Remedy};
+use mishandle::results::{Choice, Command, Key, Remedy};
 
 pub use error::{remedies, with_causes};
 pub use shell::Shell;
@@ -15,6 +15,9 @@ pub trait Dialect {
 
     /// Returns a setting with its value.
     fn setting(&self, key: Key, value: &Choice) -> String;
+
+    /// Returns something else to ask, in quotes.
+    fn command(&self, command: Command) -> String;
 }
 
 /// Returns the text of an error with what helps.
@@ -47,6 +50,7 @@ fn phrase(remedy: &Remedy, dialect: &dyn Dialect) -> (&'static str, String, bool
             ("pass", settings.join(" with "), false)
         }
         Remedy::Unset(key) => ("leave out", dialect.key(*key), false),
+        Remedy::Run(command) => ("run", dialect.command(*command), false),
         Remedy::If(condition, remedy) => {
             let (verb, phrase, _) = phrase(remedy, dialect);
             (verb, format!("{phrase} if {condition}"), true)

@@ -1,6 +1,6 @@
 //! The words of the command line.
 
-use mishandle::results::{Choice, Key};
+use mishandle::results::{Choice, Command, Key};
 use mishandle_text::shell_quote;
 
 use super::Dialect;
@@ -17,6 +17,14 @@ impl Dialect for Shell {
         match value {
             Choice::On => self.key(key),
             value => format!("{} {}", self.key(key), word(value)),
+        }
+    }
+
+    fn command(&self, command: Command) -> String {
+        match command {
+            Command::Import => {
+                "`mishandle controller import FILE --task TASK --out controller.safetensors`".to_owned()
+            }
         }
     }
 }
