@@ -11,6 +11,7 @@ mod rooms;
 mod rules;
 mod sizes;
 mod width;
+mod words;
 
 use std::fmt;
 use std::path::Path;
@@ -104,6 +105,7 @@ pub fn check(root: &Path) -> Result<()> {
         plain::check(&tree),
         sizes::check(&tree),
         width::check(&tree),
+        words::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {
