@@ -1,6 +1,7 @@
 //! Errors of plans and of the runs that execute them.
 
 mod curve;
+mod remedies;
 
 use std::error::Error;
 use std::iter::successors;

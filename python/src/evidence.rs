@@ -1,7 +1,5 @@
 //! Folders of evidence: written and verified.
 
-use std::error::Error;
-use std::iter::successors;
 use std::path::PathBuf;
 
 use mishandle::resolve::Moved;
@@ -9,6 +7,7 @@ use mishandle_evidence::{Collection, EvidenceError, Key, Signers, Verification, 
 use pyo3::prelude::*;
 
 use crate::MishandleError;
+use crate::words::worded;
 use crate::work::{json, signals};
 
 /// Writes a folder of evidence and returns the document.
@@ -66,6 +65,5 @@ pub fn verify_evidence(
 }
 
 fn raised(error: &EvidenceError) -> PyErr {
-    let causes = successors(Some(error as &dyn Error), |error| (*error).source());
-    MishandleError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
+    MishandleError::new_err(worded(error))
 }

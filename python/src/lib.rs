@@ -38,11 +38,11 @@ mod simulation;
 mod simulator;
 mod target;
 mod training_episodes;
+mod words;
 mod work;
 
 use std::error::Error as StdError;
 use std::ffi::CString;
-use std::iter::successors;
 
 use mishandle::MishandleError as Error;
 use mishandle::world::{MUJOCO_VERSION, mujoco_version};
@@ -186,9 +186,8 @@ fn warn(message: &str, level: i32) -> PyResult<()> {
 }
 
 /// Converts an error in a formula or search, with its causes.
-fn plain(error: impl StdError) -> PyErr {
-    let causes = successors(Some(&error as &dyn StdError), |error| (*error).source());
-    InvalidValueError::new_err(causes.map(ToString::to_string).collect::<Vec<_>>().join(": "))
+fn plain(error: impl StdError + 'static) -> PyErr {
+    InvalidValueError::new_err(words::worded(&error))
 }
 
 /// Checks that the calling process is `process`. A process made by `fork` shares no threads and
@@ -209,13 +208,12 @@ fn in_this_process(process: u32) -> PyResult<()> {
 fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));
-    let causes = successors(Some(&error as &dyn StdError), |error| (*error).source());
     let message = match &error {
         // A caller of a function has no table of a plan.
         Error::MissingPlanTable { table } => {
             format!("the run is not one of mishandle.{table}; continue it with the function that made it")
         }
-        _ => causes.map(ToString::to_string).collect::<Vec<_>>().join(": ") + &hint,
+        _ => words::worded(&error) + &hint,
     };
     match error {
         Error::Store(_)

@@ -13,10 +13,11 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
 use crate::formula::PyFormula;
+use crate::words::worded;
 use crate::work::json;
 use crate::{InvalidValueError, plain};
 
-/// How a log is read, as the flags of the command `mishandle monitor`.
+/// How a log is read.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Reading {
@@ -238,7 +239,7 @@ pub fn monitor(
     let mut signal = None;
     let mut without = Vec::new();
     for (name, ((_, files, topics), stated)) in names.into_iter().zip(logs) {
-        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
+        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {}", worded(&error)));
         let contents = Contents::new(files, topics, &options)?;
         let mut asked: Vec<&Requirement> =
             stated.iter().filter_map(|index| requirements.get(*index)).collect();
@@ -276,7 +277,7 @@ pub fn monitor(
         }
         without.extend(lacking.iter().map(|(requirement, error)| {
             let formula = requirement.formula.to_string();
-            format!("trace {name}, {}: {error}", requirement.name.as_ref().unwrap_or(&formula))
+            format!("trace {name}, {}: {}", requirement.name.as_ref().unwrap_or(&formula), worded(error))
         }));
         if values {
             let first = &requirements[0];
@@ -303,8 +304,8 @@ pub fn log_robustness(
     let formula = &formula.formula;
     let contents = Contents::new(files, topics, &options)?;
     let named = |error: LogError| match name.as_str() {
-        "" => InvalidValueError::new_err(error.to_string()),
-        name => InvalidValueError::new_err(format!("trace {name}: {error}")),
+        "" => plain(error),
+        name => InvalidValueError::new_err(format!("trace {name}: {}", worded(&error))),
     };
     let found = py.detach(|| first_value(&contents.samples([formula], &options)?, formula, decided_only));
     found.map_err(named)
@@ -346,7 +347,7 @@ pub fn read_table(py: Python<'_>, path: PathBuf, reading: Reading) -> PyResult<T
     let options = reading.options()?;
     let source = Source { topic: None, path };
     let shown = source.path.display().to_string();
-    let named = |error: LogError| InvalidValueError::new_err(format!("{shown}: {error}"));
+    let named = |error: LogError| InvalidValueError::new_err(format!("{shown}: {}", worded(&error)));
     let read = || OpenLog::open(&[source], &options)?.read_all();
     let (log, left_out) = py.detach(read).map_err(named)?;
     let mut topics = Vec::new();

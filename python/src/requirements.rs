@@ -12,6 +12,7 @@ use mishandle_requirements::{
 use pyo3::prelude::*;
 
 use crate::logs::{Contents, LogArgument, Reading, word};
+use crate::words::worded;
 use crate::work::json;
 use crate::{InvalidValueError, plain};
 
@@ -20,10 +21,6 @@ const WIDTH: usize = 100;
 
 /// A parameter: name, least and greatest value, unit, step.
 type ParameterArgument = (String, f64, f64, Option<String>, Option<f64>);
-
-fn invalid(error: &RequirementError) -> PyErr {
-    InvalidValueError::new_err(error.to_string())
-}
 
 fn unit_of(given: Option<&str>) -> PyResult<Option<TimeUnit>> {
     word("unit", given, &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))
@@ -42,7 +39,7 @@ fn traces(
     let evaluation = Evaluation { unit, strict_horizon: false };
     let mut found = Vec::new();
     for (name, (_, files, topics)) in names.into_iter().zip(logs) {
-        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {error}"));
+        let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {}", worded(&error)));
         let contents = Contents::new(files, topics, options)?;
         let samples = py.detach(|| contents.samples([formula], options)).map_err(named)?;
         let (trace, clock, start) = samples.evenly(formula, &evaluation).map_err(named)?;
@@ -84,7 +81,7 @@ pub fn describe_formula(
         }
         Ok(found)
     };
-    let mut found = py.detach(describe).map_err(|error| invalid(&error))?;
+    let mut found = py.detach(describe).map_err(plain)?;
     let text = mishandle_cli::formula_text(&found, None, WIDTH);
     found
         .examples
@@ -97,7 +94,7 @@ pub fn describe_formula(
 /// Returns the formula of a pattern, and its sentence.
 #[pyfunction]
 pub fn pattern_formula(name: &str, settings: Vec<(String, String)>) -> PyResult<(String, String)> {
-    pattern(name).and_then(|pattern| pattern.fill(&settings)).map_err(|error| invalid(&error))
+    pattern(name).and_then(|pattern| pattern.fill(&settings)).map_err(plain)
 }
 
 fn ranges(parameters: Vec<ParameterArgument>) -> PyResult<Vec<ParameterRange>> {
@@ -111,7 +108,7 @@ fn ranges(parameters: Vec<ParameterArgument>) -> PyResult<Vec<ParameterRange>> {
 #[pyfunction]
 pub fn mined_signals(formula: &str, parameters: Vec<ParameterArgument>) -> PyResult<Vec<String>> {
     let parameters = ranges(parameters)?;
-    mishandle_requirements::check_names(&parameters).map_err(|error| invalid(&error))?;
+    mishandle_requirements::check_names(&parameters).map_err(plain)?;
     let formula = parse_with_ranges(formula, &parameters).map_err(plain)?;
     Ok(formula.signals().into_iter().map(str::to_owned).collect())
 }
@@ -134,7 +131,6 @@ pub fn mine(
     let parsed = parse_with_ranges(formula, &parameters).map_err(plain)?;
     let traces = traces(py, &parsed, logs, &reading.options()?, unit)?;
     let question = MiningQuestion { formula, parameters: &parameters, share, points, unit };
-    let found =
-        py.detach(|| mishandle_requirements::mine(&question, &traces)).map_err(|error| invalid(&error))?;
+    let found = py.detach(|| mishandle_requirements::mine(&question, &traces)).map_err(plain)?;
     Ok((json(&found)?, mishandle_cli::mining_text(&found, WIDTH)))
 }

@@ -51,7 +51,8 @@ class TestFormula(unittest.TestCase):
             text,
             "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))"
         )
-        with self.assertRaisesRegex(InvalidValueError, "needs the parameter `q`"):
+        needs = 'needs the parameter `q`, .*; pass q="x >= 1"$'
+        with self.assertRaisesRegex(InvalidValueError, needs):
             mishandle.logs.pattern("hold-for", p="closed >= 1")
 
 

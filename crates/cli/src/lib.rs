@@ -10,6 +10,7 @@ mod flags;
 mod interrupt;
 mod run;
 mod show;
+pub mod words;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

@@ -244,7 +244,11 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     ] {
         assert_eq!(bench.json(&format!("monitor {arguments} --json"), 0)["robustness"], 0.0, "{arguments}");
     }
-    check(&bench, "monitor --formula d>0 time.csv --time tme", &["--time is `tme`", "did you mean `time`?"]);
+    check(
+        &bench,
+        "monitor --formula d>0 time.csv --time tme",
+        &["the time column is `tme`", "did you mean `time`?"],
+    );
     let milliseconds = "monitor --formula always[0:1s](d>0) ms.csv";
     bench.write("ms.csv", "time,d\n0,1\n500,1\n1000,1\n");
     check(&bench, milliseconds, &["steps by 500 on average", "--time-unit s|ms|us|ns"]);

@@ -987,7 +987,7 @@ fn policies_of_other_tools_run_and_replay() {
         &["zip archive", "mishandle controller import FILE --task TASK --out controller.safetensors"],
     );
     let import = format!("controller import {linear} --task point-reaching --out i.safetensors");
-    bench.refuses(&import, &["give --output-activation NAME: elu, relu, tanh"]);
+    bench.refuses(&import, &["pass --output-activation elu|relu|tanh"]);
     bench.check(&format!("{import} --output-activation tanh"), 0);
     bench.check("evaluate point-reaching --controller ./i.safetensors --episodes 2 --out i.sqlite", 0);
     let small = linear.replace("point_reaching.pt", "sb3_ppo.zip");

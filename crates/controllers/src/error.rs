@@ -81,7 +81,7 @@ pub enum ControllerError {
 pub enum FileProblem {
     /// The file has another format.
     #[error(
-        "not a controller ({reason}); expected a .safetensors file of `mishandle train` or `mishandle controller import`, or an .onnx file"
+        "not a controller ({reason}); expected a .safetensors file that a training or an import wrote, or an .onnx file"
     )]
     NotAController {
         /// How this was detected.
@@ -89,20 +89,17 @@ pub enum FileProblem {
     },
     /// The file is an archive, as those of PyTorch and Stable-Baselines3.
     #[error(
-        "this is a zip archive, such as a model of Stable-Baselines3 (.zip) or a checkpoint of PyTorch or skrl (.pt); convert it: \
-         mishandle controller import FILE --task TASK --out controller.safetensors"
+        "this is a zip archive, such as a model of Stable-Baselines3 (.zip) or a checkpoint of PyTorch or skrl (.pt), \
+         which an import converts"
     )]
     Archive,
     /// The file is an ONNX model.
-    #[error(
-        "this is an ONNX model, which runs as it is: mishandle evaluate TASK --controller FILE.onnx; it has no record of a \
-         training"
-    )]
+    #[error("this is an ONNX model, which runs as it is and has no record of a training")]
     Onnx,
     /// The file is a pickle.
     #[error(
-        "this is a pickle, which can run any code when it is loaded, so this program does not read it; load it in Python if you \
-         trust it, and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/guide/onnx.md)"
+        "this is a pickle, which can run any code when it is loaded, so this program does not read it; if you trust it, load it \
+         with its own library and save the policy with `model.save`, `torch.save` or `torch.onnx.export` (docs/guide/onnx.md)"
     )]
     Pickle,
     /// The file was truncated or extended.

@@ -591,10 +591,7 @@ mod tests {
     #[test]
     fn other_files_are_errors() {
         for (bytes, advice) in [
-            (
-                &b"PK\x03\x04 an archive of some kind"[..],
-                "convert it: mishandle controller import FILE --task TASK",
-            ),
+            (&b"PK\x03\x04 an archive of some kind"[..], "which an import converts"),
             (b"\x80\x04\x95\x10\0\0\0\0\0\0\0}", "is a pickle, which can run any code"),
             (b"\x08\x08\x12\x09mishandle\x3a", "an ONNX model, which runs as it is"),
         ] {

@@ -1,3 +1,4 @@
+use std::fmt;
 use std::path::PathBuf;
 
 /// The error of reading a policy in the format of another tool.
@@ -86,20 +87,21 @@ pub enum TorchProblem {
         reason: String,
     },
     /// The file does not say how the policy acts.
-    #[error("the file does not say which {what} the policy has{because}; {way_out}")]
+    #[error("the file does not say which {what} the policy has{because}")]
     Unknown {
         /// The missing part.
-        what: &'static str,
+        what: PolicyPart,
         /// The reason, in parentheses, or nothing.
         because: String,
-        /// Advice to the user.
-        way_out: String,
     },
+    /// The observations are normalized in a way that a controller cannot follow.
+    #[error("its preprocessor of observations is not a RunningStandardScaler")]
+    Preprocessor,
     /// The user says something else than the file.
-    #[error("the file says that the {what} is {found}, not {given}; leave the flag out")]
+    #[error("the file says that the {what} is {found}, not {given}")]
     Contradiction {
         /// The part.
-        what: &'static str,
+        what: PolicyPart,
         /// The value in the file.
         found: String,
         /// The value that the user gave.
@@ -130,12 +132,33 @@ pub enum TorchProblem {
     Controller(#[from] mishandle_controllers::ControllerError),
 }
 
+/// A part of a policy that the user can state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PolicyPart {
+    /// The activation of the hidden layers.
+    HiddenActivation,
+    /// The activation of the last layer.
+    OutputActivation,
+    /// The statistics of the observations.
+    Normalizer,
+}
+
+impl fmt::Display for PolicyPart {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            PolicyPart::HiddenActivation => "activation of the hidden layers",
+            PolicyPart::OutputActivation => "activation of the last layer",
+            PolicyPart::Normalizer => "statistics of VecNormalize",
+        })
+    }
+}
+
 /// The problem of an ONNX model.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OnnxProblem {
     /// The program was built without the feature `onnx`.
-    #[error("this program was built without ONNX; `cargo build --release` builds one with it")]
+    #[error("this program was built without its feature `onnx`")]
     NotBuilt,
     /// The bytes are not an ONNX model, or a damaged one.
     #[error("not a valid ONNX model: {reason}")]

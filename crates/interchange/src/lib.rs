@@ -12,8 +12,8 @@ mod error;
 mod onnx;
 mod torch;
 
-pub use error::{InterchangeError, OnnxProblem, TorchProblem};
+pub use error::{InterchangeError, OnnxProblem, PolicyPart, TorchProblem};
 #[cfg(feature = "onnx")]
 pub use onnx::{Chunk, Interface, Padding};
 pub use onnx::{OnnxPolicy, OnnxSummary, OnnxTensor, onnx_bytes};
-pub use torch::{ImportOptions, Imported, Normalization, ObservationNormalizer, import};
+pub use torch::{ACTIVATIONS, ImportOptions, Imported, Normalization, ObservationNormalizer, import};

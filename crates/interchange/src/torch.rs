@@ -18,5 +18,6 @@ mod stable_baselines;
 mod tensor;
 mod zip;
 
+pub use assemble::ACTIVATIONS;
 pub use import::{ImportOptions, Imported, Normalization, import};
 pub use normalizer::ObservationNormalizer;

@@ -1,10 +1,11 @@
 //! Cells of a table, and the columns that collect them.
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_text::{number_text, visible};
 
 use crate::date::{self, Written};
 use crate::decimal::Decimal;
-use crate::error::{Result, content, undecided};
+use crate::error::{Result, content, drop_missing, hold_or_drop, undecided};
 use crate::options::{Missing, Options, Unit};
 use crate::place::{Counted, Places};
 use crate::times::{FAR, Times, last_digit};
@@ -96,9 +97,9 @@ impl ValueColumn {
         if value.is_none() && self.is_error {
             let name = visible(&self.name);
             return Err(undecided(
-                "--missing",
+                [hold_or_drop()],
                 format!(
-                    "{}: `{name}` is `{}`; it must be a number such as 0.25 (--missing hold|drop reads the log without it)",
+                    "{}: `{name}` is `{}`; it must be a number such as 0.25",
                     self.counted.text(at),
                     shown(cell)
                 ),
@@ -168,9 +169,9 @@ impl TimeColumn {
             && let Some((step, looks)) = self.times.other_unit()
         {
             return Err(undecided(
-                "--time-unit",
+                [state_unit(&["s", "ms", "us", "ns", "d"])],
                 format!(
-                    "column `{}` steps by {} on average, which looks like {looks}; pass --time-unit s|ms|us|ns|d",
+                    "column `{}` steps by {} on average, which looks like {looks}",
                     visible(&self.name),
                     number_text(step)
                 ),
@@ -200,12 +201,12 @@ impl TimeColumn {
     fn missing(&mut self, cell: Cell<'_>, at: u64) -> Result<()> {
         if !self.drops {
             let message = format!(
-                "{}: `{}` is `{}`; every row needs a finite time (--missing drop leaves the row out)",
+                "{}: `{}` is `{}`; every row needs a finite time",
                 self.counted.text(at),
                 self.name,
                 shown(cell)
             );
-            return Err(undecided("--missing", message));
+            return Err(undecided([drop_missing()], message));
         }
         self.times.push_missing(at);
         Ok(())
@@ -248,21 +249,21 @@ impl TimeColumn {
 
     /// Checks that the numbers of a column without a stated unit look like seconds.
     fn check_seconds(&self, value: f64, at: u64) -> Result<()> {
-        let choices = "pass --time-unit s|ms|us|ns";
+        let units = || [state_unit(&["s", "ms", "us", "ns"])];
         if value.abs() >= NOT_SECONDS {
             let message = format!(
-                "{}: `{}` is {}, which looks like ms, us or ns; {choices}",
+                "{}: `{}` is {}, which looks like ms, us or ns",
                 self.counted.text(at),
                 self.name,
                 number_text(value)
             );
-            return Err(undecided("--time-unit", message));
+            return Err(undecided(units(), message));
         }
         if self.kind.is_none()
             && let Some(unit) = unit_in(&self.name)
         {
-            let message = format!("the name of column `{}` looks like {unit}; {choices}", self.name);
-            return Err(undecided("--time-unit", message));
+            let message = format!("the name of column `{}` looks like {unit}", self.name);
+            return Err(undecided(units(), message));
         }
         Ok(())
     }
@@ -281,9 +282,9 @@ impl TimeColumn {
                     self.exact(Kind::Date, time - i128::from(offset) * Unit::Seconds.attoseconds(), last, at)
                 }
                 None => Err(undecided(
-                    "--utc-offset",
+                    [Remedy::set(Key::LOG_UTC_OFFSET, Choice::Shape("Z|+02:00"))],
                     format!(
-                        "{place}: `{}` is `{}`, a date without a zone; pass --utc-offset, such as Z or +02:00",
+                        "{place}: `{}` is `{}`, a date without a zone",
                         self.name,
                         shown(Cell::Text(text))
                     ),
@@ -319,6 +320,11 @@ impl TimeColumn {
             known.text()
         )))
     }
+}
+
+/// Returns the remedy to state the unit of times.
+fn state_unit(units: &'static [&'static str]) -> Remedy {
+    Remedy::set(Key::LOG_TIME_UNIT, Choice::OneOf(units))
 }
 
 /// Returns the unit other than seconds that the name of a column contains.

@@ -9,6 +9,7 @@ use std::rc::Rc;
 
 use csv::{ByteRecord, Reader, Terminator};
 use head::{Ahead, Head, MAX_ROW, too_long};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_text::{plural, visible};
 
 use crate::cell::{Cell, Sinks};
@@ -108,7 +109,7 @@ impl CsvTable {
 
 /// Replaces the decimal comma of a number by a point, if the file has commas there.
 struct Decimals {
-    /// As the flag or the separator of the cells says.
+    /// As the user or the separator of the cells says.
     stated: Option<bool>,
     /// As the numbers so far say.
     seen: Option<bool>,
@@ -138,9 +139,9 @@ impl Decimals {
         };
         match self.stated.or(self.seen) {
             Some(known) if known != is_comma => Err(undecided(
-                "--decimal",
+                [Remedy::set(Key::LOG_DECIMAL, Choice::OneOf(&["comma", "point"]))],
                 format!(
-                    "line {line}: `{}` has a decimal {}, the numbers before have a {}; pass --decimal comma or --decimal point",
+                    "line {line}: `{}` has a decimal {}, the numbers before have a {}",
                     visible(&cell.chars().take(40).collect::<String>()),
                     if is_comma { "comma" } else { "point" },
                     if known { "comma" } else { "point" },

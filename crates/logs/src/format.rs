@@ -3,8 +3,6 @@
 use std::io::{self, Read};
 use std::path::Path;
 
-use mishandle_text::path_text;
-
 use crate::error::{Result, content};
 use crate::options::Format;
 
@@ -34,12 +32,12 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
         [b'P', b'K', 3, 4, ..] | [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => {
             return Ok(Format::Numpy);
         }
-        [0x89, b'M', b'C', b'A', b'P', ..] => return Err(in_python(path, "an MCAP file")),
+        [0x89, b'M', b'C', b'A', b'P', ..] => return Err(in_python("an MCAP file")),
         [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => {
-            return Err(in_python(path, "a bag of ROS 1"));
+            return Err(in_python("a bag of ROS 1"));
         }
         [b'S', b'Q', b'L', b'i', b't', b'e', ..] => {
-            return Err(in_python(path, "an SQLite file, such as a bag of rosbag2"));
+            return Err(in_python("an SQLite file, such as a bag of rosbag2"));
         }
         _ if is_object(first) => return Ok(Format::JsonLines),
         [0x1f, 0x8b, ..] => {
@@ -52,8 +50,8 @@ fn format(path: &Path, first: &[u8], stated: Option<Format>) -> Result<Format> {
         "jsonl" | "ndjson" | "json" => Ok(Format::JsonLines),
         "npz" | "npy" => Ok(Format::Numpy),
         "parquet" | "pq" => Ok(Format::Parquet),
-        "mcap" => Err(in_python(path, "an MCAP file")),
-        "bag" | "db3" => Err(in_python(path, "a bag of ROS")),
+        "mcap" => Err(in_python("an MCAP file")),
+        "bag" | "db3" => Err(in_python("a bag of ROS")),
         "csv" | "tsv" | "txt" | "dat" | "log" => Ok(Format::Csv),
         _ if first.trim_ascii_start().starts_with(b"{") => Ok(Format::JsonLines),
         _ => Ok(Format::Csv),
@@ -69,17 +67,13 @@ fn is_object(first: &[u8]) -> bool {
 /// Returns the error for a folder.
 pub(crate) fn of_folder(path: &Path) -> crate::LogError {
     if path.join("metadata.yaml").is_file() {
-        in_python(path, "a folder of rosbag2")
+        in_python("a folder of rosbag2")
     } else {
         content("expected a file, found a folder")
     }
 }
 
 /// Returns the error for a format that the Python package reads.
-fn in_python(path: &Path, what: &str) -> crate::LogError {
-    let path = path_text(path);
-    content(format!(
-        "the file is {what}, which Python reads: mishandle.monitor(formula, {path:?}), after pip install '.[logs]' in a clone of \
-         Mishandle"
-    ))
+fn in_python(what: &str) -> crate::LogError {
+    content(format!("the file is {what}, which only the Python package reads: pip install '.[logs]' in a clone of Mishandle"))
 }

@@ -6,6 +6,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use mishandle_results::{Key, Remedy};
 use mishandle_stl::{Formula, Recording, nearest};
 use mishandle_text::visible;
 
@@ -199,7 +200,7 @@ impl OpenLog {
         let Some(name) = &self.options.time else {
             return Ok(column(table, TIME)?.or(table.known_time().map(|(column, _)| column)));
         };
-        named_column(table, name, "--time").map(Some)
+        named_column(table, name, "time").map(Some)
     }
 
     /// Reads these signals, which the log must have, and the times. Other columns may hold
@@ -269,10 +270,13 @@ impl OpenLog {
     /// topic.
     pub(crate) fn split_sinks(&self, signals: Option<&[&str]>, topic_column: &str) -> Result<Sinks> {
         let [(_, table)] = &self.tables[..] else {
-            return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
+            return Err(undecided(
+                [Remedy::Unset(Key::LOG_TOPIC)],
+                "a column names the topics of one file only",
+            ));
         };
         let (table, names) = (table.as_ref(), table.names());
-        let topic = named_column(table, topic_column, "--topic-column")?;
+        let topic = named_column(table, topic_column, "topic")?;
         let time = self.time_column(table)?;
         let is_candidate = |column: usize| {
             let ending = format!("/{}", names[column]);
@@ -414,17 +418,20 @@ fn column(table: &dyn Table, name: &str) -> Result<Option<usize>> {
     Ok(first)
 }
 
-/// Returns the column that a flag names.
-fn named_column(table: &dyn Table, name: &str, flag: &'static str) -> Result<usize> {
+/// Returns the column with the times or topics that the user named.
+fn named_column(table: &dyn Table, name: &str, what: &str) -> Result<usize> {
     if let Some(column) = column(table, name.trim())? {
         return Ok(column);
     }
     let similar = nearest(name, table.names().iter().map(String::as_str));
     let typed = similar.filter(|similar| visible(similar) == *similar);
     let hint = typed.map(|similar| format!("; did you mean `{similar}`?"));
-    let message =
-        format!("{flag} is `{}`, but no column has this name{}", visible(name), hint.unwrap_or_default());
-    Err(undecided(flag, message))
+    let fact = format!(
+        "the {what} column is `{}`, but no column has this name{}",
+        visible(name),
+        hint.unwrap_or_default()
+    );
+    Err(undecided([], fact))
 }
 
 /// Where the bytes of a file come from.
@@ -465,10 +472,6 @@ fn open_table(
         #[cfg(feature = "parquet")]
         Format::Parquet => Box::new(crate::parquet::ParquetTable::open(path, time)?),
         #[cfg(not(feature = "parquet"))]
-        Format::Parquet => {
-            let problem =
-                "this program was built without Parquet; `cargo build --release` builds one with it";
-            return Err(content(problem));
-        }
+        Format::Parquet => return Err(content("this program was built without its feature `parquet`")),
     })
 }

@@ -1,8 +1,9 @@
-//! The choices that turn a file into samples. Each has a flag of `mishandle monitor`.
+//! The choices that turn a file into samples. Remedies name them by the keys of the table `log`.
 
+use mishandle_results::{Key, Remedy};
 use mishandle_stl::Interpolation;
 
-use crate::error::{Result, undecided};
+use crate::error::{Result, dense, resample, state_period, undecided};
 
 /// The format of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,18 +133,18 @@ impl Options {
     pub fn check(&self) -> Result<()> {
         let is_resampled = matches!(self.sampling, Sampling::Resampled(_));
         if is_resampled && self.period.is_none() {
-            return Err(undecided("--period", "--resample needs the new period: --period SECONDS"));
+            return Err(undecided([state_period()], "resampling needs the new period"));
         }
         if matches!(self.sampling, Sampling::Dense(_)) && self.period.is_some() {
             return Err(undecided(
-                "--dense",
-                "dense time has no sampling period; leave out --period or --dense",
+                [Remedy::Unset(Key::LOG_PERIOD), Remedy::Unset(Key::LOG_DENSE)],
+                "dense time has no sampling period",
             ));
         }
         if self.tolerance.is_some() && self.sampling == Sampling::Even {
             return Err(undecided(
-                "--tolerance",
-                "--tolerance is the longest step that --resample or --dense bridges; pass one of them",
+                [resample(), dense()],
+                "the tolerance is the longest step that resampling or dense time bridges",
             ));
         }
         Ok(())

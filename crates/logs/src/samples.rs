@@ -5,10 +5,11 @@ pub(crate) mod align;
 
 use std::sync::Arc;
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{DenseSignal, Trace};
 use mishandle_text::{number_text, visible};
 
-use crate::error::{Result, content, undecided};
+use crate::error::{Result, content, dense, drop_missing, hold_or_drop, keep_one, resample, undecided};
 use crate::log::{Column, Log, Topic};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::times::{FAR, Times};
@@ -49,7 +50,7 @@ impl Log {
     /// Turns the rows into samples, as the options say.
     ///
     /// # Errors
-    /// If the options leave open what the samples are; the error names the flag that decides.
+    /// If the options leave open what the samples are; the error has the remedies that decide.
     pub fn samples(mut self, options: &Options) -> Result<Samples> {
         options.check()?;
         let columns = self.topics.iter().flat_map(|topic| &topic.columns);
@@ -124,12 +125,8 @@ impl Log {
             };
             if !same {
                 return Err(undecided(
-                    "--resample",
-                    format!(
-                        "the topics {} and {} have different times; pass --resample hold|linear or --dense hold|linear",
-                        first.shown(),
-                        topic.shown()
-                    ),
+                    [resample(), dense()],
+                    format!("the topics {} and {} have different times", first.shown(), topic.shown()),
                 ));
             }
         }
@@ -138,12 +135,8 @@ impl Log {
             first.columns.iter().find(|column| column.values.first().is_some_and(|v| v.is_nan()))
         {
             return Err(undecided(
-                "--missing",
-                format!(
-                    "{}: `{}` has no value yet that --missing hold could keep; pass --missing drop",
-                    first.places.text(0),
-                    visible(&column.name)
-                ),
+                [drop_missing()],
+                format!("{}: `{}` has no earlier value to hold", first.places.text(0), visible(&column.name)),
             ));
         }
         let period = match &first.times {
@@ -201,12 +194,8 @@ impl Topic {
         for column in &self.columns {
             if let Some(row) = column.values.iter().position(|value| value.is_nan()) {
                 return Err(undecided(
-                    "--missing",
-                    format!(
-                        "{}: `{}` has no number (--missing hold|drop reads the log without it)",
-                        self.places.text(row),
-                        visible(&column.name)
-                    ),
+                    [hold_or_drop()],
+                    format!("{}: `{}` has no number", self.places.text(row), visible(&column.name)),
                 ));
             }
         }
@@ -233,7 +222,7 @@ impl Topic {
         self.places = self.places.of(rows);
     }
 
-    /// Makes the times increase, or returns the error that names the flag.
+    /// Makes the times increase, or returns an error.
     fn order(&mut self, options: &Options) -> Result<()> {
         let Some(times) = &self.times else { return Ok(()) };
         if times.secs().iter().any(|secs| secs.is_nan()) {
@@ -247,10 +236,8 @@ impl Topic {
         }
         if let Some(row) = times.secs().windows(2).position(|pair| pair[0] > pair[1]) {
             if !options.sort {
-                return Err(undecided(
-                    "--sort",
-                    format!("{}; --sort orders the rows by time", not_increasing(times, row)),
-                ));
+                let sort = Remedy::set(Key::LOG_SORT, Choice::On);
+                return Err(undecided([sort], not_increasing(times, row)));
             }
             let mut rows: Vec<usize> = (0..times.secs().len()).collect();
             rows.sort_by(|a, b| times.secs()[*a].total_cmp(&times.secs()[*b]));
@@ -263,11 +250,7 @@ impl Topic {
         let is_same = |row: usize| row + 1 < times.secs().len() && times.secs()[row] >= times.secs()[row + 1];
         let rows = 0..times.secs().len();
         let kept: Vec<usize> = match options.duplicates {
-            Duplicates::Error => {
-                let message =
-                    format!("{}; --duplicates first|last keeps one of both", not_increasing(times, row));
-                return Err(undecided("--duplicates", message));
-            }
+            Duplicates::Error => return Err(undecided([keep_one()], not_increasing(times, row))),
             Duplicates::First => rows.filter(|row| *row == 0 || !is_same(row - 1)).collect(),
             Duplicates::Last => rows.filter(|row| !is_same(*row)).collect(),
         };

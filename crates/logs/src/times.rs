@@ -10,11 +10,12 @@ mod grid;
 mod simplest;
 
 use grid::Grid;
+use mishandle_results::{Key, Remedy};
 use mishandle_text::{number_text, visible};
 use simplest::simplest;
 
 use crate::cell::RowTime;
-use crate::error::{LogError, Result, content, undecided};
+use crate::error::{LogError, Result, content, dense, resample, state_period, undecided};
 use crate::place::{Counted, Places};
 
 /// Largest deviation of a step from the mean step, as a fraction of it, that rounding need not
@@ -291,13 +292,13 @@ impl Times {
         })
     }
 
-    /// Returns the sampling period in seconds: `flag`, or else that of the times, which must
-    /// increase. Without a flag, one sample has none.
+    /// Returns the sampling period in seconds: the given one, or else that of the times, which
+    /// must increase. One sample has none of its own.
     ///
     /// # Errors
-    /// If the times are not evenly spaced, or do not fit the flag.
-    pub fn period(&self, flag: Option<f64>) -> Result<Option<f64>> {
-        let [first, .., last] = self.secs.as_slice() else { return Ok(flag) };
+    /// If the times are not evenly spaced, or do not fit the given period.
+    pub fn period(&self, given: Option<f64>) -> Result<Option<f64>> {
+        let [first, .., last] = self.secs.as_slice() else { return Ok(given) };
         let (shortest, longest) = self.extreme_steps();
         let mean = (last - first) / (self.secs.len() - 1) as f64;
         if !mean.is_finite() {
@@ -309,29 +310,30 @@ impl Times {
             )));
         }
         let rounding: Vec<f64> = self.rounding().collect();
-        if let Some(flag) = flag
-            && 4.0 * largest(&rounding) < flag
-            && self.grid(flag, &rounding).fits()
+        if let Some(given) = given
+            && 4.0 * largest(&rounding) < given
+            && self.grid(given, &rounding).fits()
         {
-            return Ok(Some(flag));
+            return Ok(Some(given));
         }
-        let found = self.found(mean, &rounding, shortest, longest).map_err(|error| match (flag, error) {
-            (Some(period), LogError::Undecided { message, flag }) => {
-                undecided(flag, format!("--period {} does not fit the times: {message}", number_text(period)))
-            }
+        let found = self.found(mean, &rounding, shortest, longest).map_err(|error| match (given, error) {
+            (Some(period), LogError::Undecided { fact, remedies }) => LogError::Undecided {
+                fact: format!("the period {} s does not fit the times: {fact}", number_text(period)),
+                remedies,
+            },
             (_, error) => error,
         })?;
-        match flag {
-            Some(flag) if (flag / found - 1.0).abs() > JITTER => Err(undecided(
-                "--period",
+        match given {
+            Some(given) if (given / found - 1.0).abs() > JITTER => Err(undecided(
+                [Remedy::Unset(Key::LOG_PERIOD), resample()],
                 format!(
-                    "--period is {} s, but the mean step of column `{}` is {} s; leave out --period, or pass --resample",
-                    number_text(flag),
+                    "the period is {} s, but the mean step of column `{}` is {} s",
+                    number_text(given),
                     self.column,
                     number_text(found)
                 ),
             )),
-            flag => Ok(flag.or(Some(found))),
+            given => Ok(given.or(Some(found))),
         }
     }
 
@@ -362,10 +364,9 @@ impl Times {
             return Ok(());
         }
         Err(undecided(
-            "--resample",
+            [resample(), dense(), state_period().when("its times are rounded")],
             format!(
-                "samples must be evenly spaced; column `{}` steps from {} to {} in {}, its mean step is {}; pass --resample \
-                 hold|linear or --dense hold|linear, or --period if its times are rounded",
+                "samples must be evenly spaced; column `{}` steps from {} to {} in {}, its mean step is {}",
                 self.column,
                 self.text(step.row - 1),
                 self.text(step.row),
@@ -507,7 +508,7 @@ mod tests {
             ["0.00 0.10 0.21 0.30", "0.000 0.101 0.200 0.301 0.400", "0 10 21 30", "0 0.2 0.5", "0 1 3"]
         {
             let error = period(text.split(' ').map(str::to_owned)).expect_err("no period").to_string();
-            assert!(error.contains("evenly spaced") && error.contains("--period"), "{text}: {error}");
+            assert!(error.contains("evenly spaced"), "{text}: {error}");
         }
     }
 
@@ -549,10 +550,16 @@ mod tests {
         assert!(coarse().period(None).is_err());
         assert_eq!(coarse().period(Some(1.0 / 30.0)).expect("fits"), Some(1.0 / 30.0));
         let error = coarse().period(Some(0.04)).expect_err("no period").to_string();
-        assert!(error.starts_with("--period 0.04 does not fit the times: samples must be evenly"), "{error}");
+        assert!(
+            error.starts_with("the period 0.04 s does not fit the times: samples must be evenly"),
+            "{error}"
+        );
         let even = || times(["0", "0.5", "1"].map(str::to_owned));
         assert_eq!(even().period(Some(0.5)).expect("fits"), Some(0.5));
         let error = even().period(Some(0.25)).expect_err("no period").to_string();
-        assert!(error.contains("--period is 0.25 s, but the mean step of column `time` is 0.5 s"), "{error}");
+        assert!(
+            error.contains("the period is 0.25 s, but the mean step of column `time` is 0.5 s"),
+            "{error}"
+        );
     }
 }

@@ -1,12 +1,13 @@
 //! Verdicts of a formula on the samples of a log: when it is violated, how long, and by which part.
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{
     Clock, DenseMonitor, DenseSignal, Diagnosis, Formula, Monitor, MonitorError, SubformulaNode, TimeUnit,
     Trace, is_violated,
 };
-use mishandle_text::{number_text, shell_quote, visible};
+use mishandle_text::{number_text, visible};
 
-use crate::error::{LogError, Result, content, undecided};
+use crate::error::{LogError, Result, content, name_time, resample, state_period, undecided};
 use crate::samples::{Samples, Signals};
 
 /// Periods in which bounds of formulas in dense time are whole numbers, s.
@@ -101,10 +102,8 @@ impl Samples {
                 let even = Even { trace, clock, period: *period, start: *start, evaluation };
                 even.verdict(formula).map_err(|error| match error {
                     LogError::Formula(error @ MonitorError::NotAMultiple { .. }) if *has_times => undecided(
-                        "--period",
-                        format!(
-                            "{error}; the steps are those of the times, in seconds; --period sets another one that fits them"
-                        ),
+                        [state_period().when("another one fits the times")],
+                        format!("{error}; the steps are those of the times, in seconds"),
                     ),
                     error => error,
                 })
@@ -137,10 +136,9 @@ impl Samples {
                 let clock = clock(formula, *period, *has_times, self.likely_time.as_deref(), evaluation)?;
                 Ok((trace, clock, *start))
             }
-            Signals::Dense(_) => Err(undecided(
-                "--resample",
-                "this needs samples, which --dense does not give; resample the log instead".to_string(),
-            )),
+            Signals::Dense(_) => {
+                Err(undecided([resample()], "this needs samples, which dense time does not have"))
+            }
         }
     }
 
@@ -187,21 +185,14 @@ fn clock(
         (None, unit) if formula.needs_period(unit.is_some()) => {
             let needs = "a bound of the formula is a time, which needs the time between two samples";
             let typed = likely_time.filter(|name| visible(name) == *name);
-            let message = match (has_times, typed) {
-                (true, _) => {
-                    format!("{needs}, but the trace has one sample; pass --period SECONDS")
-                }
-                (false, Some(name)) => format!(
-                    "{needs}, but the trace has no column `time`; if the column `{name}` has the times in seconds, pass \
-                     --time {}, otherwise --period SECONDS",
-                    shell_quote(name)
-                ),
-                (false, None) => format!(
-                    "{needs}, but the trace has no column `time`; pass --period SECONDS, or the name of the column with the \
-                     times as --time COLUMN"
-                ),
-            };
-            Err(undecided("--period", message))
+            if has_times {
+                return Err(undecided([state_period()], format!("{needs}, but the trace has one sample")));
+            }
+            let time = typed.map_or_else(name_time, |name| {
+                Remedy::set(Key::LOG_TIME, Choice::Text(name.to_owned()))
+                    .when(format!("the column `{name}` has the times in seconds"))
+            });
+            Err(undecided([state_period(), time], format!("{needs}, but the trace has no column `time`")))
         }
         (None, _) => Ok(Clock::unknown()),
     }
@@ -331,18 +322,14 @@ impl Even<'_> {
 
 /// Returns the error for a log that is too short for `strict_horizon`.
 pub(crate) fn too_short(needed: usize, samples: usize) -> LogError {
-    content(format!(
-        "the formula needs {needed} samples, but the trace has only {samples}; without --strict-horizon, windows are cut \
-         at its end"
-    ))
+    LogError::TooShort(format!("the formula needs {needed} samples, but the trace has only {samples}"))
 }
 
 /// Checks that a value does not come from an empty window.
 pub(crate) fn check_decided(robustness: f64) -> Result<()> {
     if !robustness.is_finite() {
-        return Err(content(format!(
-            "the robustness at time 0 is {}: it depends on no sample of the trace; without --strict-horizon, empty \
-             windows are allowed",
+        return Err(LogError::TooShort(format!(
+            "the robustness at time 0 is {}: it depends on no sample of the trace",
             number_text(robustness)
         )));
     }
@@ -391,9 +378,8 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
     let monitor = DenseMonitor::new(formula, &names, evaluation.unit)?;
     let diagnosis = if evaluation.strict_horizon {
         monitor.diagnose_decided(signals)?.ok_or_else(|| {
-            content(format!(
-                "the windows of the formula are longer than the log, which has {} s; without --strict-horizon, they are \
-                 cut at its end",
+            LogError::TooShort(format!(
+                "the windows of the formula are longer than the log, which has {} s",
                 number_text(end - start)
             ))
         })?

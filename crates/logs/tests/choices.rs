@@ -1,12 +1,14 @@
 //! Choices: units, zones, order, missing values, resampling, topics. What nobody stated is an error
-//! that names the flag.
+//! that has the setting that decides.
 
 use std::io::Cursor;
 
+use crate::names;
 use mishandle_logs::{
     Column, Duplicates, Interpolation, Log, Missing, OpenLog, Options, Result, Samples, Sampling, Signals,
     Times, Topic, Unit,
 };
+use mishandle_results::Key;
 
 fn samples(text: &str, signals: &[&str], options: &Options) -> Result<Samples> {
     OpenLog::open_csv(Box::new(Cursor::new(text.to_owned())), options)?.read(signals)?.samples(options)
@@ -27,10 +29,10 @@ fn values(text: &str, signals: &[&str], options: &Options) -> Vec<Vec<f64>> {
 }
 
 #[track_caller]
-fn asks(text: &str, options: &Options, flag: &str, part: &str) {
+fn asks(text: &str, options: &Options, key: Key, part: &str) {
     let error = samples(text, &["d"], options).expect_err("an undecided choice");
-    assert_eq!(error.flag(), Some(flag), "{error}");
-    assert!(error.to_string().contains(part) && error.to_string().contains(flag), "{error}");
+    assert!(names(&error, key), "{error}: {:?}", error.remedies());
+    assert!(error.to_string().contains(part), "{error}");
 }
 
 fn resampled(interpolation: Interpolation, period: f64) -> Options {
@@ -47,16 +49,16 @@ const LINEAR: Interpolation = Interpolation::Linear;
 #[test]
 fn a_unit_is_never_guessed() {
     let plain = Options::default();
-    asks("time,d\n1700000000000000000,1\n", &plain, "--time-unit", "line 2: `time` is 1.7e18");
-    asks("time,d\n1700000000000,1\n", &plain, "--time-unit", "looks like ms, us or ns");
+    asks("time,d\n1700000000000000000,1\n", &plain, Key::LOG_TIME_UNIT, "line 2: `time` is 1.7e18");
+    asks("time,d\n1700000000000,1\n", &plain, Key::LOG_TIME_UNIT, "looks like ms, us or ns");
     for name in ["timestamp_ns", "t [ms]", "time(us)", "header.stamp.nanosec"] {
         let options = Options { time: Some(name.to_owned()), ..Options::default() };
-        asks(&format!("{name},d\n0,1\n1,1\n"), &options, "--time-unit", "looks like");
+        asks(&format!("{name},d\n0,1\n1,1\n"), &options, Key::LOG_TIME_UNIT, "looks like");
         let stated = Options { time_unit: Some(Unit::Milliseconds), ..options };
         let found = samples(&format!("{name},d\n0,1\n20,1\n"), &["d"], &stated).expect("stated");
         assert!(matches!(found.signals, Signals::Even { period: Some(0.02), .. }), "{found:?}");
     }
-    asks("time,d\n2024-01-31 12:00:00,1\n", &plain, "--utc-offset", "line 2");
+    asks("time,d\n2024-01-31 12:00:00,1\n", &plain, Key::LOG_UTC_OFFSET, "line 2");
     let error = samples("time,d\n1/2/2024 12:00,1\n", &["d"], &plain).expect_err("an ambiguous date");
     assert!(error.to_string().contains("line 2: `time` is `1/2/2024 12:00`; a time must be"), "{error}");
     let error = samples("time,d\n0,1\n2024-01-31T12:00:00Z,1\n", &["d"], &plain).expect_err("mixed times");
@@ -100,14 +102,14 @@ fn nanoseconds_stay_exact_at_an_epoch() {
 #[test]
 fn order_and_doubles_are_choices() {
     let plain = Options::default();
-    asks("time,d\n0,1\n2,1\n1,1\n", &plain, "--sort", "does not increase: it is 2 and then 1 in line 4");
+    asks("time,d\n0,1\n2,1\n1,1\n", &plain, Key::LOG_SORT, "does not increase: it is 2 and then 1 in line 4");
     asks(
         "time,d\n0,1\n1,1\n1,1\n",
         &plain,
-        "--duplicates",
+        Key::LOG_DUPLICATES,
         "does not increase: it is 1 and then 1 in line 4",
     );
-    asks("time,d\n0,1\n0.1,1\n0.3,1\n", &plain, "--resample", "steps from 0 to 0.1 in line 3");
+    asks("time,d\n0,1\n0.1,1\n0.3,1\n", &plain, Key::LOG_RESAMPLE, "steps from 0 to 0.1 in line 3");
     let sorted = Options { sort: true, ..Options::default() };
     assert_eq!(values("time,d\n2,3\n0,1\n1,2\n", &["d"], &sorted), [[1.0, 2.0, 3.0]]);
     let text = "time,d\n0,1\n1,2\n1,3\n1,4\n2,5\n";
@@ -121,7 +123,7 @@ fn order_and_doubles_are_choices() {
 fn missing_values_are_choices() {
     for cell in ["", "NaN", "null", "None", "abc", "inf", "-", "NA"] {
         let text = format!("time,d\n0,1\n1,{cell}\n2,3\n");
-        asks(&text, &Options::default(), "--missing", &format!("line 3: `d` is `{cell}`"));
+        asks(&text, &Options::default(), Key::LOG_MISSING, &format!("line 3: `d` is `{cell}`"));
         let hold = Options { missing: Missing::Hold, ..Options::default() };
         assert_eq!(values(&text, &["d"], &hold), [[1.0, 1.0, 3.0]]);
         // Without the row, the samples are not even.
@@ -131,13 +133,13 @@ fn missing_values_are_choices() {
         assert_eq!(values(&text, &["d"], &linear), [[1.0, 2.0, 3.0]]);
     }
     let hold = Options { missing: Missing::Hold, ..Options::default() };
-    asks("time,d\n0,\n1,2\n", &hold, "--missing", "line 2: `d` has no value yet");
+    asks("time,d\n0,\n1,2\n", &hold, Key::LOG_MISSING, "line 2: `d` has no earlier value to hold");
     let error = samples("time,d\n0,\n1,\n", &["d"], &hold).expect_err("no number");
     assert!(error.to_string().contains("`d` has no number in any row"), "{error}");
     asks(
         "time,d\n0,1\n,1\n",
         &Options::default(),
-        "--missing",
+        Key::LOG_MISSING,
         "line 3: `time` is ``; every row needs a finite time",
     );
 }
@@ -163,7 +165,7 @@ fn a_column_can_name_the_topic_of_each_row() {
     let even = Options { topic_column: Some("topic".to_owned()), ..Options::default() };
     assert_eq!(values(text, &["arm/x"], &even), [[1.0, 2.0, 3.0]]);
     let both = samples(text, &["arm/x", "/hand/y"], &even).expect_err("two rates");
-    assert_eq!(both.flag(), Some("--resample"), "{both}");
+    assert!(names(&both, Key::LOG_RESAMPLE), "{both}");
     let lacks = samples(text, &["arm/y"], &even).expect_err("blanks");
     assert!(lacks.to_string().contains("line 2: `arm/y` has no number"), "{lacks}");
     let unknown = samples(text, &["leg/x"], &even).expect_err("no such topic");
@@ -200,17 +202,14 @@ fn jitter_is_resampled_and_gaps_need_a_tolerance() {
         assert!((value - row as f64).abs() < 1e-12, "{linear:?}");
     }
     let bounded = Options { tolerance: Some(0.2), ..resampled(HOLD, 0.1) };
-    asks(text, &bounded, "--tolerance", "`d` has no value for 0.25");
-    asks(
-        text,
-        &Options { tolerance: Some(1.0), ..Options::default() },
-        "--tolerance",
-        "--resample or --dense",
-    );
-    asks(text, &Options { period: None, ..resampled(HOLD, 0.1) }, "--period", "--resample needs");
-    asks("d\n1\n2\n", &resampled(HOLD, 0.1), "--time", "need the times of the samples");
+    let long = samples(text, &["d"], &bounded).expect_err("a gap").to_string();
+    assert!(long.contains(" s before line 6, longer than the tolerance of 0.2 s"), "{long}");
+    let even = Options { tolerance: Some(1.0), ..Options::default() };
+    asks(text, &even, Key::LOG_DENSE, "that resampling or dense time bridges");
+    asks(text, &Options { period: None, ..resampled(HOLD, 0.1) }, Key::LOG_PERIOD, "resampling needs");
+    asks("d\n1\n2\n", &resampled(HOLD, 0.1), Key::LOG_TIME, "need the times of the samples");
     let seconds = Options { time_unit: Some(Unit::Seconds), ..resampled(HOLD, 1e-3) };
-    asks("time,d\n0,1\n1e10,2\n", &seconds, "--period", "pass a longer period");
+    asks("time,d\n0,1\n1e10,2\n", &seconds, Key::LOG_PERIOD, "the period must be longer");
 }
 
 #[test]
@@ -241,7 +240,7 @@ fn topics_with_different_times_share_their_common_time() {
         assert_eq!((signals[0].times(), signals[0].values()), (&[0.5, 1.0, 2.0][..], &[0.0, 1.0, 2.0][..]));
         assert_eq!((signals[1].times(), signals[1].values()), (&[0.5, 1.5, 2.0][..], &[5.0, 7.0, 7.0][..]));
         let error = log.samples(&Options::default()).expect_err("two rates");
-        assert_eq!(error.flag(), Some("--resample"), "{error}");
+        assert!(names(&error, Key::LOG_RESAMPLE), "{error}");
     }
     let apart = Log {
         topics: vec![topic("a", &[0, 1], &[0.0, 1.0]), topic("b", &[5, 6], &[0.0, 1.0])],

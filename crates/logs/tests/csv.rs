@@ -1,9 +1,11 @@
 //! CSV files: the dialects of other programs, and messages with lines.
 
+use crate::names;
 use crate::processor_time::processor_secs;
 use std::io::{self, Read};
 
 use mishandle_logs::{LogError, OpenLog, Options, Result, Samples, Signals};
+use mishandle_results::Key;
 use mishandle_stl::Formula;
 
 fn samples_of(source: impl Read + 'static, signal: &str, options: &Options) -> Result<Samples> {
@@ -28,12 +30,11 @@ fn check(text: &str, message: &str) {
 }
 
 #[track_caller]
-fn check_with(text: &str, options: &Options, message: &str, flag: Option<&str>) {
+fn check_with(text: &str, options: &Options, message: &str, key: Option<Key>) {
     let error = read(text.as_bytes(), "d", options).expect_err("an error");
     assert!(error.to_string().contains(message), "{text:?}: {error}");
-    if let Some(flag) = flag {
-        assert_eq!(error.flag(), Some(flag), "{error}");
-        assert!(error.to_string().contains(flag), "{error}");
+    if let Some(key) = key {
+        assert!(names(&error, key), "{error}");
     }
     assert!(error.to_string().lines().count() <= 2, "{error}");
 }
@@ -85,12 +86,22 @@ fn dialects_of_other_programs_give_the_same_values() {
 }
 
 #[test]
-fn a_dialect_with_two_readings_is_an_error_that_names_the_flag() {
+fn a_dialect_with_two_readings_is_an_error_that_names_the_setting() {
     let options = Options::default();
-    check_with("time,d;e\n0,1;2\n", &options, "separated by commas or by semicolons", Some("--delimiter"));
+    check_with(
+        "time,d;e\n0,1;2\n",
+        &options,
+        "separated by commas or by semicolons",
+        Some(Key::LOG_DELIMITER),
+    );
     let stated = Options { delimiter: Some(';'), ..Options::default() };
     assert_eq!(read(b"time,e;d\n0,1;2\n", "d", &stated).expect("stated").0, [2.0]);
-    check_with("e;d\n1;0.5\n1;1,234\n", &options, "line 3: `1,234` has a decimal comma", Some("--decimal"));
+    check_with(
+        "e;d\n1;0.5\n1;1,234\n",
+        &options,
+        "line 3: `1,234` has a decimal comma",
+        Some(Key::LOG_DECIMAL),
+    );
     // With commas between cells, a decimal comma must be stated.
     check("e,d\n1,\"0,5\"\n", "line 2: `d` is `0,5`");
     let comma = Options { decimal_comma: Some(true), ..Options::default() };

@@ -8,3 +8,11 @@ mod formats;
 mod memory;
 #[path = "../../stl/tests/processor_time.rs"]
 mod processor_time;
+
+use mishandle_logs::LogError;
+use mishandle_results::Key;
+
+/// Returns whether a choice is missing and a remedy has this setting.
+fn names(error: &LogError, key: Key) -> bool {
+    error.is_undecided() && error.remedies().iter().any(|remedy| remedy.keys().contains(&key))
+}

@@ -2,7 +2,9 @@
 
 use std::io::Cursor;
 
+use crate::names;
 use mishandle_logs::{Column, Log, Missing, OpenLog, Options, TimeValues, Times, Topic, Unit, tell_apart};
+use mishandle_results::Key;
 
 fn read_all(text: &str, options: &Options) -> (Log, Vec<(String, String)>) {
     let opened = OpenLog::open_csv(Box::new(Cursor::new(text.to_owned())), options).expect("a table");
@@ -44,13 +46,13 @@ fn values_in_memory_are_read_as_those_of_a_file() {
         let found = Times::of_values("time", values, &options).expect("times");
         assert_eq!(found.to_nanoseconds().expect("nanoseconds"), expected, "{values:?}");
     }
-    for (values, options, flag) in [
-        (TimeValues::Numbers(&[1e12]), Options::default(), "--time-unit"),
-        (TimeValues::Numbers(&[f64::NAN]), Options::default(), "--missing"),
-        (TimeValues::Instants(&[i64::MIN]), Options::default(), "--missing"),
+    for (values, options, key) in [
+        (TimeValues::Numbers(&[1e12]), Options::default(), Key::LOG_TIME_UNIT),
+        (TimeValues::Numbers(&[f64::NAN]), Options::default(), Key::LOG_MISSING),
+        (TimeValues::Instants(&[i64::MIN]), Options::default(), Key::LOG_MISSING),
     ] {
         let error = Times::of_values("time", values, &options).expect_err("undecided");
-        assert_eq!(error.flag(), Some(flag), "{values:?}");
+        assert!(names(&error, key), "{values:?}");
     }
     let column = |values: &[f64]| Column { name: "d".to_owned(), values: values.to_vec() };
     let times = || Some(Times::nanoseconds("time", &[0, 1]));
@@ -58,7 +60,7 @@ fn values_in_memory_are_read_as_those_of_a_file() {
     assert!(error.to_string().contains("`d` has 1 values, but the topic has 2 rows"), "{error}");
     let topic = Topic::of_values(None, times(), vec![column(&[1.0, f64::INFINITY])]).expect("a topic");
     let error = Log { topics: vec![topic], likely_time: None }.samples(&Options::default());
-    assert_eq!(error.expect_err("no number").flag(), Some("--missing"));
+    assert!(names(&error.expect_err("no number"), Key::LOG_MISSING));
 }
 
 #[test]

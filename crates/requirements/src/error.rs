@@ -1,5 +1,6 @@
 //! Errors of questions about requirements.
 
+use mishandle_results::Remedy;
 use mishandle_stl::{MonitorError, ParseError};
 
 /// A result, or an error of this crate.
@@ -17,4 +18,22 @@ pub enum RequirementError {
     /// The question has no answer.
     #[error("{0}")]
     Question(String),
+    /// The question lacks a setting.
+    #[error("{fact}")]
+    Lacking {
+        /// The open choice.
+        fact: String,
+        /// The setting that closes it.
+        remedy: Remedy,
+    },
+}
+
+impl RequirementError {
+    /// Returns what helps.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            RequirementError::Lacking { remedy, .. } => vec![remedy.clone()],
+            _ => Vec::new(),
+        }
+    }
 }

@@ -19,6 +19,7 @@
 //! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
+//! - [`Remedy`]: what helps against an error, in no document.
 //!
 //! With the feature `schema`, `Document` lists the documents with their schemas. The program needs
 //! none, so only `cargo xtask results` and a test of the command line build it. This crate contains
@@ -56,6 +57,7 @@ mod monitor;
 mod protocol;
 mod reasons;
 mod regression;
+mod remedy;
 mod replay;
 mod requirements;
 mod risk;
@@ -113,6 +115,7 @@ pub use monitor::{
 pub use protocol::{ProtocolCheck, ProtocolFinding};
 pub use reasons::EndReasons;
 pub use regression::{BaselineTest, Regression, RegressionTest};
+pub use remedy::{Choice, Command, Key, Remedy};
 pub use replay::Replay;
 pub use requirements::{
     FormulaDescription, FormulaExample, FormulaHorizon, FormulaLane, FormulaTrap, FormulaValues, LaneSpan,

@@ -58,7 +58,7 @@ pub(crate) fn camera(key: &Key, item: &Item) -> Result<CameraTable, Problem> {
         return Err(Problem::new(&key.span, "the name of a camera has letters, digits and `_`"));
     }
     if CAMERAS.contains(&name.as_str()) {
-        let message = format!("`{name}` is a view of `mishandle render`; give the camera another name");
+        let message = format!("`{name}` is a view that every model has; give the camera another name");
         return Err(Problem::new(&key.span, message));
     }
     let mut fields = Fields::new(item.table(name)?, format!("the camera `{name}`"));

@@ -451,8 +451,8 @@ fn policy(table: &Table) -> Result<Policy, Problem> {
         (None, None, None, Some(program)) => PolicySource::Program(program),
         (None, None, None, None) => PolicySource::Open,
         _ => {
-            let message = "[policy] takes one of `onnx`, `controller`, `expression` and `process`; without one of them, give \
-                           a policy with --controller";
+            let message = "[policy] takes one of `onnx`, `controller`, `expression` and `process`, or none of them \
+                           if each question has a policy of its own";
             return Err(Problem::new(&table.span, message));
         }
     };

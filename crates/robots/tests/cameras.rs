@@ -233,7 +233,7 @@ fn mistakes_are_named() {
         ("fovy = 90", "fovy = 0", "from 1 to 170 degrees"),
         ("fovy = 90", "fov = 90", "did you mean `fovy`?"),
         ("hand =", "desk =", "duplicate key"),
-        ("hand =", "close =", "is a view of `mishandle render`"),
+        ("hand =", "close =", "is a view that every model has"),
         ("hand =", "\"a b\" =", "letters, digits and `_`"),
         ("object = \"ball\"", "object = \"bal\"", "did you mean `ball`?"),
         ("tilt = {", "lamp_x = {", "every robot with cameras has an axis `lamp_x`"),

@@ -191,7 +191,7 @@ fn what_another_engine_cannot_do_is_an_error_with_its_line() {
         let (robot, controlled, target) = robot(&text);
         let error = robot.on_device(&controlled, &all_axes(&target)).err().expect(part).to_string();
         assert!(error.contains(part) && error.contains(", line "), "{part}: {error}");
-        assert!(error.contains("without --screening"), "{error}");
+        assert!(error.contains("without screening"), "{error}");
         // An event outside the space does not happen.
         if part.contains("the event") {
             let starts = target.space("starts").unwrap();

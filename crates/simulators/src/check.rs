@@ -143,7 +143,7 @@ impl<'a> Checker<'a> {
             formulas.len()
         );
         let without =
-            "it has no formula; state one in `formulas`, or give --formula with each question".to_string();
+            "it has no formula; state one in `formulas`, or give one with each question".to_string();
         let problems = if formulas.is_empty() { vec![without] } else { Vec::new() };
         self.report("hello", &passed, &problems);
     }

@@ -137,8 +137,8 @@ fn policy(table: Spanned<PolicyTable>, folder: &Path) -> Result<FilePolicy, Prob
         }
         _ => Err(Problem(
             place,
-            "[policy] takes one of `onnx`, `controller` and `process`; without one of them, leave it out and give \
-             --controller FILE"
+            "[policy] takes one of `onnx`, `controller` and `process`; leave the table out if each question has a policy \
+             of its own"
                 .to_string(),
         )),
     }

@@ -36,7 +36,7 @@ fn each_broken_rule_fails_its_check_with_a_way_out() {
     let stateful = "count = 0\ndef simulate(q):\n    global count\n    count += 1\n    ";
     for (changes, failing, advice) in [
         ("sys.exit(1)".to_string(), "hello", "ended"),
-        ("HELLO['formulas'] = []".to_string(), "hello", "--formula"),
+        ("HELLO['formulas'] = []".to_string(), "hello", "give one with each question"),
         ("HELLO['control_dt'] = 1e308".to_string(), "hello", "an episode of"),
         ("def simulate(q): return {'error': 'no'}".to_string(), "nominal", "the error `no`"),
         (

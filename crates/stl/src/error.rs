@@ -7,6 +7,8 @@ use crate::number::{Shown, with_short_numbers};
 pub(crate) const FINITE: &str =
     "a formula compares with finite numbers; a signal of this name needs backquotes";
 
+pub(crate) const NO_UNIT: &str = "a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such as [0:2s] have one";
+
 pub(crate) const BACKQUOTES: &str = "names with other characters are written in backquotes: `a/b[0]`";
 
 /// A position in the text of a formula. Line and column start at 1; columns count characters.

@@ -2,7 +2,7 @@
 //! (shunting yard).
 
 use crate::clock::{Bound, Interval, TimeUnit};
-use crate::error::{BACKQUOTES, FINITE, ParseError, Position};
+use crate::error::{BACKQUOTES, FINITE, NO_UNIT, ParseError, Position};
 use crate::formula::{Definition, Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
 use crate::name::{is_not_finite, is_reserved, unescaped};
@@ -516,8 +516,11 @@ impl<'t> Parser<'t> {
         let token = self.peek();
         let is_index = token.is_symbol("[") && self.ahead(2).is_symbol("]");
         let is_part_of_name = is_index || [".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
+        let follows_number =
+            self.next.checked_sub(1).is_some_and(|index| matches!(self.tokens[index].kind, Kind::Number(_)));
         let hint = match self.suggested_operator() {
             Some(operator) => Some(format!("did you mean `{operator}`?").into()),
+            None if follows_number && matches!(token.kind, Kind::Word(_)) => Some(NO_UNIT.into()),
             None => is_part_of_name.then(|| BACKQUOTES.into()),
         };
         Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), hint })

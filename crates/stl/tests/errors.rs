@@ -109,8 +109,12 @@ fn malformed_numbers_and_unknown_characters_are_errors() {
         5,
         "column 5: expected a number within the range of a 64-bit float, found the number `1e400`",
     );
-    check("a > 2b", 6, "column 6: expected an operator or the end of the formula, found `b`");
-    check("a > 5s", 6, "column 6: expected an operator or the end of the formula, found `s`");
+    let no_unit = "a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such as \
+                   [0:2s] have one";
+    for (text, word) in [("a > 2b", "b"), ("a > 5s", "s")] {
+        let message = "column 6: expected an operator or the end of the formula, found";
+        check(text, 6, &format!("{message} `{word}`; {no_unit}"));
+    }
     check("a b", 3, "column 3: expected an operator or the end of the formula, found `b`");
     let token = "expected a name, a number or an operator, found the character";
     check("~a", 1, &format!("column 1: {token} `~`; {BACKQUOTES}"));

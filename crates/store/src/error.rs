@@ -12,7 +12,7 @@ use crate::version::FORMAT_VERSION;
 #[non_exhaustive]
 pub enum StoreError {
     /// The program was built without the feature `parquet`.
-    #[error("this program was built without Parquet; `cargo build --release` builds one with it")]
+    #[error("this program was built without its feature `parquet`")]
     NoParquet,
     /// The new run would overwrite a file.
     #[error("cannot create a run: the file exists already; choose another path: {}", path.display())]

@@ -54,6 +54,6 @@ pub enum WorldError {
     )]
     Render(String),
     /// The program was built without the feature `render`.
-    #[error("this program was built without rendering; `cargo build --release` builds one with it")]
+    #[error("this program was built without its feature `render`")]
     NoRenderer,
 }

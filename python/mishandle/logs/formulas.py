@@ -15,7 +15,6 @@ from mishandle.base.traces import columns_of
 from mishandle.errors import InvalidValueError
 from mishandle.logs.sources import Reading, native_logs, native_reading
 from mishandle.logs.violations import violation
-from mishandle.logs.words import python_words
 
 
 _DISTANCE = re.compile(
@@ -43,16 +42,7 @@ class Formula:
     """
 
     def __init__(self, text: str) -> None:
-        try:
-            self._native = _native.Formula(text)
-        except InvalidValueError as error:
-            word = re.search(r"found `(\w+)`$", str(error))
-            if word is not None and re.search(rf"\d\.?\s*{word[1]}\b", text):
-                raise InvalidValueError(
-                    f"{error}; a number has no unit: `x <= 2` compares with 2 in the unit of the "
-                    "signal `x`, and only bounds such as [0:2s] have one"
-                ) from None
-            raise
+        self._native = _native.Formula(text)
         if self._native.chains_comparisons:
             warnings.warn(
                 "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in "
@@ -122,8 +112,7 @@ class Formula:
             raise InvalidValueError(
                 f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each"
             )
-        with python_words():
-            return _native.log_robustness(self._native, sources[0], given, decided_only)
+        return _native.log_robustness(self._native, sources[0], given, decided_only)
 
     def hint(self, names: list[str]) -> str | None:
         """Returns a hint for a log with columns of these names that lacks a signal."""

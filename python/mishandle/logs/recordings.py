@@ -18,7 +18,6 @@ from mishandle.base.keywords import check_options
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs import lerobot_data, mcap_files, ros_bags
 from mishandle.logs.columns import Tables
-from mishandle.logs.words import python_words
 
 MESSAGES = (".mcap", ".bag", ".db3")
 """Endings of recordings of messages."""
@@ -209,8 +208,7 @@ def _messages(
 
 
 def _table(file: pathlib.Path, time: str | None, table: TableOptions) -> Log:
-    with python_words():
-        topics, left_out = _native.read_table(str(file), {**NATIVE_DEFAULTS, **table, "time": time})
+    topics, left_out = _native.read_table(str(file), {**NATIVE_DEFAULTS, **table, "time": time})
     reasons: dict[str, dict[str, str]] = {name or "": {} for name, _, _ in topics}
     for column, reason in left_out:
         topic = next((name for name in reasons if name and column.startswith(f"{name}/")), "")

@@ -15,7 +15,6 @@ import mishandle.results as results
 from mishandle.errors import InvalidValueError
 from mishandle.logs.formulas import Formula
 from mishandle.logs.sources import Reading, native_logs, native_reading
-from mishandle.logs.words import python_words
 
 Range = Union[tuple[float, float], tuple[float, float, str]]
 """Least and greatest value of a parameter; a bound of a window has a unit."""
@@ -74,10 +73,9 @@ def formula(
     text = str(formula) if isinstance(formula, Formula) else formula
     given = native_reading(reading)
     named = _logs(log, Formula(text).signals, given)
-    with python_words():
-        document, shown = _native.describe_formula(
-            text, named, given, unit, dict(units or {}), episode
-        )
+    document, shown = _native.describe_formula(
+        text, named, given, unit, dict(units or {}), episode
+    )
     return dataclasses.replace(results.build(FormulaDescription, json.loads(document)), text=shown)
 
 
@@ -137,11 +135,10 @@ def mine(
         low, high, *rest = given_range
         ranges.append((name, float(low), float(high), rest[0] if rest else None, steps.get(name)))
     given = native_reading(reading)
-    with python_words():
-        named = _logs(log, _native.mined_signals(formula, ranges), given)
-        if not named:
-            raise InvalidValueError("there is no log")
-        document, text = _native.mine(formula, ranges, named, given, unit, share, points)
+    named = _logs(log, _native.mined_signals(formula, ranges), given)
+    if not named:
+        raise InvalidValueError("there is no log")
+    document, text = _native.mine(formula, ranges, named, given, unit, share, points)
     return dataclasses.replace(results.build(Mining, json.loads(document)), text=text)
 
 

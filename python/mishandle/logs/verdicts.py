@@ -15,7 +15,6 @@ import mishandle.results as results
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs.formulas import Formula
 from mishandle.logs.sources import NativeLog, Reading, native_logs, native_reading
-from mishandle.logs.words import python_words
 
 Formulas = Union[str, Formula, Sequence[Union[str, Formula]], Mapping[str, Union[str, Formula]]]
 
@@ -91,8 +90,7 @@ def monitor(
         for number, ((name, files, topics), readable) in enumerate(sources, 1)
     ]
     asked = [(name, str(formula)) for name, formula in parsed]
-    with python_words():
-        document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
+    document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
     return dataclasses.replace(
         results.build(Monitoring, json.loads(document)), text=text,
         without_verdict=(*lacking, *without)

@@ -12,6 +12,7 @@ mod rooms;
 mod rules;
 mod sizes;
 mod width;
+mod words;
 
 use std::fmt;
 use std::path::Path;
@@ -106,6 +107,7 @@ pub fn check(root: &Path) -> Result<()> {
         python::check(&tree),
         sizes::check(&tree),
         width::check(&tree),
+        words::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {

@@ -11,6 +11,7 @@ use mishandle_text::{decimal, plural};
 use crate::exit_status::ExitStatus;
 use crate::show::escape;
 use crate::show::output;
+use crate::words;
 
 /// List run files with what they contain
 #[derive(Debug, Args)]
@@ -97,7 +98,7 @@ fn summary(path: &Path) -> RunSummary {
     let read = || -> Result<RunFacts> { Ok(run_facts(&RunFile::open_unchecked(path)?)?) };
     let (error, facts) = match read() {
         Ok(facts) => (None, Some(facts)),
-        Err(error) => (Some(output::with_causes(error.chain())), None),
+        Err(error) => (Some(words::with_causes(error.chain())), None),
     };
     RunSummary { run: path.to_string_lossy().into_owned(), error, facts }
 }

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, IsTerminal, Read, Write};
 use std::path::Path;
 
-use anyhow::{Chain, Context, Error, Result, anyhow, bail, ensure};
+use anyhow::{Context, Error, Result, anyhow, bail, ensure};
 use console::Term;
 use mishandle::MishandleError;
 use mishandle::files::{AtomicFile, is_same_file};
@@ -17,6 +17,7 @@ use serde_json::Serializer;
 
 use super::escape::{EscapedJson, EscapedLine};
 use super::{escape, formula_error};
+use crate::words;
 
 /// Prints a line to stdout.
 pub fn line(text: &str) -> Result<()> {
@@ -124,7 +125,7 @@ pub fn write_new(path: &Path, write: impl FnOnce(&mut AtomicFile) -> Result<()>)
         // The functions that write name neither the file nor its flag, and some say again that they
         // cannot write.
         let system = error.chain().find_map(|cause| cause.downcast_ref::<std::io::Error>());
-        let cause = system.map_or_else(|| with_causes(error.chain()), ToString::to_string);
+        let cause = system.map_or_else(|| words::with_causes(error.chain()), ToString::to_string);
         anyhow!("cannot write {}: {cause}", path.display())
     })
 }
@@ -173,16 +174,6 @@ pub fn shows_progress() -> bool {
     std::io::stderr().is_terminal()
 }
 
-/// Formats the causes of an error, the outermost first. A cause that the text contains already is
-/// left out: some errors of libraries end with their cause.
-pub fn with_causes(causes: Chain<'_>) -> String {
-    causes.map(ToString::to_string).fold(String::new(), |text, cause| match text.as_str() {
-        "" => cause,
-        known if known.ends_with(&cause) => text,
-        known => format!("{known}: {cause}"),
-    })
-}
-
 /// Prints an error with its causes, and a hint if there is one.
 pub fn report_error(error: &Error) {
     let known = error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>());
@@ -194,7 +185,11 @@ pub fn report_error(error: &Error) {
         Some(MishandleError::Rollout(RolloutError::Parse { formula, source })) => {
             message(&format!("error: {whose}{}", formula_error::message(formula, source)));
         }
-        _ => message(&format!("error: {}", with_causes(error.chain()))),
+        _ => {
+            let text = words::with_causes(error.chain());
+            let text = words::described(&text, &words::remedies(error.chain()), &words::Shell);
+            message(&format!("error: {text}"));
+        }
     }
     let hint = error.chain().find_map(|cause| {
         let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
@@ -322,14 +317,6 @@ mod tests {
         assert!(text.contains(" … (992018 characters left out) … "), "{text}");
         assert!(text.chars().count() < 8100);
         assert_eq!(shortened("error: no"), "error: no");
-    }
-
-    #[test]
-    fn a_cause_that_an_error_contains_is_printed_once() {
-        let error =
-            Error::msg("disk I/O error").context("cannot write a.sqlite: disk I/O error").context("run");
-        assert_eq!(with_causes(error.chain()), "run: cannot write a.sqlite: disk I/O error");
-        assert_eq!(with_causes(Error::msg("b").context("a").chain()), "a: b");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use mishandle::training::{TrainingControl, TrainingProgress};
 
 use super::live_curve::LiveCurve;
 use super::output::{self, shows_progress};
-use crate::interrupt;
+use crate::{interrupt, words};
 
 /// Time between log lines without a terminal.
 const LOG_INTERVAL: Duration = Duration::from_secs(30);
@@ -78,7 +78,7 @@ impl TrainObserver for TrainReporter {
 
 /// Formats an error with its causes.
 pub fn with_causes(error: &MishandleError) -> String {
-    output::with_causes(Chain::new(error))
+    words::with_causes(Chain::new(error))
 }
 
 /// Decides when the next log line is due; the first one is due immediately.

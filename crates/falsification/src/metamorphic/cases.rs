@@ -47,7 +47,7 @@ impl Cases {
                     return Err(FalsificationError::Change {
                         axis: axis.name.clone(),
                         change: change.to_string(),
-                        expected: "a change of an axis that source cases have: add it with --axis or --set"
+                        expected: "a change of an axis that source cases have: add it to the axes"
                             .to_string(),
                     });
                 }

@@ -7,7 +7,7 @@ use super::chain::Chain;
 use super::import::{ImportOptions, Imported, Normalization};
 use super::normalizer::ObservationNormalizer;
 use super::tensor::NamedTensor;
-use crate::TorchProblem;
+use crate::{PolicyPart, TorchProblem};
 
 /// A kind of checkpoint.
 #[derive(Clone, Copy)]
@@ -37,28 +37,19 @@ const NO_NOISE: f32 = -20.0;
 const MAX_LAYERS: usize = 101;
 const MAX_SIZE: usize = 10_000;
 
-/// The names of the activations that `--activation` allows.
-const ACTIVATIONS: &str = "elu, relu, tanh, silu, gelu, leaky_relu, identity";
+/// The names of the activations that an import can be given.
+pub const ACTIVATIONS: &[&str] = &["elu", "relu", "tanh", "silu", "gelu", "leaky_relu", "identity"];
 
 impl Stated {
-    /// Returns the activation, given the one of the flag `flag`.
-    fn or_given(
-        self,
-        given: Option<Activation>,
-        what: &'static str,
-        flag: &str,
-    ) -> Result<Activation, TorchProblem> {
+    /// Returns the activation, or the one that the user gave.
+    fn or_given(self, given: Option<Activation>, what: PolicyPart) -> Result<Activation, TorchProblem> {
         match (self, given) {
             (Stated::Known(known), Some(given)) if known != given => {
                 Err(TorchProblem::Contradiction { what, found: known.to_string(), given: given.to_string() })
             }
             (_, Some(given)) => Ok(given),
             (Stated::Known(known) | Stated::Assumed(known), None) => Ok(known),
-            (Stated::Unknown(because), None) => Err(TorchProblem::Unknown {
-                what,
-                because,
-                way_out: format!("give --{flag} NAME: {ACTIVATIONS}"),
-            }),
+            (Stated::Unknown(because), None) => Err(TorchProblem::Unknown { what, because }),
         }
     }
 }
@@ -81,9 +72,8 @@ pub(super) fn assemble(
         Chain::new(&named).map_err(|problem| layers(format!("{problem}; {}", listed(tensors))))?;
     let is_deep = linear.len() > 1;
     let hidden = if is_deep { hidden } else { Stated::Assumed(Activation::Identity) };
-    let hidden = hidden.or_given(options.activation, "activation of the hidden layers", "activation")?;
-    let output =
-        output.or_given(options.output_activation, "activation of the last layer", "output-activation")?;
+    let hidden = hidden.or_given(options.activation, PolicyPart::HiddenActivation)?;
+    let output = output.or_given(options.output_activation, PolicyPart::OutputActivation)?;
     let mut sizes = vec![linear[0].0.shape[1]];
     sizes.extend(linear.iter().map(|(weight, _)| weight.shape[0]));
     // Layers are padded in memory, which multiplies the size of layers that are long and thin.

@@ -119,10 +119,7 @@ fn checkpoint(checkpoint: &Checkpoint<'_>, options: &ImportOptions) -> Result<Im
     if let Some((name, _)) = root.iter().find(|(name, _)| !known(name)) {
         return Err(TorchProblem::Differs {
             reason: format!("it has the entry `{name}` beside its policy, which may change the actions"),
-            way_out:
-                "save the state dictionary of the policy alone, and give --normalizer FILE if it normalizes \
-                      observations (docs/guide/import.md)"
-                    .into(),
+            way_out: "save the state dictionary of the policy alone (docs/guide/import.md)".into(),
         });
     }
     let mut options = options.clone();
@@ -158,11 +155,7 @@ fn module<'v>(root: &'v [(Rc<str>, Value)], name: &str) -> Option<&'v [(Rc<str>,
 fn running_standard_scaler(tensors: &[NamedTensor]) -> Result<ObservationNormalizer, TorchProblem> {
     let find = |name: &str| tensors.iter().find(|tensor| &*tensor.name == name).map(|tensor| &tensor.numbers);
     let Some((mean, variance)) = find("running_mean").zip(find("running_variance")) else {
-        return Err(TorchProblem::Differs {
-            reason: "its preprocessor of observations is no RunningStandardScaler".to_string(),
-            way_out: "give --normalizer FILE (docs/guide/import.md), or --normalizer none to leave it out"
-                .into(),
-        });
+        return Err(TorchProblem::Preprocessor);
     };
     // √v + 1e-8 = √(v'), with which `own_variance` returns v.
     let variance = variance.iter().map(|v| (v.sqrt() + 1e-8).powi(2)).collect();

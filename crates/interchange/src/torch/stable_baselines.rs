@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::assemble::{Kind, Stated, assemble, layers, listed};
 use super::import::{ImportOptions, Imported, Normalization};
 use super::tensor::{Checkpoint, NamedTensor};
-use crate::TorchProblem;
+use crate::{PolicyPart, TorchProblem};
 
 /// A kind of policy.
 struct Family {
@@ -134,11 +134,8 @@ pub(super) fn read(
         && !data["_last_original_obs"].is_null()
     {
         return Err(TorchProblem::Unknown {
-            what: "statistics of VecNormalize",
+            what: PolicyPart::Normalizer,
             because: " (it was trained with VecNormalize, whose statistics are in a file of their own)"
-                .into(),
-            way_out: "give --normalizer FILE (docs/guide/import.md), or --normalizer none if observations \
-                      were not normalized (norm_obs=False)"
                 .into(),
         });
     }

@@ -2,6 +2,7 @@
 
 use std::io::{self, Read};
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_text::{plural, visible};
 
 use crate::date;
@@ -208,13 +209,8 @@ fn delimiter(stated: Option<char>, header: &[u8], row: Option<&[u8]>) -> Result<
     match (&fitting[..], &several[..]) {
         ([only], _) => Ok(*only),
         ([first, second, ..], _) => Err(undecided(
-            "--delimiter",
-            format!(
-                "the columns can be separated by {} or by {}; pass --delimiter, such as --delimiter '{}'",
-                named(*first),
-                named(*second),
-                visible(&first.to_string())
-            ),
+            [Remedy::set(Key::LOG_DELIMITER, Choice::Text(visible(&first.to_string())))],
+            format!("the columns can be separated by {} or by {}", named(*first), named(*second)),
         )),
         ([], [first, ..]) => Ok(*first),
         ([], []) => {

@@ -176,9 +176,9 @@ impl Track {
 
 fn too_long(name: &str, step: f64, place: &str, tolerance: f64) -> crate::LogError {
     undecided(
-        "--tolerance",
+        [],
         format!(
-            "`{}` has no value for {} s {place}, longer than --tolerance {} s",
+            "`{}` has no value for {} s {place}, longer than the tolerance of {} s",
             visible(name),
             number_text(step),
             number_text(tolerance)

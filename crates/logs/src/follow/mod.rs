@@ -23,6 +23,7 @@ use std::time::Duration;
 
 use even::Steps;
 use grid::{Grid, Track};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{Formula, Recording};
 use mishandle_text::{number_text, visible};
 use reader::{Message, Opened};
@@ -30,7 +31,9 @@ use topic::Topic;
 pub use watch::{Answer, Violated, Watch, Watched};
 
 use crate::cell::Row;
-use crate::error::{LogError, Result, content, undecided};
+use crate::error::{
+    LogError, Result, content, drop_missing, name_time, resample, resample_to_period, state_period, undecided,
+};
 use crate::log::{Source, full_name, not_utf8};
 use crate::options::{Duplicates, Options, Sampling};
 
@@ -141,7 +144,10 @@ impl Follow {
         options.check()?;
         check(formulas, options, following)?;
         if options.topic_column.is_some() && inputs.len() != 1 {
-            return Err(undecided("--topic-column", "--topic-column reads one file; leave out --topic"));
+            return Err(undecided(
+                [Remedy::Unset(Key::LOG_TOPIC)],
+                "a column names the topics of one file only",
+            ));
         }
         let mut signals: Vec<String> =
             formulas.iter().flat_map(Formula::signals).map(str::to_owned).collect();
@@ -322,8 +328,8 @@ impl Follow {
         let path = self.files[index].source.path.display();
         match error {
             LogError::Content(message) if self.files.len() > 1 => content(format!("{path}: {message}")),
-            LogError::Undecided { message, flag } if self.files.len() > 1 => {
-                undecided(flag, format!("{path}: {message}"))
+            LogError::Undecided { fact, remedies } if self.files.len() > 1 => {
+                LogError::Undecided { fact: format!("{path}: {fact}"), remedies }
             }
             LogError::Io(error) if self.files.len() > 1 => {
                 std::io::Error::new(error.kind(), format!("{path}: {error}")).into()
@@ -514,9 +520,9 @@ impl Follow {
             }
             if let Some(column) = row.values.iter().position(|value| value.is_nan()) {
                 return Err(undecided(
-                    "--missing",
+                    [drop_missing()],
                     format!(
-                        "{}: `{}` has no value yet that --missing hold could keep; pass --missing drop",
+                        "{}: `{}` has no earlier value to hold",
                         topic.counted.text(row.number),
                         visible(&topic.names[column])
                     ),
@@ -526,10 +532,9 @@ impl Follow {
                 let before = self.steps.last();
                 if !self.steps.add(secs, topic.rounding, period) {
                     return Err(undecided(
-                        "--resample",
+                        [resample()],
                         format!(
-                            "samples must be evenly spaced; column `{column}` steps from {} to {} in {}, and --period is {}; \
-                             pass --resample hold|linear",
+                            "samples must be evenly spaced; column `{column}` steps from {} to {} in {}, and the period is {}",
                             number_text(before),
                             number_text(secs),
                             topic.counted.text(row.number),
@@ -557,10 +562,7 @@ impl Follow {
     }
 
     fn different_times(&self) -> LogError {
-        undecided(
-            "--resample",
-            "the topics of the formula have different times; pass --resample hold|linear with --period SECONDS",
-        )
+        undecided([resample_to_period()], "the topics of the formula have different times")
     }
 
     /// Checks what only the end shows.
@@ -591,20 +593,20 @@ impl Follow {
 /// Checks the choices.
 fn check(formulas: &[Formula], options: &Options, following: Following) -> Result<()> {
     if let Sampling::Dense(_) = options.sampling {
-        return Err(undecided(
-            "--resample",
-            "--follow has no dense time; pass --resample hold|linear with --period SECONDS",
-        ));
+        return Err(undecided([resample_to_period()], "a log that is still written has no dense time"));
     }
     let has_lateness = following.lateness.is_some();
     if options.sort && !has_lateness {
         return Err(undecided(
-            "--lateness",
-            "--sort with --follow needs --lateness SECONDS: how much too late a row can come",
+            [Remedy::set(Key::LOG_LATENESS, Choice::SECONDS)],
+            "sorting a log that is still written needs the lateness: how much too late a row can come",
         ));
     }
     if has_lateness && !options.sort && options.sampling == Sampling::Even {
-        return Err(undecided("--lateness", "--lateness needs --resample or --sort; pass one of them"));
+        return Err(undecided(
+            [resample(), Remedy::set(Key::LOG_SORT, Choice::On)],
+            "the lateness needs resampling or sorting",
+        ));
     }
     if options.period.is_none() && formulas.iter().any(|formula| formula.needs_period(false)) {
         return Err(needs_period());
@@ -615,8 +617,8 @@ fn check(formulas: &[Formula], options: &Options, following: Following) -> Resul
 /// Returns the error for a bound that is a time, without a period.
 fn needs_period() -> LogError {
     undecided(
-        "--period",
-        "a bound of the formula is a time, and the steps of a log are known when it has ended; pass --period SECONDS",
+        [state_period()],
+        "a bound of the formula is a time, and the steps of a log are known when it has ended",
     )
 }
 
@@ -624,8 +626,5 @@ fn check_time(topic: &Topic, options: &Options) -> Result<()> {
     if topic.time.is_some() || options.sampling == Sampling::Even && !options.sort {
         return Ok(());
     }
-    Err(undecided(
-        "--time",
-        "--resample and --sort need the times of the samples; name their column with --time COLUMN",
-    ))
+    Err(undecided([name_time()], "resampling and sorting need the times of the samples"))
 }

@@ -163,7 +163,7 @@ fn read(
     let is_read = !opened.signals.is_empty() || (signals.is_empty() && is_first);
     if counted != Counted::Lines {
         return Err(content(
-            "--follow reads CSV and JSON lines; files of this format are read when they are complete",
+            "only CSV and JSON lines can be followed; files of this format are read when they are complete",
         ));
     }
     if !batch.borrow().send(Message::Opened(opened)) || !is_read {

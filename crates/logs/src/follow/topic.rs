@@ -3,10 +3,11 @@
 
 use std::collections::VecDeque;
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_text::{number_text, visible};
 
 use crate::cell::Row;
-use crate::error::{Result, content, undecided};
+use crate::error::{Result, content, hold_or_drop, keep_one, undecided};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::place::Counted;
 
@@ -92,12 +93,8 @@ impl Topic {
         self.missing += values.iter().filter(|value| value.is_nan()).count();
         if let (Some(column), Missing::Error) = (missing, options.missing) {
             return Err(undecided(
-                "--missing",
-                format!(
-                    "{}: `{}` has no number (--missing hold|drop reads the log without it)",
-                    self.counted.text(number),
-                    visible(&self.names[column])
-                ),
+                [hold_or_drop()],
+                format!("{}: `{}` has no number", self.counted.text(number), visible(&self.names[column])),
             ));
         }
         if missing.is_some() && options.missing == Missing::Drop && options.sampling == Sampling::Even {
@@ -176,21 +173,13 @@ impl Topic {
             return Ok(());
         }
         if row.secs < self.ordered {
-            return Err(undecided(
-                "--sort",
-                format!(
-                    "{}; --sort with --lateness SECONDS orders rows that come so much too late",
-                    self.not_increasing(&row)
-                ),
-            ));
+            let sort = [(Key::LOG_SORT, Choice::On), (Key::LOG_LATENESS, Choice::SECONDS)];
+            return Err(undecided([Remedy::Set(sort.into())], self.not_increasing(&row)));
         }
         if row.secs == self.ordered {
             match options.duplicates {
                 Duplicates::Error => {
-                    return Err(undecided(
-                        "--duplicates",
-                        format!("{}; --duplicates first|last keeps one of both", self.not_increasing(&row)),
-                    ));
+                    return Err(undecided([keep_one()], self.not_increasing(&row)));
                 }
                 Duplicates::First => {}
                 // Another topic, or one that is sorted, has passed this time.
@@ -246,9 +235,9 @@ impl Topic {
     /// Returns the error about a row that came too late.
     pub(super) fn late(&self, row: &Timed, before: f64) -> crate::LogError {
         undecided(
-            "--lateness",
+            [Remedy::set(Key::LOG_LATENESS, Choice::SECONDS)],
             format!(
-                "{}: the row of {} s came when those up to {} s were taken; pass a longer --lateness SECONDS",
+                "{}: the row of {} s came when those up to {} s were taken, so the lateness must be longer",
                 self.counted.text(row.number),
                 number_text(row.secs),
                 number_text(before)

@@ -7,7 +7,7 @@ use mishandle_text::{plural, visible};
 
 use super::{Signals, secs_text, trace};
 use crate::cell::MAX_ROWS;
-use crate::error::{Result, content, undecided};
+use crate::error::{Result, content, name_time, state_period, undecided};
 use crate::log::{Column, Log, Topic};
 use crate::options::Options;
 
@@ -39,7 +39,8 @@ struct Span {
 
 /// Returns the signals at multiples of the period after the start.
 pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Options) -> Result<Signals> {
-    let period = options.period.ok_or_else(|| undecided("--period", "--resample needs --period SECONDS"))?;
+    let period =
+        options.period.ok_or_else(|| undecided([state_period()], "resampling needs the new period"))?;
     if let [topic] = &log.topics[..]
         && let Some(times) = &topic.times
         && topic.columns.iter().all(|column| column.values.iter().all(|value| !value.is_nan()))
@@ -55,10 +56,11 @@ pub(super) fn resampled(log: Log, interpolation: Interpolation, options: &Option
     let steps = ((span.end - span.start + slack) / period).floor();
     if steps.is_nan() || steps >= MAX_ROWS as f64 {
         return Err(undecided(
-            "--period",
+            [state_period()],
             format!(
-                "{} at --period {period} are more than {}; pass a longer period",
+                "{} in steps of {} are more than {}, so the period must be longer",
                 secs_text(span.end - span.start),
+                secs_text(period),
                 plural(MAX_ROWS as u64, "sample")
             ),
         ));
@@ -118,10 +120,7 @@ fn tracks(log: Log, interpolation: Interpolation, options: &Options) -> Result<(
 impl Topic {
     fn tracks(self, options: &Options) -> Result<Vec<Track>> {
         let Some(times) = self.times else {
-            return Err(undecided(
-                "--time",
-                "--resample and --dense need the times of the samples; name their column with --time COLUMN",
-            ));
+            return Err(undecided([name_time()], "resampling and dense time need the times of the samples"));
         };
         let rounding = times.rounding().fold(0.0, f64::max);
         let mut tracks = Vec::new();
@@ -163,9 +162,9 @@ pub(crate) fn is_longer(step: f64, tolerance: f64) -> bool {
 fn too_long(name: &str, step: f64, place: &str, options: &Options) -> crate::LogError {
     let tolerance = options.tolerance.map(secs_text).unwrap_or_default();
     undecided(
-        "--tolerance",
+        [],
         format!(
-            "`{}` has no value for {} {place}, longer than --tolerance {tolerance}",
+            "`{}` has no value for {} {place}, longer than the tolerance of {tolerance}",
             visible(name),
             secs_text(step)
         ),

@@ -3,7 +3,7 @@
 mod axis;
 mod direction;
 
-use mishandle_results::{MinedPoint, MinedTrace, Mining, Number};
+use mishandle_results::{Choice, Key, MinedPoint, MinedTrace, Mining, Number, Remedy};
 use mishandle_stl::{Clock, Formula, Monitor, Parameter, ParseError, TimeUnit, Trace, is_satisfied, spelled};
 
 use crate::error::{RequirementError, Result};
@@ -531,16 +531,20 @@ fn step(
                 };
                 let periods: Option<Vec<f64>> =
                     traces.iter().map(|trace| trace.clock.period_secs()).collect();
-                let periods = periods.ok_or_else(|| {
-                    question(format!(
-                        "`{name}` is a time, and a trace has no sampling period: pass --period SECONDS"
-                    ))
+                let periods = periods.ok_or_else(|| RequirementError::Lacking {
+                    fact: format!("`{name}` is a time, and a trace has no sampling period"),
+                    remedy: Remedy::set(Key::LOG_PERIOD, Choice::SECONDS),
                 })?;
                 let differ = periods.iter().any(|period| (period - periods[0]).abs() > 1e-9 * periods[0]);
                 if differ && parameter.resolution.is_none() {
-                    return Err(question(format!(
-                        "the traces have different sampling periods: pass --resolution {name}=STEP, a multiple of each"
-                    )));
+                    return Err(RequirementError::Lacking {
+                        fact: "the traces have different sampling periods, and the step must be a multiple of each"
+                            .to_owned(),
+                        remedy: Remedy::set(
+                            Key::RESOLUTION,
+                            Choice::Of(name.clone(), Box::new(Choice::Shape("STEP"))),
+                        ),
+                    });
                 }
                 periods[0] * per_second
             }

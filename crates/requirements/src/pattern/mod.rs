@@ -3,7 +3,7 @@
 mod page;
 mod table;
 
-use mishandle_results::{FormulaExample, PatternParameter, RequirementPattern};
+use mishandle_results::{Choice, FormulaExample, Key, PatternParameter, Remedy, RequirementPattern};
 use mishandle_stl::{Formula, TimeUnit, nearest};
 
 use crate::error::{RequirementError, Result};
@@ -87,11 +87,12 @@ pub struct Pattern {
 /// If no pattern has it.
 pub fn pattern(name: &str) -> Result<&'static Pattern> {
     PATTERNS.iter().find(|pattern| pattern.name == name).ok_or_else(|| {
-        let hint = nearest(name, PATTERNS.iter().map(|pattern| pattern.name));
-        let hint = hint.map_or(";".to_owned(), |hint| format!("; did you mean `{hint}`?"));
-        RequirementError::Question(format!(
-            "there is no pattern `{name}`{hint} `mishandle formula --patterns` lists all"
-        ))
+        let known: Vec<&str> = PATTERNS.iter().map(|pattern| pattern.name).collect();
+        let hint = nearest(name, known.iter().copied()).map_or_else(
+            || format!("choose from: {}", known.join(", ")),
+            |near| format!("did you mean `{near}`?"),
+        );
+        RequirementError::Question(format!("there is no pattern `{name}`; {hint}"))
     })
 }
 
@@ -132,14 +133,14 @@ impl Pattern {
         for slot in self.slots {
             let given = settings.iter().find(|(name, _)| name == slot.name);
             let text = given.map(|(_, value)| value.trim()).or(slot.default).ok_or_else(|| {
-                question(format!(
-                    "the pattern {} needs the parameter `{}`, {}: --set {}='{}'",
-                    self.name,
-                    slot.name,
-                    slot.meaning,
-                    slot.name,
-                    slot.example()
-                ))
+                let example = Choice::Text(slot.example().to_owned());
+                RequirementError::Lacking {
+                    fact: format!(
+                        "the pattern {} needs the parameter `{}`, {}",
+                        self.name, slot.name, slot.meaning
+                    ),
+                    remedy: Remedy::set(Key::PARAMETER, Choice::Of(slot.name.to_owned(), Box::new(example))),
+                }
             })?;
             values.push((slot.name, slot.checked(text)?, text));
         }

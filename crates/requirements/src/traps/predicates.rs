@@ -92,8 +92,7 @@ fn mixed(tree: &Tree<'_>, units: &[Unit], found: &mut Found<'_>) {
                  can hide the others from a search",
                 list.join(", ")
             ),
-            Some("divide each part by its scale, such as (20 - force) / 20 >= 0; `mishandle explain --masking` counts \
-                  which part decides".to_owned()),
+            Some("divide each part by its scale, such as (20 - force) / 20 >= 0".to_owned()),
         );
     }
 }

@@ -10,9 +10,6 @@ use crate::expression::{ExpressionError, Node, NodeKind};
 /// Largest number of numbers of a program.
 const MAX_MEMORY: usize = 1_000_000;
 
-/// Start of the message of a mistake in a definition.
-const IN_DEFINITION: &str = "in the definition of ";
-
 /// Largest number of definitions that use each other in a chain: each of them is compiled again
 /// wherever an expression starts.
 const MAX_CHAIN: usize = 100;
@@ -258,15 +255,9 @@ impl<R: PartialEq> Compiler<R> {
                     return Err(error(node, message));
                 }
                 self.open.push(name.to_string());
-                let place = self.add(&definition, names).map_err(|problem| {
-                    // The innermost definition has the mistake.
-                    let message = if problem.message.starts_with(IN_DEFINITION) {
-                        problem.message
-                    } else {
-                        format!("{IN_DEFINITION}`{name}`: {}", problem.message)
-                    };
-                    error(node, message)
-                });
+                let place = self
+                    .add(&definition, names)
+                    .map_err(|error| error.in_definition(name, node.span.clone()));
                 self.open.pop();
                 place?
             }

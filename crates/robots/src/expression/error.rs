@@ -8,12 +8,24 @@ pub struct ExpressionError {
     pub message: String,
     /// Bytes of the text that it is about.
     pub span: Range<usize>,
+    /// Whether the mistake is in a definition that the text uses.
+    is_in_definition: bool,
 }
 
 impl ExpressionError {
     /// Makes an error about these bytes of the text.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> ExpressionError {
-        ExpressionError { message: message.into(), span }
+        ExpressionError { message: message.into(), span, is_in_definition: false }
+    }
+
+    /// Returns the error of a definition where it is used. The innermost one has the mistake.
+    pub(super) fn in_definition(self, name: &str, span: Range<usize>) -> ExpressionError {
+        let message = if self.is_in_definition {
+            self.message
+        } else {
+            format!("in the definition of `{name}`: {}", self.message)
+        };
+        ExpressionError { message, span, is_in_definition: true }
     }
 
     /// Returns the message with the text and a line that marks the bytes.

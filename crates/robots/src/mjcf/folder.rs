@@ -78,8 +78,8 @@ impl Folder {
     fn find_one(&self, name: &str) -> Result<Option<PathBuf>, String> {
         let outside = || {
             Err(format!(
-                "`{name}` is outside the folder of the model; if you trust the model, allow files outside it: `allow_outside = \
-                 true` in [model] of a target file, --allow-outside of `target init`"
+                "`{name}` is outside the folder of the model; if you trust the model, allow files outside it with the \
+                 setting `allow_outside`, which is `allow_outside = true` in [model] of a target file"
             ))
         };
         if name.contains("://") {

@@ -119,8 +119,5 @@ impl RobotFile {
 
 /// Returns the problem of a part of the file that another engine cannot simulate.
 fn refused(span: &std::ops::Range<usize>, message: &str) -> Problem {
-    Problem::new(
-        span,
-        format!("{message}; another physics engine cannot do that, so ask without --screening"),
-    )
+    Problem::new(span, format!("{message}; another physics engine cannot do that, so ask without screening"))
 }

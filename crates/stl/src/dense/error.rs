@@ -14,7 +14,7 @@ pub enum DenseError {
     /// A bound without a unit, which counts samples elsewhere.
     #[error(
         "bound {bound} of `{operator}` has no unit, and dense time has no samples to count; write a unit, such as \
-         `{bound} s`, or state one for all bounds (`--unit s`)"
+         `{bound} s`"
     )]
     NoUnit {
         /// The operator that has the interval.
@@ -32,10 +32,7 @@ pub enum DenseError {
         operator: &'static str,
     },
     /// Arithmetic of linear signals that is not linear.
-    #[error(
-        "`{term}` is not piecewise linear if its signals are; hold their values between samples (`--dense hold`), or \
-         resample the log to a period"
-    )]
+    #[error("`{term}` is not piecewise linear if its signals are")]
     NotLinear {
         /// The term as text.
         term: String,

@@ -65,7 +65,7 @@ fn follow(
         match Watch::new(&watched, follow.signals(), options.period, command.question.strict_horizon) {
             Ok(watch) => followed.push(Followed { requirement, watch, known: Answer::UNKNOWN }),
             // A choice that the command line lacks is not missing in one requirement alone.
-            Err(error) if error.flag().is_some() => return Err(error.into()),
+            Err(error) if error.is_undecided() => return Err(error.into()),
             Err(error) => errors.push((index, error)),
         }
     }

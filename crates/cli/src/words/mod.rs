@@ -1,0 +1,102 @@
+//! Errors and their remedies in the words of a front.
+
+mod error;
+mod shell;
+
+use mishandle::results::{Choice, Command, Key, Remedy};
+
+pub use error::{remedies, with_causes};
+pub use shell::Shell;
+
+/// The language of a front.
+pub trait Dialect {
+    /// Returns the name of a setting.
+    fn key(&self, key: Key) -> String;
+
+    /// Returns a setting with its value.
+    fn setting(&self, key: Key, value: &Choice) -> String;
+
+    /// Returns something else to ask, in quotes.
+    fn command(&self, command: Command) -> String;
+}
+
+/// Returns the text of an error with what helps.
+pub fn described(text: &str, remedies: &[Remedy], dialect: &dyn Dialect) -> String {
+    let mut described = text.to_owned();
+    let mut last_verb = "";
+    for (index, remedy) in remedies.iter().enumerate() {
+        let (verb, phrase, is_conditional) = phrase(remedy, dialect);
+        described += match (index, verb == last_verb && !is_conditional) {
+            (0, _) => "; ",
+            (_, true) => " or ",
+            (_, false) => ", or ",
+        };
+        if verb != last_verb {
+            described += verb;
+            described.push(' ');
+        }
+        described += &phrase;
+        last_verb = verb;
+    }
+    described
+}
+
+/// Returns the verb of a remedy, the rest of the sentence, and whether it has a condition.
+fn phrase(remedy: &Remedy, dialect: &dyn Dialect) -> (&'static str, String, bool) {
+    match remedy {
+        Remedy::Set(settings) => {
+            let settings: Vec<String> =
+                settings.iter().map(|(key, value)| dialect.setting(*key, value)).collect();
+            ("pass", settings.join(" with "), false)
+        }
+        Remedy::Unset(key) => ("leave out", dialect.key(*key), false),
+        Remedy::Run(command) => ("run", dialect.command(*command), false),
+        Remedy::If(condition, remedy) => {
+            let (verb, phrase, _) = phrase(remedy, dialect);
+            (verb, format!("{phrase} if {condition}"), true)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alternatives_are_one_sentence() {
+        const HOW: Choice = Choice::OneOf(&["hold", "linear"]);
+        let resample = || Remedy::set(Key::LOG_RESAMPLE, HOW);
+        let period = || Remedy::set(Key::LOG_PERIOD, Choice::SECONDS);
+        for (remedies, expected) in [
+            (vec![], "no"),
+            (vec![Remedy::set(Key::LOG_SORT, Choice::On)], "no; pass --sort"),
+            (
+                vec![resample(), Remedy::set(Key::LOG_DENSE, HOW), period().when("its times are rounded")],
+                "no; pass --resample hold|linear or --dense hold|linear, or --period SECONDS if its times are rounded",
+            ),
+            (
+                vec![Remedy::Unset(Key::LOG_PERIOD), resample()],
+                "no; leave out --period, or pass --resample hold|linear",
+            ),
+            (
+                vec![Remedy::Set(vec![(Key::LOG_RESAMPLE, HOW), (Key::LOG_PERIOD, Choice::SECONDS)])],
+                "no; pass --resample hold|linear with --period SECONDS",
+            ),
+            (
+                vec![Remedy::set(
+                    Key::PARAMETER,
+                    Choice::Of("p".to_owned(), Box::new(Choice::Text("x >= 1".to_owned()))),
+                )],
+                "no; pass --set p='x >= 1'",
+            ),
+            (
+                vec![
+                    Remedy::set(Key::LOG_TIME, Choice::Text("the stamp".to_owned())).when("it has the times"),
+                ],
+                "no; pass --time 'the stamp' if it has the times",
+            ),
+        ] {
+            assert_eq!(described("no", &remedies, &Shell), expected);
+        }
+    }
+}
