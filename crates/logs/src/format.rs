@@ -75,5 +75,7 @@ pub(crate) fn of_folder(path: &Path) -> crate::LogError {
 
 /// Returns the error for a format that the Python package reads.
 fn in_python(what: &str) -> crate::LogError {
-    content(format!("the file is {what}, which only the Python package reads: pip install '.[logs]' in a clone of Mishandle"))
+    content(format!(
+        "the file is {what}, which only the Python package reads: pip install '.[logs]' in a clone of Mishandle"
+    ))
 }
