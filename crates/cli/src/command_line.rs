@@ -157,4 +157,32 @@ mod tests {
         }
         assert!(rest.contains("\nOptions:\n") && rest.contains("\nExamples:\n"), "{help}");
     }
+
+    /// Returns the number that `xtask/ratchet.txt` states for `name`.
+    fn stated(name: &str) -> usize {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../xtask/ratchet.txt");
+        let text = std::fs::read_to_string(path).unwrap();
+        let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        line.expect(name).parse().unwrap()
+    }
+
+    fn add_flags(command: &clap::Command, flags: &mut std::collections::BTreeSet<String>) {
+        flags.extend(command.get_arguments().filter_map(|flag| flag.get_long()).map(str::to_string));
+        command.get_subcommands().for_each(|command| add_flags(command, flags));
+    }
+
+    fn count_commands(command: &clap::Command) -> usize {
+        let shown = || command.get_subcommands().filter(|command| !command.is_hide_set());
+        if shown().next().is_none() { 1 } else { shown().map(count_commands).sum() }
+    }
+
+    /// A new command or flag raises a number in `xtask/ratchet.txt`, and its commit says why.
+    #[test]
+    fn commands_and_flags_are_as_many_as_the_ratchet_says() {
+        let program = CommandLine::command();
+        let mut flags = std::collections::BTreeSet::new();
+        add_flags(&program, &mut flags);
+        assert_eq!(count_commands(&program), stated("commands"));
+        assert_eq!(flags.len(), stated("flags"), "{flags:?}");
+    }
 }

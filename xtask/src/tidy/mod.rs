@@ -8,6 +8,7 @@ mod plain;
 mod programs;
 mod prose;
 mod python;
+mod ratchet;
 mod rooms;
 mod rules;
 mod sizes;
@@ -108,6 +109,7 @@ pub fn check(root: &Path) -> Result<()> {
         sizes::check(&tree),
         width::check(&tree),
         words::check(&tree),
+        ratchet::check(&tree),
     ];
     let problems = found.into_iter().flatten().collect::<Vec<_>>();
     for problem in &problems {

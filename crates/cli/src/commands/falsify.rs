@@ -1,6 +1,5 @@
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::Plan;
 use mishandle::results::{Answer, Falsification};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
