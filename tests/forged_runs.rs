@@ -295,6 +295,23 @@ fn a_forged_falsification_is_not_resumed() {
 }
 
 #[test]
+fn a_forged_falsification_lacks_what_its_search_asks() {
+    let bench = Bench::falsification();
+    let missing = |change: Change| {
+        let (path, _) = bench.forge(change);
+        mishandle::run::missing(&RunFile::open(path).unwrap(), &bench.resolved).unwrap()
+    };
+    assert_eq!(missing(|_| ()), None);
+    assert!(missing(|run| run.chosen().seed += 1).unwrap().contains("simulation"));
+    // A search that is said to have ended, but has further simulations.
+    let cut = missing(|run| {
+        run.simulations.retain(|simulation| simulation.trial != 1 || simulation.number <= 10);
+        run.trials[0].status = TrialStatus::Converged;
+    });
+    assert!(cut.unwrap().contains("status of trial 1"));
+}
+
+#[test]
 fn a_forged_evaluation_is_not_resumed() {
     let bench = Bench::evaluation();
     bench.check_resume(HEADER);

@@ -211,8 +211,9 @@ fn a_control_arm_has_the_same_starts_and_seeds_and_every_other_axis_at_nominal()
         assert_eq!(explained.recorded.trial, CONTROL_TRIAL);
     }
     assert!(run.simulations().all(|row| row.unwrap().trial < CONTROL_TRIAL));
-    let parts = mishandle::run::recorded_parts(&run).unwrap();
-    assert_eq!(parts.control, Some(control));
+    let recorded = mishandle::run::recorded_answer(&run, None).unwrap();
+    let recorded: Evaluation = recorded.try_into().unwrap();
+    assert_eq!(recorded.control, Some(control));
 
     let off = EvaluatePlan { control: false, ..plan.evaluate.clone().unwrap() };
     let path = folder.path().join("off.sqlite");

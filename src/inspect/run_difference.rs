@@ -2,21 +2,17 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mishandle_evaluation::wilson;
-use mishandle_results as results;
 use mishandle_results::{
-    ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
+    Answer, ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
     RunDifference, Seed,
 };
-use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError, TrialStatus};
+use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError};
 use toml::Value;
 
 use crate::error::MishandleError;
 use crate::inspect::run_facts;
-use crate::resolve::recorded_plan;
-use crate::run::{
-    metric_counter, recorded_answer, recorded_axes, recorded_episode, recorded_parts, recorded_scenario,
-};
+use crate::plan::Plan;
+use crate::run::{recorded_answer, recorded_axes, recorded_scenario, stops_by_itself};
 
 /// Largest number of changed verdicts that are listed.
 const LISTED: usize = 100;
@@ -30,23 +26,20 @@ pub fn run_difference(first: &RunFile, second: &RunFile) -> Result<RunDifference
     let b = differing_run(second)?;
     let facts = differing(facts(first.header()), facts(second.header()));
     let mut notes = Vec::new();
-    let mut found = |name: &str, run: &RunFile| -> Result<Vec<Found>, MishandleError> {
-        match run.header().kind {
-            RunKind::Evaluate => evaluated(run),
-            RunKind::Falsify => falsified(run),
-            _ => Ok(answered(run).unwrap_or_else(|error| {
-                notes.push(format!("the answer of {name} is missing: {error}"));
-                Vec::new()
-            })),
+    let mut found = |name: &str, run: &RunFile| match recorded_answer(run, None) {
+        Ok(answer) => results_of(answer),
+        Err(error) => {
+            notes.push(format!("the answer of {name} is missing: {error}"));
+            Vec::new()
         }
     };
-    let results = side_by_side(found("A", first)?, found("B", second)?);
+    let results = side_by_side(found("A", first), found("B", second));
     if first.header().kind != second.header().kind {
         let [a, b] = [first, second].map(|run| run.header().kind.name());
         notes.push(format!("the runs are of different questions: A is of `{a}`, B of `{b}`"));
     }
     for (name, run) in [("A", first), ("B", second)] {
-        if run.header().kind == RunKind::Evaluate && recorded_parts(run)?.stops_by_itself {
+        if Plan::from_toml(&run.header().plan).is_ok_and(|plan| stops_by_itself(&plan)) {
             notes.push(format!("the intervals of {name} hold at any time, because a rule ended it"));
         }
     }
@@ -145,50 +138,31 @@ fn differing(mut a: BTreeMap<String, String>, mut b: BTreeMap<String, String>) -
     facts.filter(|fact| fact.first != fact.second).collect()
 }
 
-/// Returns the metrics of an evaluation over its random simulations.
-fn evaluated(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
-    let header = run.header();
-    let parts = recorded_parts(run)?;
-    let mut counter = metric_counter(header).with_intervals_at_any_time(parts.stops_by_itself);
-    for simulation in run.trial_simulations(RANDOM_TRIAL) {
-        counter.add(&recorded_episode(&simulation?));
-    }
-    let mut found = counter.report(mishandle_rollout::Seed(header.seed));
-    if let Some(sequential) = &parts.sequential {
-        found.success_rate = sequential.interval;
-    }
-    let all = [
-        ("success rate", Some(found.success_rate)),
-        ("strict success rate", found.strict_success_rate),
-        ("careful success rate", found.careful_success_rate),
-        ("dangerous behavior rate", found.dangerous_behavior_rate),
-        ("episodes with any danger", found.dangerous_episode_rate),
-        ("control steps until completion", found.task_completion_time),
-        ("success rate of the control", parts.control.as_ref().map(|control| control.success_rate)),
-        ("difference to the control", parts.control.as_ref().map(|control| control.difference)),
-    ];
-    let is_fraction = |name: &str| name != "control steps until completion";
-    Ok(all
-        .into_iter()
-        .filter_map(|(name, found)| Some((name.to_string(), found?, is_fraction(name))))
-        .collect())
-}
-
-/// Returns the share of falsified trials of those that ended.
-fn falsified(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
-    let trials = run.trials()?;
-    let count =
-        |is: fn(TrialStatus) -> bool| trials.iter().filter(|trial| is(trial.trial.status)).count() as u64;
-    let ended = count(|status| status != TrialStatus::Running);
-    let found = count(|status| status == TrialStatus::Falsified);
-    Ok(vec![("falsified trials".to_string(), wilson(found, ended), true)])
-}
-
-/// Returns the answer of a margin, a metamorphic test or a failure probability.
-fn answered(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
-    let resolved = recorded_plan(run.header(), None)?;
-    Ok(match recorded_answer(&resolved, run)? {
-        results::Answer::Risk(found) => {
+/// Returns the results of an answer.
+fn results_of(answer: Answer) -> Vec<Found> {
+    match answer {
+        Answer::Evaluation(found) => {
+            let metrics = &found.metrics;
+            let control = found.control.as_ref();
+            let all = [
+                ("success rate", Some(metrics.success_rate)),
+                ("strict success rate", metrics.strict_success_rate),
+                ("careful success rate", metrics.careful_success_rate),
+                ("dangerous behavior rate", metrics.dangerous_behavior_rate),
+                ("episodes with any danger", metrics.dangerous_episode_rate),
+                ("control steps until completion", metrics.task_completion_time),
+                ("success rate of the control", control.map(|control| control.success_rate)),
+                ("difference to the control", control.map(|control| control.difference)),
+            ];
+            let is_fraction = |name: &str| name != "control steps until completion";
+            all.into_iter()
+                .filter_map(|(name, found)| Some((name.to_string(), found?, is_fraction(name))))
+                .collect()
+        }
+        Answer::Falsification(found) => {
+            vec![("falsified trials".to_string(), found.falsification_rate, true)]
+        }
+        Answer::Risk(found) => {
             let (value, low, high) = found
                 .probability
                 .as_ref()
@@ -196,18 +170,18 @@ fn answered(run: &RunFile) -> Result<Vec<Found>, MishandleError> {
             let estimate = Estimate { value, low, high, n: found.simulations };
             vec![("probability of a failure".to_string(), estimate, true)]
         }
-        results::Answer::Margin(found) => {
+        Answer::Margin(found) => {
             let value = found.no_violation_up_to;
             let estimate = Estimate { value, n: found.simulations, ..Estimate::default() };
             vec![("amplitude without a violation".to_string(), estimate, false)]
         }
-        results::Answer::Metamorphic(found) => {
+        Answer::Metamorphic(found) => {
             let relations = found.relations.iter();
             let name = |relation: &str| format!("broken pairs of {relation}");
             relations.map(|relation| (name(&relation.name), relation.broken_rate, true)).collect()
         }
-        _ => Vec::new(),
-    })
+        Answer::Hardening(_) => Vec::new(),
+    }
 }
 
 fn side_by_side(a: Vec<Found>, b: Vec<Found>) -> Vec<DifferingResult> {

@@ -1,14 +1,14 @@
 //! How many simulations a question takes, before any of them.
 
-use mishandle_evaluation::{SizeSettings, Sizes, StopRule, decides_success, pair_size, rate_size};
-use mishandle_results::{ExpectedPairs, SampleSize, Seed as ResultSeed};
-use mishandle_store::{RANDOM_TRIAL, RunFile, RunKind};
+use mishandle_evaluation::{SizeSettings, Sizes, StopRule, pair_size, rate_size};
+use mishandle_results::{Evaluation, ExpectedPairs, SampleSize, Seed as ResultSeed};
+use mishandle_store::{RunFile, RunKind};
 
 use crate::error::MishandleError;
 use crate::inspect::compare;
 use crate::plan::{ComparePlan, EvaluatePlan, Plan, Until};
 use crate::resolve::{check_compare, check_evaluate};
-use crate::run::recorded_episode;
+use crate::run::recorded_answer;
 
 /// Expected rates, from experience or from a pilot run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,19 +52,9 @@ impl Expected {
             let kind = run.header().kind.name();
             return Err(problem(format!("the pilot is a run of `{kind}`; expected one of `evaluate`")));
         }
-        let mut successes = 0_u64;
-        let mut n = 0_u64;
-        let mut has_verdict = false;
-        for row in run.trial_simulations(RANDOM_TRIAL) {
-            let episode = recorded_episode(&row?);
-            has_verdict |= decides_success(&episode);
-            n += u64::from(episode.end.counts_in_rates());
-            successes += u64::from(episode.end.counts_in_rates() && episode.is_success());
-        }
-        match n {
-            _ if !has_verdict => Err(problem("no simulation of the pilot has a verdict".to_string())),
-            n => Ok(Expected::Rate(successes as f64 / n as f64)),
-        }
+        let found: Evaluation = recorded_answer(run, None)?.try_into()?;
+        let no_verdict = || problem("no simulation of the pilot has a verdict".to_string());
+        found.metrics.success_rate.value.map(Expected::Rate).ok_or_else(no_verdict)
     }
 
     /// Returns how often both, one or none of two evaluations succeed.

@@ -4,7 +4,7 @@ use mishandle_results::{Answer, EndReasons};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
-use crate::resolve::ResolvedPlan;
+use crate::plan::Plan;
 use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
 use crate::run::requirements::requirements;
@@ -14,17 +14,18 @@ use crate::run::requirements::requirements;
 pub(super) fn add_recorded_parts(
     answer: &mut Answer,
     run: &RunFile,
-    resolved: &ResolvedPlan,
+    plan: &Plan,
+    can_fail: bool,
 ) -> Result<(), MishandleError> {
     if let Answer::Evaluation(found) = answer
         && found.screening.is_none()
     {
         found.axis_rates = axis_rates(run)?;
     }
-    let falsify = resolved.plan.falsify.as_ref();
+    let falsify = plan.falsify.as_ref();
     let is_isolated = falsify.is_some_and(|falsify| falsify.isolate == Some(true));
     // Only a target that can fail says why.
-    if resolved.plan.requirements.is_empty() && !is_isolated && !resolved.target.can_fail {
+    if plan.requirements.is_empty() && !is_isolated && !can_fail {
         return Ok(());
     }
     let reasons = reasons(run)?;

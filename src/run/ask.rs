@@ -10,10 +10,11 @@ use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle_world::WorldDevice;
 
 use crate::error::MishandleError;
-use crate::resolve::ResolvedPlan;
+use crate::resolve::{ResolvedPlan, recorded_plan};
 use crate::run::answer::add_recorded_parts;
+use crate::run::facts::Facts;
 use crate::run::journal::Journal;
-use crate::run::{evaluate, falsify, header, margin, metamorphic, risk, screening};
+use crate::run::{evaluate, evaluating, falsify, header, margin, metamorphic, risk, screening};
 
 /// The engine that computes the simulations of a question.
 #[derive(Clone, Copy)]
@@ -110,8 +111,9 @@ pub(super) fn conclude(journal: Journal<'_>, found: Found) -> Result<Answer, Mis
         journal.check(&ended, answer.is_complete())?;
     }
     journal.set_ended(&ended)?;
+    let resolved = journal.resolved();
     // Before the file is closed: a second one would have to read its log.
-    journal.read(|run| add_recorded_parts(&mut answer, run, journal.resolved()))?;
+    journal.read(|run| add_recorded_parts(&mut answer, run, &resolved.plan, resolved.target.can_fail))?;
     journal.close()?;
     Ok(answer)
 }
@@ -130,9 +132,30 @@ fn question(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleE
 /// Returns the answer of a run from its records alone: that of the recorded simulations if the run
 /// was interrupted.
 ///
+/// With the plan of the run, every row is compared with what its question asks. Without it, an
+/// evaluation or a falsification without screening needs only the file, which does not know the
+/// starts that are reachable; for others, the target is looked up.
+///
 /// # Errors
-/// If the run is of another plan, has no simulations, or has others than its question asks.
-pub fn recorded_answer(resolved: &ResolvedPlan, run: &RunFile) -> Result<Answer, MishandleError> {
+/// If the run is of another plan, has no simulations, or has others than its question asks, or if
+/// the target is needed and not here.
+pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result<Answer, MishandleError> {
+    if let Some(resolved) = resolved {
+        return answer_again(run, resolved);
+    }
+    let header = run.header();
+    let facts = Facts::recorded(header)?;
+    let mut answer = match header.kind {
+        RunKind::Evaluate if facts.plan.screening.is_none() => evaluating::recorded(run, &facts)?,
+        RunKind::Falsify if facts.plan.screening.is_none() => falsify::recorded(run, &facts)?,
+        _ => return answer_again(run, &recorded_plan(header, None)?),
+    };
+    add_recorded_parts(&mut answer, run, &facts.plan, true)?;
+    Ok(answer)
+}
+
+/// Asks the question of a run again.
+fn answer_again(run: &RunFile, resolved: &ResolvedPlan) -> Result<Answer, MishandleError> {
     header::check(run.header(), resolved)?;
     let mut journal = Journal::again(resolved, run);
     let mut found = question(&journal, &mut |_| ControlFlow::Continue(()));

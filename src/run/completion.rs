@@ -75,7 +75,7 @@ pub fn missing(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<String>,
     if let Some(missing) = unfinished(run)? {
         return Ok(Some(missing));
     }
-    Ok(match recorded_answer(resolved, run) {
+    Ok(match recorded_answer(run, Some(resolved)) {
         Ok(answer) if answer.is_complete() => None,
         Ok(_) => Some("its question asks for further simulations".to_string()),
         Err(error) => Some(error.to_string()),

@@ -1,17 +1,20 @@
 //! An evaluation while it runs: its run file, and what its simulations say so far.
 
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use mishandle_evaluation::{CornerReport, Corners, FormulaRoles, MetricCounter, evaluate_corners};
-use mishandle_results::{Answer, Control, Evaluation, Sequential};
+use mishandle_results::{Answer, Evaluation};
 use mishandle_rollout::{AxisKind, Episode, Request, Seed};
 use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{Plan, StartRegion};
 use crate::run::ask::Found;
+use crate::run::completion::unfinished;
 use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
 use crate::run::evaluate::{Requests, check_trials, corner_report, evaluation_simulations};
+use crate::run::facts::Facts;
 use crate::run::journal::{Journal, JournalSystem};
 use crate::run::rate_rule::RateRule;
 use crate::run::record;
@@ -32,6 +35,15 @@ struct Counted {
 }
 
 impl Counted {
+    /// Counts nothing yet. `corners` is the report on the corners before their simulations.
+    fn new(plan: &Plan, roles: FormulaRoles, corners: Option<CornerReport>) -> Counted {
+        let metrics = MetricCounter::new(roles)
+            .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
+            .with_intervals_at_any_time(stops_by_itself(plan));
+        let rule = plan.evaluate.as_ref().and_then(RateRule::new);
+        Counted { metrics, corners, rule, pairs: Pairs::default(), done: 0 }
+    }
+
     /// Counts a recorded simulation, which must be the next one of its trial.
     fn add_recorded(&mut self, requests: &Requests<'_>, episode: &Episode) -> Result<(), MishandleError> {
         let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
@@ -48,16 +60,42 @@ impl Counted {
         if u64::from(*number) != next || !is_expected || is_surplus {
             return Err(MishandleError::SimulationMismatch { number: next as u32 });
         }
+        self.add(episode);
+        Ok(())
+    }
+
+    fn add(&mut self, episode: &Episode) {
         self.done += 1;
-        match (&mut self.corners, *trial) {
+        match (&mut self.corners, episode.request.trial) {
             (Some(report), Corners::TRIAL) => report.add(episode),
+            (None, Corners::TRIAL) => {}
             (_, control::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
             _ => {
                 self.metrics.add(episode);
                 add_random(&mut self.rule, &mut self.pairs, episode);
             }
         }
-        Ok(())
+    }
+
+    /// Returns the answer. `arm` are the axes that the control arm fixes, and whether all of its
+    /// simulations are the same; `run` is the path of the run file.
+    fn answer(self, facts: &Facts, arm: Option<(&[String], bool)>, run: &Path, is_complete: bool) -> Answer {
+        let plan = &facts.plan;
+        let mut metrics = self.metrics.report(Seed(plan.seed));
+        if let Some(rule) = self.rule.as_ref().filter(|_| metrics.success_rate.value.is_some()) {
+            metrics.success_rate = rule.estimate();
+        }
+        let corners = self.corners.as_ref();
+        let rule = self.rule.as_ref().zip(plan.evaluate.as_ref());
+        Answer::Evaluation(Box::new(Evaluation {
+            metrics,
+            corners: corners.map(|report| corners_result(facts.space.axes(), report)),
+            sequential: rule.map(|(rule, evaluate)| rule.result(evaluate)),
+            control: arm.and_then(|(nominal, is_single)| {
+                self.pairs.result(nominal, is_single, stops_by_itself(plan))
+            }),
+            ..evaluation_result(facts, run, is_complete)
+        }))
     }
 }
 
@@ -85,20 +123,11 @@ impl<'a> Evaluating<'a> {
         let resolved = journal.resolved();
         journal.read(|run| check_trials(resolved, run))?;
         let plan = &resolved.plan;
-        let evaluate = plan.evaluate.clone().unwrap_or_default();
-        let metrics = MetricCounter::new(FormulaRoles::of(&resolved.specification))
-            .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
-            .with_intervals_at_any_time(stops_by_itself(plan));
         // A process that was killed here can have started the first of them alone.
         journal.start(requests.trials())?;
         let statuses = journal.read(trials)?;
-        let mut counted = Counted {
-            metrics,
-            corners: requests.corners.as_ref().map(|corners| corner_report(resolved, corners)),
-            rule: RateRule::new(&evaluate),
-            pairs: Pairs::default(),
-            done: 0,
-        };
+        let corners = requests.corners.as_ref().map(|corners| corner_report(resolved, corners));
+        let mut counted = Counted::new(plan, FormulaRoles::of(&resolved.specification), corners);
         journal.rows(Some(RANDOM_TRIAL), |episode| {
             counted.add_recorded(requests, episode)?;
             if episode.request.trial == RANDOM_TRIAL {
@@ -263,26 +292,12 @@ impl<'a> Evaluating<'a> {
         let has_control =
             arm.is_none_or(|arm| self.counted.pairs.control.len() as u64 == arm.simulations(self.random()));
         let is_complete = is_random_done && has_corners && has_control;
-        let resolved = self.journal.resolved();
-        let plan = &resolved.plan;
-        let mut report = self.counted.metrics.report(Seed(plan.seed));
-        if let Some(rule) = self.counted.rule.as_ref().filter(|_| report.success_rate.value.is_some()) {
-            report.success_rate = rule.estimate();
-        }
         let spent = |trial| (trial, TrialStatus::BudgetSpent);
         let ended = if is_complete { self.requests.trials().map(spent).collect() } else { Vec::new() };
-        let control = arm
-            .and_then(|arm| self.counted.pairs.result(arm.nominal(), arm.is_single(), stops_by_itself(plan)));
-        let evaluate = plan.evaluate.clone().unwrap_or_default();
-        let axes = resolved.space.axes();
-        let answer = Evaluation {
-            metrics: report,
-            corners: self.counted.corners.as_ref().map(|report| corners_result(axes, report)),
-            sequential: self.counted.rule.as_ref().map(|rule| rule.result(&evaluate)),
-            control,
-            ..evaluation_result(resolved, &self.journal.path(), is_complete)
-        };
-        Found { answer: Answer::Evaluation(Box::new(answer)), ended, is_checked: true }
+        let facts = Facts::of(self.journal.resolved());
+        let arm = arm.map(|arm| (arm.nominal(), arm.is_single()));
+        let answer = self.counted.answer(&facts, arm, &self.journal.path(), is_complete);
+        Found { answer, ended, is_checked: true }
     }
 
     /// Returns the largest number of simulations.
@@ -292,59 +307,48 @@ impl<'a> Evaluating<'a> {
 }
 
 /// Returns whether the results of an evaluation decide how many simulations it has.
-pub(crate) fn stops_by_itself(plan: &Plan) -> bool {
+pub fn stops_by_itself(plan: &Plan) -> bool {
     plan.compare.is_some() || plan.evaluate.as_ref().is_some_and(|evaluate| evaluate.until.is_some())
 }
 
-/// Rule and control arm of a recorded evaluation, read without the target.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RecordedParts {
-    /// Whether the results decided how many simulations there are, so that intervals must hold at
-    /// any time.
-    pub stops_by_itself: bool,
-    /// The rule that ended it; `None` without one.
-    pub sequential: Option<Sequential>,
-    /// The control arm; `None` without one.
-    pub control: Option<Control>,
-}
-
-/// Reads what the file of an evaluation says about its rule and its control arm.
-///
-/// # Errors
-/// If the run cannot be read.
-pub fn recorded_parts(run: &RunFile) -> Result<RecordedParts, MishandleError> {
-    let header = run.header();
-    let Ok(plan) = Plan::from_toml(&header.plan) else { return Ok(RecordedParts::default()) };
-    let Some(evaluate) = plan.evaluate.as_ref().filter(|_| plan.screening.is_none()) else {
-        return Ok(RecordedParts::default());
-    };
-    let mut rule = RateRule::new(evaluate);
-    let mut pairs = Pairs::default();
-    for row in run.trial_simulations(RANDOM_TRIAL) {
-        add_random(&mut rule, &mut pairs, &record::recorded_episode(&row?));
-    }
+/// Returns the answer of a recorded evaluation without screening, from its file alone. No row is
+/// compared with the plan.
+pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, MishandleError> {
+    let mut counted = Counted::new(&facts.plan, facts.roles, corners(run, facts)?);
     let mut at_nominal = None;
-    for row in run.trial_simulations(control::TRIAL) {
+    for row in run.simulations().chain(run.derived_simulations(RANDOM_TRIAL)) {
         let row = row?;
-        pairs.control.push(Outcome::of(&record::recorded_episode(&row)));
-        at_nominal.get_or_insert(row.scenario);
+        counted.add(&record::recorded_episode(&row));
+        if row.trial == control::TRIAL {
+            at_nominal.get_or_insert(row.scenario);
+        }
     }
-    let axes = header.axes.iter().zip(at_nominal.unwrap_or_default());
+    let axes = run.header().axes.iter().zip(at_nominal.unwrap_or_default());
     let is_fixed_by_arm = |(axis, value): &(&AxisRecord, Option<f64>)| {
         axis.kind != AxisKind::Start.name() && !(axis.low == axis.high && Some(axis.low) == *value)
     };
     let nominal: Vec<String> = axes.filter(is_fixed_by_arm).map(|(axis, _)| axis.name.clone()).collect();
     // A complete arm has fewer simulations only if all of them would be the same.
-    let is_complete = trials(run)?
+    let is_ended = trials(run)?
         .into_iter()
         .any(|(trial, status)| trial == control::TRIAL && status != TrialStatus::Running);
-    let is_single = is_complete && pairs.control.len() == 1;
-    let stops_by_itself = stops_by_itself(&plan);
-    Ok(RecordedParts {
-        stops_by_itself,
-        sequential: rule.map(|rule| rule.result(evaluate)),
-        control: pairs.result(&nominal, is_single, stops_by_itself),
-    })
+    let is_single = is_ended && counted.pairs.control.len() == 1;
+    let is_complete = unfinished(run)?.is_none();
+    Ok(counted.answer(facts, Some((&nominal, is_single)), run.path(), is_complete))
+}
+
+/// Returns the report on the corners of a recorded evaluation before their simulations: of those
+/// with one or with several seeds, the one with the recorded number of simulations. Of reachable
+/// starts there is none, because only the target knows which corners count.
+fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerReport>, MishandleError> {
+    let evaluate = facts.plan.evaluate.as_ref();
+    if !evaluate.is_some_and(|evaluate| evaluate.corners && evaluate.starts == StartRegion::Whole) {
+        return Ok(None);
+    }
+    let last = run.last_simulation_number(Corners::TRIAL)?;
+    let planned = [false, true].map(|is_random| Corners::new(&facts.space, is_random, Seed(facts.plan.seed)));
+    let planned = planned.into_iter().flatten().find(|corners| corners.simulations() == last);
+    Ok(planned.map(|corners| corners.report(facts.roles, false, |_| None)))
 }
 
 fn add_random(rule: &mut Option<RateRule>, pairs: &mut Pairs, episode: &Episode) {

@@ -5,8 +5,10 @@ use mishandle_falsification::{
     Falsification, FalsificationOutcome, FalsificationSettings, KeepGoing, Trial, TrialEnd, TrialOutcome,
     isolate, isolation_budget,
 };
+use mishandle_results as results;
 use mishandle_results::Answer;
 use mishandle_rollout::{Episode, Request, Seed};
+use mishandle_search::SearchEnd;
 use mishandle_stl::Trace;
 use mishandle_store::{MAX_TRIALS, RunFile, TrialRecord, TrialStatus, TrialSummary};
 
@@ -15,10 +17,11 @@ use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
 use crate::run::ask::{Found, Progress, Watch};
+use crate::run::facts::Facts;
 use crate::run::journal::{Journal, Numbering};
-use crate::run::record;
 use crate::run::result::falsification_result;
 use crate::run::violation::violation_of;
+use crate::run::{has_random_rows, record, unfinished};
 
 /// Searches for counterexamples. The recorded simulations are not repeated: the searches get their
 /// results. `watch` gets the progress after each batch.
@@ -82,7 +85,10 @@ pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, Mish
         derived = ended;
         outcome.is_interrupted = !is_complete;
     }
-    let answer = falsification_result(resolved, &outcome, None, &journal.path());
+    let answer = results::Falsification {
+        failure_rate_bound: failure_rate_bound(resolved, &outcome),
+        ..falsification_result(&Facts::of(resolved), &outcome, None, &journal.path())
+    };
     Ok(Found { answer: Answer::Falsification(Box::new(answer)), ended: derived, is_checked: true })
 }
 
@@ -182,9 +188,50 @@ fn screened(
     let mut screen = journal.screening();
     let found = campaign.run_screened(&mut screen, &mut journal.system(None), screening.confirm, &mut watch);
     let (outcome, counts) = journal.result(found)?;
-    let answer = falsification_result(resolved, &outcome, Some(&counts), &journal.path());
+    let answer = falsification_result(&Facts::of(resolved), &outcome, Some(&counts), &journal.path());
     let answer = Answer::Falsification(Box::new(answer));
     Ok(Found { answer, ended: ended(&outcome.trials), is_checked: false })
+}
+
+/// Returns the answer of a recorded falsification without screening, from its file alone. No row is
+/// compared with what the searches propose, and the recorded statuses say how trials ended.
+pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, MishandleError> {
+    let falsify = facts.plan.falsify.clone().unwrap_or_default();
+    let mut trials: Vec<TrialOutcome> = Vec::new();
+    let mut statuses = Vec::new();
+    for TrialSummary { trial, .. } in run.trials()? {
+        trials.push(TrialOutcome::new(trial.number, Seed(trial.seed)));
+        statuses.push(trial.status);
+    }
+    for row in run.simulations() {
+        let row = row?;
+        if let Ok(place) = trials.binary_search_by_key(&row.trial, |trial| trial.trial) {
+            trials[place].add(&record::recorded_episode(&row));
+        }
+    }
+    for (trial, status) in trials.iter_mut().zip(statuses) {
+        trial.end = recorded_end(trial, status, &falsify);
+    }
+    let mut outcome = FalsificationOutcome::new(trials, falsify.budget);
+    outcome.is_interrupted = unfinished(run)?.is_some();
+    let is_random = has_random_rows(run.header()) && falsify.fixed_seed.is_none();
+    let answer = results::Falsification {
+        failure_rate_bound: outcome.failure_rate_bound().filter(|_| is_random),
+        ..falsification_result(facts, &outcome, None, run.path())
+    };
+    Ok(Answer::Falsification(Box::new(answer)))
+}
+
+/// Returns how a recorded trial ended, as far as its status says. A trial that keeps going and
+/// found a violation can also have ended with its search.
+fn recorded_end(trial: &TrialOutcome, status: TrialStatus, falsify: &FalsifyPlan) -> Option<TrialEnd> {
+    match status {
+        TrialStatus::Running => None,
+        TrialStatus::Converged => Some(TrialEnd::SearchEnded(SearchEnd::Converged)),
+        TrialStatus::Falsified if !falsify.keep_going => Some(TrialEnd::Falsified),
+        _ if trial.simulations < falsify.budget => Some(TrialEnd::ModesDriedUp),
+        _ => Some(TrialEnd::BudgetSpent),
+    }
 }
 
 fn settings(plan: &Plan, falsify: &FalsifyPlan) -> FalsificationSettings {
@@ -278,7 +325,7 @@ fn keep_going(resolved: &ResolvedPlan) -> Option<KeepGoing<'static>> {
 /// confidence: see [`FalsificationOutcome::failure_rate_bound`]. `None` unless the search draws
 /// independent uniform samples, because the points of other searches are not a random sample, or if
 /// a random target has the same seed in all of them.
-pub(super) fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
+fn failure_rate_bound(resolved: &ResolvedPlan, outcome: &FalsificationOutcome) -> Option<f64> {
     let falsify = resolved.plan.falsify.as_ref()?;
     let search = new_search(falsify, &resolved.search_space)(0).ok()?;
     let is_one_draw = falsify.fixed_seed.is_some() && resolve::space_depends_on_seed(resolved);

@@ -72,7 +72,7 @@ pub struct TrialOutcome {
 
 impl TrialOutcome {
     /// Makes the outcome of a trial without simulations.
-    pub(crate) fn new(trial: u32, seed: Seed) -> TrialOutcome {
+    pub fn new(trial: u32, seed: Seed) -> TrialOutcome {
         TrialOutcome {
             trial,
             seed,
@@ -103,7 +103,7 @@ impl TrialOutcome {
     }
 
     /// Adds a simulation.
-    pub(crate) fn add(&mut self, episode: &Episode) {
+    pub fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
         self.control_steps += episode.steps as u64;
         let request = &episode.request;

@@ -2,16 +2,14 @@
 
 use std::path::Path;
 
-use mishandle::evaluation::{Corners, Lifetime, Metrics};
+use mishandle::evaluation::{Corners, Lifetime};
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
 use mishandle::portable::portable_plan;
-use mishandle::results::{Answer, AxisRates, Requirement};
-use mishandle::rollout::{Axis, Seed};
-use mishandle::run::{
-    RecordedParts, axis_rates, metric_counter, recorded_answer, recorded_axis, recorded_parts, requirements,
-};
+use mishandle::results::{Answer, AxisRates, Evaluation, Requirement};
+use mishandle::rollout::Axis;
+use mishandle::run::{recorded_answer, recorded_axis, recorded_episode, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -49,14 +47,12 @@ pub struct RunReport {
     /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
     pub(crate) robustness: Vec<f64>,
     pub(crate) corners: Vec<CornerSimulation>,
-    /// Of an evaluation: the rates over all random simulations.
-    pub(crate) rates: Option<Metrics>,
-    /// Of an evaluation: success over the values of the axes.
-    pub(crate) axis_rates: Option<AxisRates>,
+    /// Of an evaluation: its answer, also that of the simulations so far.
+    pub(crate) evaluation: Option<Evaluation>,
     /// The requirements with a verdict of their own.
     pub(crate) requirements: Vec<Requirement>,
-    /// Of an evaluation: its rule and its control arm.
-    pub(crate) parts: RecordedParts,
+    /// Whether the results decide how many simulations there are.
+    pub(crate) stops_by_itself: bool,
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
@@ -164,8 +160,14 @@ impl RunReport {
         let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
         let has_strict = has("strict");
         let has_careful = has("careful");
-        let parts = recorded_parts(run)?;
-        let mut metrics = metric_counter(&header).with_intervals_at_any_time(parts.stops_by_itself);
+        let mut notes = Vec::new();
+        let mut evaluation = None;
+        if header.kind == RunKind::Evaluate {
+            match recorded_answer(run, None) {
+                Ok(answer) => evaluation = Some(answer.try_into().map_err(MishandleError::from)?),
+                Err(error) => notes.push(format!("The rates are missing: {error}.")),
+            }
+        }
         let mut robustness = Vec::new();
         let mut corners = Vec::new();
         let mut points = Vec::new();
@@ -187,11 +189,10 @@ impl RunReport {
                     trial.first_failure = Some(number);
                 }
             }
-            let episode = || mishandle::run::recorded_episode(&simulation);
             match simulation.trial {
                 _ if header.kind != RunKind::Evaluate => {}
                 Corners::TRIAL => {
-                    let episode = episode();
+                    let episode = recorded_episode(&simulation);
                     let point = Point::from(simulation.clone());
                     let strict = has_strict.then(|| episode.is_strict_success());
                     let careful = has_careful.then(|| episode.is_careful_success());
@@ -199,10 +200,7 @@ impl RunReport {
                         corners.push(CornerSimulation { point, strict, careful });
                     }
                 }
-                _ => {
-                    metrics.add(&episode());
-                    robustness.extend(rho);
-                }
+                _ => robustness.extend(rho),
             }
             let mut point = Point::from(simulation);
             let is_chosen = is_representative(point.trial, point.number);
@@ -231,21 +229,13 @@ impl RunReport {
             let number = found.number;
             format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
         });
-        let notes = preflight.chain(reasons).collect();
-        let rates = (header.kind == RunKind::Evaluate).then(|| {
-            let mut rates = metrics.report(Seed(header.seed));
-            if let Some(sequential) = &parts.sequential {
-                rates.success_rate = sequential.interval;
-            }
-            rates
-        });
+        notes.extend(preflight.chain(reasons));
         Ok(RunReport {
             path: path.to_string(),
+            stops_by_itself: plan.as_ref().is_some_and(stops_by_itself),
             plan,
-            rates,
-            axis_rates: axis_rates(run)?,
+            evaluation,
             requirements: requirements(run)?.unwrap_or_default(),
-            parts,
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
             counts,
@@ -293,7 +283,7 @@ impl RunReport {
         if !self.has_answer() || self.counts.simulations == 0 {
             return Ok(());
         }
-        let answer = recorded_answer(resolved, run)?;
+        let answer = recorded_answer(run, Some(resolved))?;
         if let Answer::Margin(found) = &answer
             && let Some(witness) = &found.witness
         {
@@ -333,6 +323,11 @@ impl RunReport {
                 component.name = name.to_string_lossy().into_owned();
             }
         }
+    }
+
+    /// Returns success over the values of the axes, of an evaluation.
+    pub(crate) fn axis_rates(&self) -> Option<&AxisRates> {
+        self.evaluation.as_ref()?.axis_rates.as_ref()
     }
 
     pub(crate) fn is_evaluation(&self) -> bool {

@@ -67,7 +67,7 @@ fn run(report: &RunReport) -> String {
         out.push_str("### Failure modes\n\n");
         out.push_str(&table(&["predicate", "failures", "from", "simulation"], 1, &rows));
     }
-    if let Some(rates) = &report.axis_rates {
+    if let Some(rates) = report.axis_rates() {
         out.push_str(&format!(
             "### Success over the range of the axes\n\n{}",
             axes(rates, tables::interval_head(report))

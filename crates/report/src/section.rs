@@ -40,12 +40,12 @@ pub fn section(report: &RunReport, id: usize) -> String {
         out.push_str(&format!("<h3>Corners</h3>\n{corners}"));
     }
     let sensitivity = report.measured.as_ref().and_then(|measured| measured.sensitivity.as_ref());
-    if sensitivity.is_some() || report.axis_rates.is_some() {
+    if sensitivity.is_some() || report.axis_rates().is_some() {
         out.push_str(&format!("<h3 id=\"r{id}-axes\">Which axes matter</h3>\n"));
     }
-    if let Some(rates) = &report.axis_rates {
+    if let Some(rates) = report.axis_rates() {
         out.push_str(&axis_rates::section(rates, "the random simulations"));
-        if report.parts.stops_by_itself {
+        if report.stops_by_itself {
             out.push_str(
                 "<p>All these intervals hold at any time, because a rule ended the evaluation.</p>\n",
             );

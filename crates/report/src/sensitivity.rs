@@ -129,7 +129,7 @@ pub fn section(report: &RunReport, found: &Sensitivity) -> String {
     let rest = found.effects.len().saturating_sub(MAX_ROWS);
     let rest = if rest > 0 { format!(" {rest} more axes have smaller effects.") } else { String::new() };
     // An evaluation has a larger sample of its own.
-    let rates = found.rates.as_ref().filter(|_| report.axis_rates.is_none());
+    let rates = found.rates.as_ref().filter(|_| report.axis_rates().is_none());
     let rates = rates.map_or(String::new(), |rates| {
         axis_rates::section(rates, &plural(found.scenarios, "random scenario"))
     });

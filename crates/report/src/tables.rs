@@ -101,12 +101,13 @@ pub fn rates(report: &RunReport) -> String {
 
 /// Returns what the intervals of the rates are.
 pub fn interval_head(report: &RunReport) -> &'static str {
-    if report.parts.stops_by_itself { "95 % interval at any time" } else { "95 % interval" }
+    if report.stops_by_itself { "95 % interval at any time" } else { "95 % interval" }
 }
 
 /// Returns the rows of the rates of an evaluation: name, value, interval and number of simulations.
 pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
-    let Some(found) = &report.rates else { return Vec::new() };
+    let Some(evaluation) = &report.evaluation else { return Vec::new() };
+    let found = &evaluation.metrics;
     let steps = |value: f64| format!("{} ({} s)", number(value), number(value * report.header.control_dt));
     let row = |(name, estimate, show): (&str, Option<Estimate>, &dyn Fn(f64) -> String)| {
         let estimate = estimate?;
@@ -126,7 +127,7 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
         ("control steps until completion", found.task_completion_time, &steps),
     ];
     let mut rows: Vec<Vec<String>> = rows.into_iter().filter_map(row).collect();
-    if let Some(control) = &report.parts.control {
+    if let Some(control) = &evaluation.control {
         let points =
             |value: f64| format!("{}{} points", if value > 0.0 { "+" } else { "" }, number(1e2 * value));
         let of_control = [
@@ -145,7 +146,8 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
 /// Returns sentences about the rates: what fails only under the perturbation, and what ended the
 /// evaluation.
 pub fn rate_notes(report: &RunReport) -> Vec<String> {
-    let control = report.parts.control.iter().map(|control| {
+    let Some(found) = &report.evaluation else { return Vec::new() };
+    let control = found.control.iter().map(|control| {
         format!(
             "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.{}",
             mishandle_text::plural(control.difference.n, "pair"),
@@ -158,7 +160,7 @@ pub fn rate_notes(report: &RunReport) -> Vec<String> {
             }
         )
     });
-    control.chain(report.parts.sequential.iter().map(|sequential| sequential.verdict.clone())).collect()
+    control.chain(found.sequential.iter().map(|sequential| sequential.verdict.clone())).collect()
 }
 
 /// Says that a table is cut.

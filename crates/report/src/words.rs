@@ -43,11 +43,12 @@ pub fn evaluated(report: &RunReport) -> (u64, u64) {
 /// Returns the interval of the failure rate of an evaluation. If its results decided how many
 /// simulations there are, it holds at any time.
 pub fn failure_interval(report: &RunReport, failing: u64, decided: u64) -> Option<[f64; 2]> {
-    if !report.parts.stops_by_itself {
+    if !report.stops_by_itself {
         let rate = wilson(failing, decided);
         return Some([rate.low?, rate.high?]);
     }
-    let success = match &report.parts.sequential {
+    let sequential = report.evaluation.as_ref().and_then(|found| found.sequential.as_ref());
+    let success = match sequential {
         // What the rule found, which its earlier looks can narrow.
         Some(found) if found.interval.n == decided => found.interval,
         _ => anytime_rate(decided - failing, decided),
@@ -167,7 +168,7 @@ fn progress(report: &RunReport) -> Option<String> {
         let planned = plan.evaluate.as_ref()?.episodes;
         let done = report.trials.first().map_or(0, |trial| trial.summary.counts.simulations);
         // A rule may end it before, and then only the status of the trials says that it did.
-        let has_fewer = done < planned && !(report.parts.stops_by_itself && done > 0);
+        let has_fewer = done < planned && !(report.stops_by_itself && done > 0);
         return (has_fewer || ended < report.trials.len()).then(|| {
             format!(
                 "<strong>The run is not finished</strong>: {} have been simulated.",

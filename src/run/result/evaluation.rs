@@ -8,11 +8,11 @@ use mishandle_rollout::Axis;
 
 use crate::plan::StartRegion;
 use crate::resolve::{ResolvedPlan, named_scenario};
-use crate::run::rejects_scenarios;
+use crate::run::facts::Facts;
 
 /// Returns the result of a screened evaluation. `corners` are those of the target's system, `run`
 /// is the path of its run file.
-pub(crate) fn screened_evaluation_result(
+pub(in crate::run) fn screened_evaluation_result(
     resolved: &ResolvedPlan,
     report: &ScreenedEvaluation,
     corners: Option<&CornerReport>,
@@ -60,23 +60,23 @@ pub(crate) fn screened_evaluation_result(
             )
         }),
         failures: Some(failures.collect()),
-        ..evaluation_result(resolved, run, report.is_complete)
+        ..evaluation_result(&Facts::of(resolved), run, report.is_complete)
     }
 }
 
 /// Returns the result of an evaluation without what its simulations say. `run` is the path of its
 /// run file.
-pub(crate) fn evaluation_result(resolved: &ResolvedPlan, run: &Path, is_complete: bool) -> Evaluation {
-    let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default();
+pub(in crate::run) fn evaluation_result(facts: &Facts, run: &Path, is_complete: bool) -> Evaluation {
+    let starts = facts.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default();
     let starts = match starts {
         StartRegion::Whole => "whole",
         StartRegion::Reachable => "reachable",
     };
     Evaluation {
         run: Some(run.to_string_lossy().into_owned()),
-        subject: resolved.subject(),
+        subject: facts.subject.clone(),
         starts: starts.to_string(),
-        leaves_out_starts: rejects_scenarios(resolved),
+        leaves_out_starts: facts.leaves_out_starts,
         is_complete,
         metrics: Metrics::default(),
         corners: None,
@@ -91,7 +91,7 @@ pub(crate) fn evaluation_result(resolved: &ResolvedPlan, run: &Path, is_complete
 }
 
 /// Returns the results at the corners and the center of the initial box.
-pub(crate) fn corners_result(axes: &[Axis], report: &CornerReport) -> Corners {
+pub(in crate::run) fn corners_result(axes: &[Axis], report: &CornerReport) -> Corners {
     let last = report.points.len().saturating_sub(1);
     let point = |(index, point): (usize, &CornerResult)| CornerPoint {
         kind: if index == last { "center" } else { "corner" }.to_string(),

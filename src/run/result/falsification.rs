@@ -5,29 +5,29 @@ use mishandle_results as results;
 use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial};
 use mishandle_search::OptionValue;
 
-use crate::plan::FalsifyPlan;
-use crate::resolve::{ResolvedPlan, named_scenario};
+use crate::plan::{FalsifyPlan, Plan};
+use crate::resolve::named_scenario;
 use crate::run::end_text;
-use crate::run::falsify::failure_rate_bound;
+use crate::run::facts::Facts;
 
 /// Returns the result of a falsification, without the repeats of its counterexamples, the smooth
 /// region and the failure modes. `counts` are those of its screening, `run` is the path of its run
 /// file.
-pub(crate) fn falsification_result(
-    resolved: &ResolvedPlan,
+pub(in crate::run) fn falsification_result(
+    facts: &Facts,
     found: &FalsificationOutcome,
     counts: Option<&ScreenedCounts>,
     run: &Path,
 ) -> Falsification {
-    let falsify = resolved.plan.falsify.clone().unwrap_or_default();
+    let falsify = facts.plan.falsify.clone().unwrap_or_default();
     Falsification {
         run: Some(run.to_string_lossy().into_owned()),
-        subject: resolved.subject(),
+        subject: facts.subject.clone(),
         is_complete: found.trials.iter().filter(|trial| trial.end.is_some()).count()
             == falsify.trials as usize
             && !found.is_interrupted,
         search_options: search_options(&falsify),
-        formula: resolved.specification.requirement.to_string(),
+        formula: facts.formula.clone(),
         budget: falsify.budget,
         batch: falsify.batch,
         fixed_seed: falsify.fixed_seed.map(Seed),
@@ -42,19 +42,19 @@ pub(crate) fn falsification_result(
         median_simulations: found.median_simulations,
         restricted_mean_simulations: found.restricted_mean_simulations,
         smooth_region: None,
-        failure_rate_bound: failure_rate_bound(resolved, found),
-        trials: found.trials.iter().map(|found| trial(resolved, found)).collect(),
+        failure_rate_bound: None,
+        trials: found.trials.iter().map(|found| trial(facts, found)).collect(),
         requirements: None,
         reasons: None,
         modes: None,
-        screening: counts.map(|counts| screening(resolved, found, counts)),
+        screening: counts.map(|counts| screening(&facts.plan, found, counts)),
     }
 }
 
-fn trial(resolved: &ResolvedPlan, found: &TrialOutcome) -> Trial {
+fn trial(facts: &Facts, found: &TrialOutcome) -> Trial {
     let minimum = found.minimum.as_ref();
-    let axes = resolved.space.axes();
-    let signals: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
+    let axes = facts.space.axes();
+    let signals: Vec<&str> = facts.signals.iter().map(String::as_str).collect();
     let unevaluated = |found: &Unevaluated| results::Unevaluated {
         simulation: found.number,
         scenario: named_scenario(axes, found.scenario.values()),
@@ -106,7 +106,7 @@ fn search_options(falsify: &FalsifyPlan) -> Named<SearchValue> {
     falsify.options.iter().map(|(name, option)| (name, value(option))).collect()
 }
 
-fn screening(resolved: &ResolvedPlan, found: &FalsificationOutcome, counts: &ScreenedCounts) -> Screening {
+fn screening(plan: &Plan, found: &FalsificationOutcome, counts: &ScreenedCounts) -> Screening {
     let reasons = [
         ("violated", counts.violated),
         ("without_verdict", counts.without_verdict),
@@ -115,7 +115,7 @@ fn screening(resolved: &ResolvedPlan, found: &FalsificationOutcome, counts: &Scr
     ];
     let without_verdict = found.diverged + found.invalid + found.failed + found.undecided;
     Screening {
-        device: resolved.plan.screening.as_ref().map_or(String::new(), |screening| screening.device.clone()),
+        device: plan.screening.as_ref().map_or(String::new(), |screening| screening.device.clone()),
         simulations: found.simulations,
         flagged: counts.violated.simulations + counts.without_verdict.simulations + counts.minima.simulations,
         audit_sample: counts.sampled.simulations,

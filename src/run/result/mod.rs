@@ -7,8 +7,8 @@ mod metamorphic;
 mod risk;
 mod simulation;
 
-pub(crate) use evaluation::{corners_result, evaluation_result, screened_evaluation_result};
-pub(crate) use falsification::falsification_result;
+pub(super) use evaluation::{corners_result, evaluation_result, screened_evaluation_result};
+pub(super) use falsification::falsification_result;
 pub(crate) use margin::margin_result;
 pub(crate) use metamorphic::metamorphic_result;
 pub(crate) use risk::{risk_result, screened_risk_result};

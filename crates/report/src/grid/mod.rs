@@ -28,8 +28,8 @@ impl GridRun {
     /// Returns the statistics of a run; `None` for a question that has none of these.
     pub fn new(report: &RunReport) -> Option<GridRun> {
         let plan = report.plan.clone()?;
-        match &report.rates {
-            Some(rates) => Some(GridRun::Evaluation(Box::new(plan), Box::new(rates.clone()))),
+        match &report.evaluation {
+            Some(found) => Some(GridRun::Evaluation(Box::new(plan), Box::new(found.metrics.clone()))),
             None => GridFalsification::new(report, plan).map(Box::new).map(GridRun::Falsification),
         }
     }
