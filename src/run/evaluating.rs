@@ -337,9 +337,9 @@ pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
     Ok(counted.answer(facts, Some((&nominal, is_single)), run.path(), is_complete))
 }
 
-/// Returns the report on the corners of a recorded evaluation before their simulations: of those
-/// with one or with several seeds, the one with the recorded number of simulations. Of reachable
-/// starts there is none, because only the target knows which corners count.
+/// Returns the report on the corners of a recorded evaluation before their simulations: with one or
+/// with several seeds for each corner, as the recorded number of simulations says. Reachable starts
+/// have no report, because only the target knows which corners count.
 fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerReport>, MishandleError> {
     let evaluate = facts.plan.evaluate.as_ref();
     if !evaluate.is_some_and(|evaluate| evaluate.corners && evaluate.starts == StartRegion::Whole) {

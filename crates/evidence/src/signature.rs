@@ -140,20 +140,18 @@ impl Signers {
         let problem = match (self, KeyFile::of(&text)) {
             (Signers::Key(_), KeyFile::Public(1)) => return Ok(Some(text)),
             (Signers::Key(_), KeyFile::Public(_)) => {
-                "it has several public keys; expected one, such as id_ed25519.pub; a file for --allowed-signers has a line \
+                "it has several public keys; expected one, such as id_ed25519.pub; a file of allowed signers has a line \
                  `NAME KEY` for each of several keys"
             }
             (Signers::Key(_), KeyFile::Private) => {
                 "it is a private key; expected its public key, such as id_ed25519.pub"
             }
             (Signers::Key(_), KeyFile::Signers) => {
-                "it is a file of allowed signers; expected a public key, such as id_ed25519.pub; name this file with \
-                 --allowed-signers"
+                "it is a file of allowed signers, not a public key such as id_ed25519.pub; name it as the allowed signers"
             }
             (Signers::Key(_), KeyFile::Other) => NO_PUBLIC_KEY,
             (_, KeyFile::Public(_)) => {
-                "it is a public key; expected a file with a line `NAME KEY` for each allowed signer; name this file with \
-                 --public-key"
+                "it is a public key, not a file with a line `NAME KEY` for each allowed signer; name it as the public key"
             }
             (_, KeyFile::Private) => {
                 "it is a private key; expected a file with a line `NAME KEY` for each allowed signer"

@@ -7,7 +7,7 @@ use super::{Problem, Tree};
 
 const FILE: &str = "xtask/ratchet.txt";
 
-/// What is counted, in the order of the file.
+/// Numbers by name, in the order of the file.
 type Counts = BTreeMap<String, usize>;
 
 /// Returns the number of each line of the file that is no longer right.
