@@ -268,7 +268,7 @@ def visited(
     with _simulated_on_the_cpu(period, made):
         # One simulation per trial: all start at once, and each fills one row.
         subject = f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed 1 --formula {formula}"
-        search = f"--search random --trials {episodes} --budget 1 -k falsify.batch=1 --repeats 0"
+        search = f"--search random --trials {episodes} --budget 1 -k falsify.batch=1 -k report.repeats=0"
         screening = f"-k screening.device=gpu -k screening.rows={episodes} -k screening.confirm=0.01"
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])
     if code not in (0, 1):

@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import pathlib
+import re
 import sqlite3
 import subprocess
 import sys
@@ -54,7 +55,7 @@ QUESTIONS = {
     ),
     "falsify a random toy": Question(
         results.Falsification,
-        ["falsify", "toy/noisy", *RANDOM, "--repeats", "10"],
+        ["falsify", "toy/noisy", *RANDOM, "-k", "report.repeats=10"],
         f'target = "toy/noisy"\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
         lambda out: falsify(out, "toy/noisy", repeats=10),
     ),
@@ -79,7 +80,7 @@ QUESTIONS = {
     ),
     "falsify a task with noise": Question(
         results.Falsification,
-        ["falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM, "--repeats", "10"],
+        ["falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM, "-k", "report.repeats=10"],
         f'target = "ball-balancing"\ncontroller = "ppo"\naction-noise = 0.5\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
         lambda out: falsify(out, "ball-balancing", policy="ppo", action_noise=0.5, repeats=10),
     ),
@@ -179,7 +180,7 @@ class Fronts(unittest.TestCase):
             with self.subTest(name):
                 flags, plan = (self.folder / f"{number}-{front}" for front in ("flags", "plan"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
-                repeats = ["--repeats", "10"] if "--repeats" in question.arguments else []
+                repeats = ["-k", "report.repeats=10"] if "report.repeats=10" in question.arguments else []
                 planned = self.command(question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats)
                 self.assertEqual(bits(question.kind, planned), expected)
                 found = self.answer(name)
@@ -202,7 +203,8 @@ class Fronts(unittest.TestCase):
             with self.subTest(name):
                 answer, folder = self.answer(name), self.folder / f"{number}-campaign"
                 expected = plain(answer)
-                [run] = self.command("campaign", self.plan(question), "--out", folder)["runs"]
+                seed = (re.findall(r"seed = (\d+)", question.plan) or ["0"])[0]
+                [run] = self.command("run", self.plan(question), "-k", f"seed=[{seed}]", "--out", folder)["runs"]
                 [file] = folder.glob("*.sqlite")
                 self.assertEqual(tables(file), tables(answer.path))
                 found = plain(results.build(question.kind, run["result"]))

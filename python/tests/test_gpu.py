@@ -511,7 +511,7 @@ class Commands(unittest.TestCase):
             return found
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
-        options = "--search random --trials 3 --budget 8 --seed 3 --repeats 0 -k screening.device=gpu -k screening.rows=24 -k screening.confirm=0.1"
+        options = "--search random --trials 3 --budget 8 --seed 3 -k report.repeats=0 -k screening.device=gpu -k screening.rows=24 -k screening.confirm=0.1"
         found = self.run_command("falsify", *options.split())
         self.assertEqual(found["screening"]["device"], "gpu")
         falsified = [trial for trial in found["trials"] if trial["falsified"]]

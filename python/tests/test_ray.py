@@ -231,7 +231,7 @@ class RayTest(unittest.TestCase):
         (self.folder / "campaign.toml").write_text(CAMPAIGN)
         ended = self.campaign("campaign.toml", "--out", "ray")
         self.assertEqual(ended.returncode, 0, ended.stderr)
-        command = [COMMAND, "campaign", self.folder / "campaign.toml", "--out", self.folder / "local"]
+        command = [COMMAND, "run", self.folder / "campaign.toml", "--out", self.folder / "local"]
         subprocess.run(command, check=False, capture_output=True)
         local = sorted((self.folder / "local").glob("*.sqlite"))
         self.assertEqual(len(local), 6)

@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a campaign on a Ray cluster. Returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python3 -m mishandle.ray",
-        description="Simulates the runs of a campaign on a Ray cluster. `mishandle campaign FILE --ray ADDRESS` calls it and "
+        description="Simulates the runs of a campaign on a Ray cluster. `mishandle run FILE -k engine.ray=ADDRESS` calls it and "
         "prints the results.",
     )
     parser.add_argument("campaign", nargs="?", metavar="FILE", help="campaign file (TOML)")

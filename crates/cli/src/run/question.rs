@@ -4,8 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
-use mishandle::plan::ScreeningPlan;
-use mishandle::resolve::Moved;
+use mishandle::plan::{ScreeningPlan, Settings};
 use mishandle::results::Screening;
 use mishandle::run::{Answer, Device, Engine};
 use mishandle::store::RunKind;
@@ -13,7 +12,7 @@ use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use super::{ExitStatus, control_flow, name, open, report_interruption, stop_on_signals};
-use crate::flags;
+use crate::flags::{self, Assignment};
 use crate::show::output;
 use crate::show::progress::Bar;
 
@@ -21,34 +20,39 @@ use crate::show::progress::Bar;
 pub struct Asked {
     pub resolved: ResolvedPlan,
     pub answer: Answer,
+    pub settings: Settings,
     /// Path of the run file, and the same quoted for a shell.
     pub path: PathBuf,
     pub name: String,
-    kind: RunKind,
+    pub kind: RunKind,
     simulations: u64,
     seconds: f64,
 }
 
-/// Opens or creates the run file of a question, and asks it. `subject` and `file` have the
-/// new paths of the files of a resumed run.
+/// Opens or creates the run file of a question, and asks it.
 pub fn ask(
     kind: RunKind,
-    subject: &flags::Subject,
+    keys: &[Assignment],
     file: &flags::OpenRun,
     gpu: Option<&Device>,
-    plan: impl FnOnce() -> Result<Plan>,
+    plan: impl FnOnce() -> Result<(Plan, Settings)>,
 ) -> Result<Asked> {
     let bar = Bar::new(0, "simulations");
     stop_on_signals(&bar)?;
     // Before there is a run file.
-    let checked = || match plan()? {
-        Plan { screening: Some(ScreeningPlan { device, .. }), .. } if gpu.is_none() => {
-            Err(MishandleError::NoDevice { device }.into())
+    let (planned, settings) = match (&file.resume, plan) {
+        (Some(_), _) => {
+            (None, flags::settings(keys, if kind == RunKind::Metamorphic { "run" } else { kind.name() })?)
         }
-        plan => Ok(plan),
+        (None, plan) => {
+            let (plan, settings) = plan()?;
+            (Some(plan), settings)
+        }
     };
-    let moved = Moved { controller: subject.controller.as_deref(), target: file.moved_target.as_deref() };
-    let (resolved, file) = open(file, kind, moved, checked)?;
+    if let (Some(Plan { screening: Some(ScreeningPlan { device, .. }), .. }), None) = (&planned, gpu) {
+        return Err(MishandleError::NoDevice { device: device.clone() }.into());
+    }
+    let (resolved, file) = open(file, kind, &settings.engine, planned)?;
     output::warn_about(&resolved.specification.requirement);
     let is_new = file.file().counts()?.simulations == 0;
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {
@@ -75,7 +79,7 @@ pub fn ask(
     }
     let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
-    Ok(Asked { resolved, answer, path, name, kind, simulations, seconds })
+    Ok(Asked { resolved, answer, settings, path, name, kind, simulations, seconds })
 }
 
 impl Asked {
