@@ -353,7 +353,7 @@ fn statistics() -> String {
         holds(", exact McNemar and sign tests", (sign_test(12, 2) - 212.0 / 16384.0).abs() < 1e-12),
         holds("; sequential: `--until` of `mishandle evaluate`", until("evaluate")),
         holds(" and `mishandle compare`", until("compare")),
-        holds("; sample sizes: `mishandle size`; ", accepts(&["size"])),
+        holds("; sample sizes: `--expect`; ", accepts(&["evaluate", "--expect", "0.9"])),
         holds(&risk, methods.iter().all(method)),
     ]
     .concat()

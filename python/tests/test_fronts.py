@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import pathlib
+import re
 import sqlite3
 import subprocess
 import sys
@@ -64,7 +65,7 @@ QUESTIONS = {
     ),
     "falsify a random toy": Question(
         results.Falsification,
-        ["falsify", "toy/noisy", *RANDOM, "--repeats", "10"],
+        ["falsify", "toy/noisy", *RANDOM, "-k", "report.repeats=10"],
         f'target = "toy/noisy"\nseed = 3\n[falsify]\n{RANDOM_PLAN}',
         lambda out: falsify(out, "toy/noisy", repeats=10),
     ),
@@ -100,7 +101,7 @@ QUESTIONS = {
         results.Falsification,
         [
             "falsify", "ball-balancing", "--controller", "ppo", "--action-noise", "0.5", *RANDOM,
-            "--repeats", "10"
+            "-k", "report.repeats=10"
         ],
         'target = "ball-balancing"\ncontroller = "ppo"\naction-noise = 0.5\nseed = 3\n'
         f'[falsify]\n{RANDOM_PLAN}',
@@ -221,7 +222,8 @@ class Fronts(FolderCase):
             with self.subTest(name):
                 flags, plan = (self.folder / f"{number}-{front}" for front in ("flags", "plan"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
-                repeats = ["--repeats", "10"] if "--repeats" in question.arguments else []
+                repeats = "report.repeats=10"
+                repeats = ["-k", repeats] if repeats in question.arguments else []
                 planned = self.command(
                     question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats
                 )
@@ -248,7 +250,9 @@ class Fronts(FolderCase):
             with self.subTest(name):
                 answer, folder = self.answer(name), self.folder / f"{number}-campaign"
                 expected = plain(answer)
-                [run] = self.command("campaign", self.plan(question), "--out", folder)["runs"]
+                seed = (re.findall(r"seed = (\d+)", question.plan) or ["0"])[0]
+                seeds = ["-k", f"seed=[{seed}]"]
+                [run] = self.command("run", self.plan(question), *seeds, "--out", folder)["runs"]
                 [file] = folder.glob("*.sqlite")
                 self.assertEqual(tables(file), tables(answer.path))
                 found = plain(results.build(question.kind, run["result"]))

@@ -565,7 +565,7 @@ class Commands(unittest.TestCase):
 
     def test_mujoco_c_has_the_robustness_of_each_counterexample_of_falsify(self):
         options = (
-            "--search random --trials 3 --budget 8 --seed 3 --repeats 0 "
+            "--search random --trials 3 --budget 8 --seed 3 -k report.repeats=0 "
             "-k screening.device=gpu -k screening.rows=24 "
             "-k screening.confirm=0.1"
         )

@@ -252,7 +252,7 @@ class RayTest(FolderCase):
         ended = self.campaign("campaign.toml", "--out", "ray")
         self.assertEqual(ended.returncode, 0, ended.stderr)
         command = [
-            COMMAND, "campaign", self.folder / "campaign.toml", "--out", self.folder / "local"
+            COMMAND, "run", self.folder / "campaign.toml", "--out", self.folder / "local"
         ]
         subprocess.run(command, check=False, capture_output=True)
         local = sorted((self.folder / "local").glob("*.sqlite"))

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use super::keys::keys;
 use super::read::{may_be_list, table};
-use super::{Plan, Values};
+use super::{Plan, Settings, Values};
 use crate::error::MishandleError;
 
 /// Table of a hardening, which is not a question of a run file.
@@ -58,7 +58,9 @@ pub fn read_grid(text: &str) -> Result<Vec<GridRun>, MishandleError> {
 /// # Errors
 /// As [`read_grid`].
 pub fn grid(table: &Table) -> Result<Vec<GridRun>, MishandleError> {
-    check_options(table)?;
+    let mut table = table.clone();
+    Settings::take(&mut table)?;
+    check_options(&table)?;
     let questions = RunKind::ALL.map(|(_, name)| name).into_iter().chain([HARDEN]);
     let kinds: Vec<&str> = questions.filter(|kind| table.contains_key(*kind)).collect();
     let mut runs = Vec::new();

@@ -10,7 +10,7 @@ use toml::de::{DeValue, ValueDeserializer};
 use super::seed::SeedValue;
 use super::{
     ComparePlan, EvaluatePlan, FalsifyPlan, GuardPlan, HardenPlan, MarginPlan, MetamorphicPlan, Plan,
-    RiskPlan, ScreeningPlan,
+    RiskPlan, ScreeningPlan, Settings,
 };
 
 /// Table whose keys are the options of any search.
@@ -80,8 +80,16 @@ pub(super) fn reads<T: DeserializeOwned>(value: &Spanned<DeValue<'_>>) -> bool {
     T::deserialize(ValueDeserializer::from(value.clone())).is_ok()
 }
 
-/// Returns all keys, in the order in which a plan is written.
+/// Returns all keys: those of plans, in the order in which a plan is written, then those of
+/// settings.
 pub fn keys() -> &'static [Key] {
+    static KEYS: LazyLock<Vec<Key>> =
+        LazyLock::new(|| [plan_keys().to_vec(), Settings::described()].concat());
+    &KEYS
+}
+
+/// Returns the keys of plans.
+pub(super) fn plan_keys() -> &'static [Key] {
     static KEYS: LazyLock<Vec<Key>> = LazyLock::new(|| {
         [
             of_plan(),

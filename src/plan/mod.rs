@@ -12,6 +12,7 @@ mod metamorphic;
 mod read;
 mod risk;
 pub(crate) mod search_options;
+mod settings;
 mod until;
 
 use std::collections::BTreeMap;
@@ -35,6 +36,7 @@ pub use mishandle_training::AxisSetting;
 pub use read::table;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
+pub use settings::{EngineSettings, ReportSettings, Settings, SizePlan};
 pub use until::{ComparePlan, Measure, Until};
 
 /// Device of a plan that every front end has.

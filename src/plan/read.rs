@@ -10,7 +10,8 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 
-use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys, reads};
+use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys, plan_keys, reads};
+use super::settings::OF_PERSONS;
 use super::{FORMAT, Plan, Values};
 use crate::error::MishandleError;
 use crate::plan::search_options::TomlValue;
@@ -59,7 +60,7 @@ fn is_relation_key(key: &Spanned<Cow<'_, str>>) -> bool {
 
 /// Reads a plan.
 pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
-    let stated = parse(text, Values::One)?;
+    let stated = parse(text, Values::One, plan_keys())?;
     let has_space = stated.get_ref().contains_key("space");
     let mut plan =
         Plan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))?;
@@ -75,17 +76,31 @@ pub(super) fn read(text: &str) -> Result<Plan, MishandleError> {
 /// Reads the keys of the table `[guard]` from a text of their own.
 pub(super) fn read_guard(text: &str) -> Result<GuardPlan, MishandleError> {
     let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
-    Reader { text, values: Values::One }.check(GUARD, stated.get_ref())?;
+    Reader { text, values: Values::One, known: plan_keys() }.check(GUARD, stated.get_ref())?;
     GuardPlan::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
 }
 
-/// Reads a plan as a table whose keys and types are checked.
+/// Reads a plan and settings as a table whose keys and types are checked.
 ///
 /// # Errors
 /// As for [`Plan::from_toml`].
 pub fn table(text: &str, values: Values) -> Result<toml::Table, MishandleError> {
-    let stated = parse(text, values)?;
-    toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))
+    let stated = parse(text, values, keys())?;
+    let table =
+        toml::Table::deserialize(toml::Deserializer::from(stated)).map_err(|error| not_toml(text, &error))?;
+    let has = |key: &str| {
+        key.split_once('.')
+            .is_some_and(|(within, key)| table.get(within).is_some_and(|within| within.get(key).is_some()))
+    };
+    if let Some(key) = OF_PERSONS.into_iter().find(|key| has(key)) {
+        let expected = "typed by a person, because it weakens the checks of a run file".to_string();
+        return Err(MishandleError::KeyValue {
+            key: key.to_string(),
+            found: "in a file".to_string(),
+            expected,
+        });
+    }
+    Ok(table)
 }
 
 /// Returns whether a key of a plan may have a list of values in a campaign.
@@ -93,6 +108,7 @@ pub(super) fn may_be_list(name: &str) -> bool {
     // The other values are tables or lists already.
     let others = ["format", "screening.device", AXES, REQUIREMENTS, OPTIONS, DISTRIBUTIONS, RELATIONS];
     !others.contains(&name)
+        && plan_keys().iter().any(|key| key.name == name)
         && !["harden.searches", "harden.allow", "compare.robustness-bounds"].contains(&name)
 }
 
@@ -103,7 +119,11 @@ fn not_toml(text: &str, error: &toml::de::Error) -> MishandleError {
 }
 
 /// Parses a plan and checks its keys and the types of their values.
-fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleError> {
+fn parse<'t>(
+    text: &'t str,
+    values: Values,
+    known: &'static [Key],
+) -> Result<Spanned<DeTable<'t>>, MishandleError> {
     // Also for the plan in a run file.
     if text.len() as u64 > limits::PLAN {
         let what = "the size of the plan in bytes";
@@ -111,7 +131,7 @@ fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleEr
         return Err(MishandleError::InvalidValue { what, value: text.len().to_string(), expected });
     }
     let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
-    let reader = Reader { text, values };
+    let reader = Reader { text, values, known };
     // Checked first: another format can have unknown keys, and the format is the more useful error.
     if let Some((key, value)) = stated.get_ref().get_key_value("format") {
         match u32::deserialize(ValueDeserializer::from(value.clone())) {
@@ -132,6 +152,8 @@ fn parse(text: &str, values: Values) -> Result<Spanned<DeTable<'_>>, MishandleEr
 struct Reader<'t> {
     text: &'t str,
     values: Values,
+    /// The keys that the text may have.
+    known: &'static [Key],
 }
 
 impl Reader<'_> {
@@ -141,7 +163,7 @@ impl Reader<'_> {
         for (key, value) in table {
             let name = format!("{within}{}", key.get_ref());
             let as_table = format!("{name}.");
-            let known = find(&name);
+            let known = self.known.iter().find(|known| known.name == name);
             match (known, value.get_ref()) {
                 (Some(known), DeValue::Table(options)) if known.name == OPTIONS => {
                     self.check_options(options)?;
@@ -167,8 +189,8 @@ impl Reader<'_> {
                 (None, _) if within == "metamorphic." && is_relation_key(key) => {
                     return Err(self.wrong(&name, key, value, IN_RELATION));
                 }
-                (None, _) if !keys().iter().any(|known| known.name.starts_with(&as_table)) => {
-                    let known = keys().iter().map(|key| key.name.as_str()).collect();
+                (None, _) if !self.known.iter().any(|known| known.name.starts_with(&as_table)) => {
+                    let known = self.known.iter().map(|key| key.name.as_str()).collect();
                     return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,

@@ -3,7 +3,7 @@
 use mishandle_store::{ComponentRecord, RunHeader};
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{EngineSettings, Plan};
 use crate::resolve::{ResolvedPlan, is_target_file};
 
 /// Present paths of the files of a run that were moved.
@@ -18,6 +18,13 @@ pub struct Moved<'a> {
 impl<'a> From<Option<&'a str>> for Moved<'a> {
     fn from(controller: Option<&'a str>) -> Self {
         Moved { controller, target: None }
+    }
+}
+
+impl EngineSettings {
+    /// Returns the new paths of files that were moved.
+    pub fn moved(&self) -> Moved<'_> {
+        Moved { controller: self.controller.as_deref(), target: self.target.as_deref() }
     }
 }
 

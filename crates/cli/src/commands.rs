@@ -1,13 +1,11 @@
 //! One file per command.
 
 mod bisect;
-mod campaign;
 mod check;
 mod compare;
 mod completions;
 mod controller;
 mod counterexamples;
-mod diff;
 mod evaluate;
 mod evidence;
 mod explain;
@@ -27,10 +25,10 @@ mod render;
 mod replay;
 mod report;
 mod risk;
+mod run;
 mod runs;
 mod searches;
 mod simulate;
-mod size;
 mod target;
 mod targets;
 mod tasks;
@@ -48,8 +46,8 @@ pub use regress::junit;
 
 /// The commands by what a person wants to do, in the order of the help. `help` is the parser's own.
 pub const GROUPS: [(&str, &[&str]); 6] = [
-    ("Find failures", &["falsify", "margin", "campaign"]),
-    ("Measure", &["evaluate", "check", "risk", "compare", "diff", "size", "bisect"]),
+    ("Find failures", &["falsify", "margin", "run"]),
+    ("Measure", &["evaluate", "check", "risk", "compare", "bisect"]),
     (
         "Understand",
         &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
@@ -64,13 +62,11 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
 pub enum Command {
     Falsify(falsify::Arguments),
     Margin(margin::Arguments),
-    Campaign(campaign::Arguments),
+    Run(run::Arguments),
     Evaluate(evaluate::Arguments),
     Check(check::Arguments),
     Risk(risk::Arguments),
     Compare(compare::Arguments),
-    Diff(diff::Arguments),
-    Size(size::Arguments),
     Bisect(bisect::Arguments),
     Explain(explain::Arguments),
     Simulate(simulate::Arguments),
@@ -106,13 +102,11 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
     match command {
         Command::Falsify(arguments) => falsify::run(arguments, gpu),
         Command::Margin(arguments) => margin::run(arguments),
-        Command::Campaign(arguments) => campaign::run(arguments, gpu),
+        Command::Run(arguments) => run::run(arguments, gpu),
         Command::Evaluate(arguments) => evaluate::run(arguments, gpu),
         Command::Check(arguments) => check::run(arguments),
         Command::Risk(arguments) => risk::run(arguments, gpu),
         Command::Compare(arguments) => compare::run(arguments),
-        Command::Diff(arguments) => diff::run(arguments),
-        Command::Size(arguments) => size::run(arguments),
         Command::Bisect(arguments) => bisect::run(arguments),
         Command::Explain(arguments) => explain::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),

@@ -1,6 +1,7 @@
 //! Parts of running a command that several commands share: threads and signals, the files that it
 //! opens, questions.
 
+pub mod answers;
 pub mod check_reports;
 pub mod counterexample;
 mod file;
@@ -10,6 +11,7 @@ pub mod log_question;
 pub mod logs;
 pub mod pages;
 pub mod question;
+pub mod sample_size;
 
 use anyhow::Result;
 use mishandle_text::plural;

@@ -169,7 +169,7 @@ fn junit_reports_passes_failures_and_errors_for_any_names() {
 #[test]
 fn repeats_decide_a_test_of_a_random_target_by_its_failure_rate() {
     let bench = Bench::new();
-    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --out run.sqlite", 1);
+    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 -k report.repeats=0 --out run.sqlite", 1);
     bench.check("counterexamples export run.sqlite --out suite.json", 0);
     std::fs::create_dir(bench.path("suite")).unwrap();
     std::fs::rename(bench.path("suite.json"), bench.path("suite/a.json")).unwrap();
@@ -213,10 +213,13 @@ fn a_controller_made_worse_on_purpose_is_caught() {
     assert_eq!(document["controller"], "./worse.safetensors");
     assert!(!document.to_string().contains(bench.path("").to_str().unwrap()));
     bench.refuses("replay suite/run-mode-1.json", &["suite/worse.safetensors", "--controller FILE"]);
-    bench.check("replay suite/run-mode-1.json --controller ./worse.safetensors", 0);
+    bench.check("replay suite/run-mode-1.json -k engine.controller=./worse.safetensors", 0);
     std::fs::copy(bench.path("worse.safetensors"), bench.path("suite/worse.safetensors")).unwrap();
     bench.check("replay suite/run-mode-1.json", 0);
-    bench.refuses("replay suite/run-mode-1.json --controller ppo", &["is not the controller of the run"]);
+    bench.refuses(
+        "replay suite/run-mode-1.json -k engine.controller=ppo",
+        &["is not the controller of the run"],
+    );
     // The shipped controller passes, the worse ones fail.
     bench.check("regress suite --controller ppo", 0);
     bench.check("regress suite", 1);
@@ -310,7 +313,7 @@ fn a_repeat_without_a_verdict_makes_the_test_an_error() {
     let bench = Bench::new();
     // The formula has a value only if the height is not negative. At x = 0.8 that is so for 84 % of
     // the seeds.
-    let falsify = "falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --formula";
+    let falsify = "falsify toy/noisy --trials 1 --budget 200 --seed 1 -k report.repeats=0 --formula";
     let output =
         bench.command(falsify).arg("sqrt(height) >= 10").args(["--out", "run.sqlite"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));

@@ -72,7 +72,7 @@ fn simulate_keeps_the_repeats_and_a_report_is_not_written() {
     let (_, said) = interrupted(&bench, "report r.sqlite --probes 1000000 --out r.html");
     assert!(said.contains("r.html is not written") && !bench.path("r.html").exists(), "{said}");
     bench.check("evaluate ball-balancing --controller ppo --episodes 300 --out e.sqlite", 0);
-    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=300 --skip-check");
+    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=300 -k engine.skip-check=true");
     assert!(out.is_empty() && said.contains("the counts of the conjuncts are lost"), "{out}{said}");
 }
 

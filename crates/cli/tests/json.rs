@@ -131,13 +131,13 @@ fn every_document_satisfies_its_schema() {
         ("targets TARGET", "targets toy/noisy", 0),
         ("searches", "searches", 0),
         ("monitor", "monitor --formula 'd < 1' d.csv", 0),
-        ("campaign", "campaign grid.toml --out grid", 0),
+        ("run", "run grid.toml --out grid", 0),
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
         ("falsify", "falsify point-reaching --controller expert --trials 1 --budget 3 --out f.sqlite", 0),
         ("falsify", "falsify toy/noisy --search random --trials 2 --budget 200 --seed 1 --out g.sqlite", 1),
         (
             "falsify",
-            "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 --repeats 5 --out h.sqlite",
+            "falsify toy/noisy --search random --trials 1 --budget 200 --seed 1 -k report.repeats=5 --out h.sqlite",
             1,
         ),
         (
@@ -183,7 +183,7 @@ fn every_document_satisfies_its_schema() {
         "targets toy/nosiy --json",
         &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
     );
-    bench.check("campaign grid.toml --out made", 0);
+    bench.check("run grid.toml --out made", 0);
     let reference = reference();
     let page = std::fs::read_to_string(reference.join("json.md")).unwrap();
     for (section, command, code) in commands {

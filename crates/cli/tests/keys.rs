@@ -1,6 +1,6 @@
 //! Keys of plans on the command line: `-k KEY=VALUE`.
 
-use mishandle::plan::{Values, keys, set};
+use mishandle::plan::{Settings, Values, keys, set};
 use mishandle::store::RunFile;
 
 use crate::bench::{Bench, text};
@@ -35,6 +35,7 @@ fn every_key_can_be_set() {
             name => (name.to_string(), value(name, key.allowed)),
         };
         set(&mut table, &name, &text, Values::One).unwrap();
+        Settings::take(&mut table).unwrap();
         mishandle::Plan::from_toml(&table.to_string()).unwrap();
     }
 }

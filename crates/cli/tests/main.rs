@@ -6,15 +6,14 @@
 mod axes;
 mod bench;
 mod bisect;
-mod campaign;
 #[path = "../../../tests/cart_pole/mod.rs"]
 mod cart_pole;
 mod check;
 mod compare;
 mod counterexamples;
-mod diff;
 mod evidence;
 mod evidence_limits;
+mod exact;
 mod explain;
 mod follow;
 mod formula;
@@ -36,6 +35,7 @@ mod report;
 mod report_browser;
 mod risk;
 mod robots_guide;
+mod run;
 mod runs;
 mod security;
 mod seeing;

@@ -10,12 +10,11 @@ fn sphere(holds: &str, change: &str) -> String {
     format!("{SPHERE}metamorphic.relations.r = {{ holds = '{holds}', change = {{ {change} }} }}\n")
 }
 
-/// Runs a campaign of one run, whose file is FOLDER/metamorphic.sqlite, and returns its result.
+/// Runs a plan of relations, whose run file is NAME.sqlite, and returns its result.
 #[track_caller]
-fn ask(bench: &Bench, campaign: &str, folder: &str, flags: &str, code: i32) -> Value {
+fn ask(bench: &Bench, campaign: &str, name: &str, flags: &str, code: i32) -> Value {
     bench.write("plan.toml", campaign);
-    let found = bench.json(&format!("campaign plan.toml --out {folder} {flags} --json"), code);
-    found["runs"][0]["result"].clone()
+    bench.json(&format!("run plan.toml --out {name}.sqlite {flags} --json"), code)
 }
 
 #[test]
@@ -23,7 +22,7 @@ fn a_broken_pair_is_two_rows_that_replay() {
     let bench = Bench::new();
     let campaign = sphere("same-verdict", "x = '+0.1', y = '+0.1'");
     let found = ask(&bench, &campaign, "c", "", 1);
-    let run = "c/metamorphic.sqlite";
+    let run = "c.sqlite";
     let relation = &found["relations"][0];
     assert_eq!(relation["change"]["x"], "+0.1");
     let number = |key: &str| relation[key].as_u64().unwrap();
@@ -54,10 +53,10 @@ fn a_broken_pair_is_two_rows_that_replay() {
         let again = ask(&bench, &campaign, &format!("threads-{threads}"), &format!("--threads {threads}"), 1);
         assert_eq!(again["relations"], found["relations"]);
     }
-    assert_eq!(bench.json("campaign --resume c --json", 1)["runs"][0]["result"], found);
+    assert_eq!(bench.json("run --resume c.sqlite --json", 1), found);
     bench.refuses(
         &format!("evaluate --resume {run}"),
-        &["a run of metamorphic relations", "mishandle campaign --resume FOLDER"],
+        &["a run of `metamorphic`, not of `evaluate`", "mishandle run --resume c.sqlite"],
     );
     let text = bench.check(&format!("report {run} --out run.html"), 0);
     let page = std::fs::read_to_string(bench.path("run.html")).unwrap();
@@ -109,7 +108,7 @@ fn relations_of_a_plan_have_a_result_each() {
             let replayed = bench.json(&format!("replay {run} --trial 1 --simulation {simulation} --json"), 0);
             (replayed["scenario"].clone(), replayed["seed"].clone(), replayed["robustness"].clone())
         };
-        assert_eq!(replay("c/metamorphic.sqlite"), replay("evaluation.sqlite"));
+        assert_eq!(replay("c.sqlite"), replay("evaluation.sqlite"));
     }
 }
 
@@ -117,10 +116,10 @@ fn relations_of_a_plan_have_a_result_each() {
 fn a_relation_that_holds_ends_with_0_and_nothing_tested_with_2() {
     let bench = Bench::new();
     bench.write("plan.toml", &sphere("robustness-within:0", "x = '+0'"));
-    let said = bench.check("campaign plan.toml", 0);
+    let said = bench.check("run plan.toml", 0);
     assert!(said.contains("no pair breaks a relation; that is evidence, not a proof"), "{said}");
     bench.write("plan.toml", &sphere("same-verdict", "x = '+0.1', y = '+0.1'"));
-    let said = bench.check("campaign plan.toml", 1);
+    let said = bench.check("run plan.toml", 1);
     assert!(
         said.contains("metamorphic, r: broken by ") && said.contains("of the change is enough"),
         "{said}"
@@ -142,7 +141,7 @@ fn a_relation_that_holds_ends_with_0_and_nothing_tested_with_2() {
         (format!("{SPHERE}metamorphic.relations.r.changes = {{}}\n"), ["line 4", "no key `changes`"]),
     ] {
         bench.write("plan.toml", &campaign);
-        bench.refuses("campaign plan.toml", &parts);
+        bench.refuses("run plan.toml", &parts);
     }
     // The first two campaigns alone wrote run files.
     assert_eq!(std::fs::read_dir(bench.path("runs")).unwrap().count(), 2);

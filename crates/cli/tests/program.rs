@@ -428,11 +428,13 @@ fn a_durable_run_stores_the_same_records() {
         |name: &str| mishandle::store::RunFile::open(bench.path(name)).unwrap().content_digest().unwrap();
     for (command, code) in [("falsify toy/sphere-2d --trials 2", 1), ("evaluate toy/sphere-2d", 0)] {
         let plain = bench.document(&format!("{command} --json --out plain.sqlite"), code);
-        let durable = bench.document(&format!("{command} --json --out durable.sqlite --durable"), code);
+        let durable =
+            bench.document(&format!("{command} --json --out durable.sqlite -k engine.durable=true"), code);
         assert_eq!(durable, plain);
         assert_eq!(digest("durable.sqlite"), digest("plain.sqlite"));
         let verb = command.split(' ').next().unwrap();
-        let resumed = bench.document(&format!("{verb} --resume durable.sqlite --durable --json"), code);
+        let resumed =
+            bench.document(&format!("{verb} --resume durable.sqlite -k engine.durable=true --json"), code);
         assert_eq!(resumed, plain);
         for name in ["plain.sqlite", "durable.sqlite"] {
             std::fs::remove_file(bench.path(name)).unwrap();
@@ -603,26 +605,17 @@ fn resuming_a_run_with_the_other_command_names_the_right_one() {
     );
     bench.check("falsify --resume f.sqlite", 0);
     // A resumed run takes everything else from its plan.
-    for flag in [
-        "--episodes 5",
-        "-k evaluate.box=whole",
-        "--seed 1",
-        "--out g.sqlite",
-        "-k falsify.batch=3",
-        "--space starts",
-    ] {
+    for flag in ["--episodes 5", "--seed 1", "--out g.sqlite", "--space starts"] {
         bench.refuses(&format!("evaluate --resume e.sqlite {flag}"), &["cannot be used with"]);
     }
-    for flag in [
-        "--trials 5",
-        "--budget 5",
-        "--search random",
-        "-k falsify.options.a=1",
-        "--formula x",
-        "--plan p.toml",
-    ] {
+    for flag in ["--trials 5", "--budget 5", "--search random", "--formula x", "--plan p.toml"] {
         bench.refuses(&format!("falsify --resume f.sqlite {flag}"), &["cannot be used with"]);
     }
+    bench.refuses(
+        "evaluate --resume e.sqlite -k evaluate.box=whole",
+        &["evaluate.box is part of the question"],
+    );
+    bench.refuses("falsify --resume f.sqlite -k falsify.options.a=1", &["is part of the question"]);
 }
 
 /// Returns the processor time of a process, in ticks of 10 ms.
@@ -697,12 +690,15 @@ fn a_run_accepts_the_new_path_of_a_moved_controller() {
             &["a.safetensors", "cannot load the run's controller", "--controller FILE", "No such file"],
         );
         bench.refuses(
-            &format!("{command} --controller other.safetensors"),
+            &format!("{command} -k engine.controller=other.safetensors"),
             &["is not the controller of the run"],
         );
     }
-    assert_eq!(bench.json("replay a.sqlite --controller moved/b.safetensors --json", 0)["same"], true);
-    let resumed = bench.json("evaluate --resume a.sqlite --controller moved/b.safetensors --json", 0);
+    assert_eq!(
+        bench.json("replay a.sqlite -k engine.controller=moved/b.safetensors --json", 0)["same"],
+        true
+    );
+    let resumed = bench.json("evaluate --resume a.sqlite -k engine.controller=moved/b.safetensors --json", 0);
     assert_eq!(resumed["success_rate"], whole["success_rate"]);
 }
 

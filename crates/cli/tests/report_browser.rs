@@ -310,7 +310,8 @@ fn pages_of_comparisons_and_campaigns_are_readable() {
     check_page(&mut browser, &folder, &bench.path("same.html"), 4, false);
     let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
     std::fs::write(bench.path("plan.toml"), plan).unwrap();
-    bench.check("campaign plan.toml --out spheres --pages pages", 1);
+    bench.check("run plan.toml --out spheres", 1);
+    bench.check("report spheres --out pages --no-simulations", 0);
     for (name, charts, has_marks) in [
         ("index", 0, false),
         ("statistics", 2, false),

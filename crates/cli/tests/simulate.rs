@@ -5,7 +5,7 @@ use crate::bench::Bench;
 #[test]
 fn a_scenario_and_seed_of_a_run_give_the_recorded_robustness() {
     let bench = Bench::new();
-    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 --repeats 0 --out run.sqlite", 1);
+    bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 -k report.repeats=0 --out run.sqlite", 1);
     let recorded = bench.json("replay run.sqlite --json", 0);
     let at = recorded["initial_configuration"].as_array().unwrap();
     let at: Vec<String> = at.iter().map(ToString::to_string).collect();
@@ -43,7 +43,7 @@ fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
 #[test]
 fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only() {
     let bench = Bench::new();
-    let falsify = "falsify toy/noisy --trials 2 --budget 200 --seed 1 --json --repeats 50 --out";
+    let falsify = "falsify toy/noisy --trials 2 --budget 200 --seed 1 --json -k report.repeats=50 --out";
     let run = bench.json(&format!("{falsify} a.sqlite"), 1);
     assert_eq!(run["trials"], bench.json(&format!("{falsify} b.sqlite --threads 1"), 1)["trials"]);
     let trial = &run["trials"][0];
@@ -67,7 +67,7 @@ fn repeats_are_limited_by_the_simulations_of_the_run_and_not_fewer_than_20() {
     for repeats in [7, 1_000_000] {
         let run = bench.json(
             &format!(
-                "falsify toy/noisy --trials 3 --budget 60 --seed 1 --json --repeats {repeats} --out {repeats}.sqlite"
+                "falsify toy/noisy --trials 3 --budget 60 --seed 1 --json -k report.repeats={repeats} --out {repeats}.sqlite"
             ),
             1,
         );

@@ -184,8 +184,8 @@ fn margins_probabilities_and_campaigns_take_a_simulator() {
         "grid.toml",
         "target = \"process:python3 tank.py\"\nseed = [1, 2]\n[falsify]\ntrials = 1\nbudget = 20\n",
     );
-    bench.refuses("campaign grid.toml --out made", &["MISHANDLE_ALLOW_PROGRAMS=1"]);
-    allowed(&bench, bench.path("").as_path(), "campaign grid.toml --out made", 1);
+    bench.refuses("run grid.toml --out made", &["MISHANDLE_ALLOW_PROGRAMS=1"]);
+    allowed(&bench, bench.path("").as_path(), "run grid.toml --out made", 1);
 }
 
 /// Simulators of one axis, the start `t0` with the nominal value 20, and of what `level` follows.

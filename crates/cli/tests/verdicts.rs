@@ -93,10 +93,10 @@ fn nothing_without_a_verdict_is_a_result() {
             assert_eq!(found["success"][rate]["value"], Value::Null, "{end}");
         }
 
-        bench.write("c.toml", "target = 'process:python3 s.py'\n[evaluate]\nepisodes = 3\n");
-        let (code, found, err) = ask(&bench, "campaign c.toml --out c");
+        bench.write("c.toml", "target = 'process:python3 s.py'\nseed = [0]\n[evaluate]\nepisodes = 3\n");
+        let (code, found, err) = ask(&bench, "run c.toml --out c");
         assert_eq!((code, found["runs"].as_array().unwrap().len()), (Some(2), 1), "{end}: {err}");
-        let mut command = bench.command("campaign --resume c");
+        let mut command = bench.command("run --resume c");
         let output = command.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{end}");
         let out = text(&output.stdout);
@@ -168,17 +168,17 @@ fn a_search_stops_if_its_first_simulations_all_fail_and_a_resumed_one_too() {
         bench.write(
             "c.toml",
             &format!(
-                "target = 'process:python3 s.py'\nmetamorphic.pairs = {pairs}\n\
+                "target = 'process:python3 s.py'\nseed = [0]\nmetamorphic.pairs = {pairs}\n\
                  metamorphic.relations.r.change.a = '*0.5'\n"
             ),
         );
-        for start in ["campaign c.toml --out c", "campaign --resume c"] {
+        for start in ["run c.toml --out c", "run --resume c"] {
             let (code, found, err) = ask(&bench, start);
             assert_eq!(code, Some(2), "{end} {start}: {err}");
             let stops = err.contains("the first 20 simulations have no verdict");
             assert_eq!(stops, gives_up, "{end} {start}: {err}");
             assert_eq!(found["runs"].as_array().unwrap().is_empty(), gives_up, "{end} {start}");
-            let recorded = rows(&bench, "c/metamorphic.sqlite");
+            let recorded = rows(&bench, "c/0.sqlite");
             assert!(!gives_up || (20..=64).contains(&recorded), "{end} {start}: {recorded} rows");
         }
     }
@@ -236,7 +236,7 @@ fn a_campaign_goes_on_after_a_search_that_stopped() {
         "c.toml",
         "target = ['process:python3 s.py', 'toy/sphere-2d']\n[falsify]\ntrials = 2\nbudget = 40\n",
     );
-    for start in ["campaign c.toml --out c", "campaign --resume c"] {
+    for start in ["run c.toml --out c", "run --resume c"] {
         let (code, found, err) = ask(&bench, start);
         assert_eq!((code, found["runs"].as_array().unwrap().len()), (Some(2), 1), "{err}");
         assert!(

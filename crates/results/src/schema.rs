@@ -45,7 +45,7 @@ impl Document {
             Document::object::<Risk>("risk"),
             Document::object::<Simulation>("simulate"),
             Document::object::<Check>("check"),
-            Document::object::<Campaign>("campaign"),
+            Document::object::<Campaign>("run"),
             Document::object::<Comparison>("compare"),
             Document::object::<RunDifference>("diff"),
             Document::object::<SampleSize>("size"),

@@ -109,9 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a campaign on a Ray cluster. Returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python3 -m mishandle.cluster",
-        description="Simulates the runs of a campaign on a Ray cluster. `mishandle campaign FILE "
-        "--ray ADDRESS` calls it and "
-        "prints the results."
+        description="Simulates the runs of a campaign on a Ray cluster. `mishandle run FILE -k "
+        "engine.ray=ADDRESS` calls it and prints the results.",
     )
     parser.add_argument("campaign", nargs="?", metavar="FILE", help="campaign file (TOML)")
     parser.add_argument("--out", metavar="DIR", help="folder to create for the run files")

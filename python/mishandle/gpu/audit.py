@@ -310,8 +310,9 @@ def visited(
             f"falsify {task} --space {space} --controller {controller} --action-noise 0.3 --seed "
             f"1 --formula {formula}"
         )
-        search = f"--search random --trials {episodes} --budget 1 -k falsify.batch=1 --repeats 0"
+        search = f"--search random --trials {episodes} --budget 1 -k falsify.batch=1"
         screening = (
+            "-k report.repeats=0 "
             f"-k screening.device=gpu -k screening.rows={episodes} -k screening.confirm=0.01"
         )
         code = run_command(["mishandle", *f"{subject} {search} {screening}".split()])

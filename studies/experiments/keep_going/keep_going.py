@@ -35,7 +35,7 @@ CENTERS = [(0.2, 0.2), (0.75, 0.25), (0.25, 0.75), (0.55, 0.55), (0.85, 0.6), (0
 
 
 def falsify(program, target, arguments, out):
-    command = [program, "falsify", target, *arguments, "--repeats", "0", "--json", "--out", str(out)]
+    command = [program, "falsify", target, *arguments, "-k", "report.repeats=0", "--json", "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode not in (0, 1):
         sys.exit(done.stderr)

@@ -36,7 +36,7 @@ def systems():
 def trials(program, arguments, seed, count):
     """Returns for each trial the simulations until a violation, or None without one."""
     command = [program, "falsify", *arguments, "--seed", str(seed), "--trials", str(count), "--budget", str(BUDGET)]
-    command += ["-k", "falsify.isolate=false", "--repeats", "0", "--json"]
+    command += ["-k", "falsify.isolate=false", "-k", "report.repeats=0", "--json"]
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     if done.returncode not in (0, 1):

@@ -152,7 +152,7 @@ fn command(folder: &Path, name: &str, root: &Path) -> String {
         Some(found) if text(&own).as_ref() == Some(&found) => kept,
         _ => shell_quote(&own.to_string_lossy()),
     };
-    format!("mishandle campaign {plan}")
+    format!("mishandle run {plan}")
 }
 
 fn read_run(name: &str, path: &Path, root: &Path) -> Result<RunResults, PaperError> {

@@ -270,7 +270,7 @@ fn the_generations_stand_side_by_side() {
     }
     bench.check("tables runs/p runs/f --pages pages", 0);
     let page = std::fs::read_to_string(bench.path("pages/performance.md")).unwrap();
-    assert!(page.contains("Commands: `mishandle campaign runs/p/campaign.toml`"), "{page}");
+    assert!(page.contains("Commands: `mishandle run runs/p/campaign.toml`"), "{page}");
     for name in ["performance", "falsification"] {
         for ending in ["md", "html"] {
             let page = std::fs::read_to_string(bench.path(&format!("pages/{name}.{ending}"))).unwrap();

@@ -107,7 +107,7 @@ impl Arguments {
         planned.flag("--space", "space", self.space.clone())?;
         planned.flag("--action-noise", "action-noise", self.action_noise)?;
         planned.number("--seed", "seed", self.run.seed)?;
-        Ok(BisectionTest::rate(planned.plan()?, bar, self.episodes)?)
+        Ok(BisectionTest::rate(planned.plan()?.0, bar, self.episodes)?)
     }
 
     /// Returns the command that asks the question, without the flags that do not change the result.

@@ -107,7 +107,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let (file, text) = logs::requirement_file(path)?;
     let mut planned = flags::planned("check", &command.subject, &command.run)?;
     planned.flag("--command", "target", command.command.as_deref().map(command_target))?;
-    let first = planned.plan()?;
+    let (first, _) = planned.plan()?;
     ensure!(first.requirements.is_empty(), "the plan has requirements: write them into {}", path.display());
     let subject = |plan: Plan| CheckSubject { plan, target: None };
     let further =

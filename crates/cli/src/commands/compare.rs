@@ -4,35 +4,45 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::{EvaluatePlan, Until};
 use mishandle::run::Engine;
-use mishandle::store::RunWriter;
+use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
 use mishandle_text::shell_quote;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
+use crate::flags::{self, Planned, numbers};
 use crate::run;
+use crate::run::sample_size::{self, Expectation};
 use crate::show::progress::Bar;
-use crate::show::{comparison, output};
+use crate::show::{comparison, difference, output};
 
 /// Compare two controllers, or two versions of one, on the same scenarios and seeds
 #[derive(Debug, Args)]
 #[command(override_usage = "mishandle compare [OPTIONS] <A> <B>\n       \
     mishandle compare [OPTIONS] <TARGET> --controller <C> --against <C>\n       \
-    mishandle compare --resume <A> <B>")]
+    mishandle compare --resume <A> <B>\n       \
+    mishandle compare --exact <A> <B>\n       \
+    mishandle compare --expect <A> --expect <B>")]
 #[command(after_help = "Examples:
   mishandle compare runs/evaluate-old.sqlite runs/evaluate-new.sqlite
   mishandle compare ball-balancing --controller ppo --against sac --episodes 1000
   mishandle compare point-reaching --controller ppo --against my.safetensors --action-noise 0.5
   mishandle compare door-opening --controller ppo --against sac --episodes 500 --until width=0.1
   mishandle compare old.sqlite new.sqlite --out compare.html     write a page
+  mishandle compare old.sqlite new.sqlite --exact                any question, to the bit
+  mishandle compare --expect 0.90 --expect 0.94                  how many pairs will it take?
 
 A and B are run files of `mishandle evaluate` with the same target, space, seed and number of
 episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
 the run files are kept in runs/.
 
 Exit code 1 means that B fails in a simulation in which A succeeds, 2 also that no random simulation
-of A or of B has a verdict.")]
+of A or of B has a verdict. With --exact, the runs may be of any question: simulations at the same
+place (trial and number) are compared if they have the same scenario and seed. Exit code 0 means
+then that all trials, simulations and traces are the same to the bit, also if the files were written
+by different programs; 1 that they differ; 2 an error. With --expect, no target is simulated: the
+number that is fixed beforehand is computed, and the rule that stops by itself is simulated on
+random verdicts.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
@@ -49,8 +59,16 @@ pub struct Arguments {
     /// Stop by itself, looking after each batch of pairs, at most after --episodes pairs: decided
     /// (the interval of the difference excludes 0, or lies within -k compare.margin=D), or
     /// width=W. The interval and the p-value hold at any time
-    #[arg(long, value_name = "RULE", requires = "against")]
+    #[arg(long, value_name = "RULE", conflicts_with = "second")]
     pub until: Option<Until>,
+    /// Simulate nothing: show how many pairs it takes if the success rates of A and B are these, or
+    /// those of two run files; give the flag twice
+    #[arg(long, value_name = "RATE|RUN", value_parser = sample_size::expected, conflicts_with_all = SIMULATED)]
+    pub expect: Vec<Expectation>,
+    /// Show how two runs of any question differ: plan, target, program, results, and simulations
+    /// with another verdict
+    #[arg(long, requires = "second", conflicts_with_all = ["resume", "out", "seed"])]
+    pub exact: bool,
     /// Continue the two run files of a comparison that stops by itself
     #[arg(long, requires = "second")]
     pub resume: bool,
@@ -60,35 +78,32 @@ pub struct Arguments {
     /// Overwrite FILE if it exists
     #[arg(long, requires = "out")]
     pub force: bool,
-    /// Do not check the whole run files before reading them; a record is still checked when it is
-    /// read
-    #[arg(long)]
-    pub skip_check: bool,
     #[command(flatten)]
     pub run: flags::Run,
 }
 
 /// Arguments of `compare` that two run files already determine.
-const COMPARED: [&str; 11] = [
-    "controller",
-    "space",
-    "axis",
-    "guard",
-    "action_noise",
-    "keys",
-    "plan",
-    "against",
-    "episodes",
-    "seed",
-    "until",
-];
+const COMPARED: [&str; 10] =
+    ["controller", "space", "axis", "guard", "action_noise", "plan", "against", "episodes", "seed", "until"];
+
+/// Arguments that mean nothing without simulations.
+const SIMULATED: [&str; 9] =
+    ["target", "controller", "against", "guard", "space", "axis", "action_noise", "out", "resume"];
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
+    if !command.expect.is_empty() {
+        ensure!(command.expect.len() == 2, "give --expect twice: what is expected of A, and of B");
+        return sample_size::show(&command.expect, planned(command)?, command.run.json);
+    }
     if let Some(out) = &command.out {
         // Fails before the simulations if the output cannot be written.
         drop(output::create(out, command.force)?);
     }
+    // The keys of a plan belong to the simulations, those of the engine to the reading.
+    let keys = &command.subject.keys.keys;
+    let is_of_runs = command.second.is_some();
+    let skip_check = is_of_runs && flags::settings(keys, "compare")?.engine.skip_check;
     let paths = match (&command.subject.target, &command.second) {
         (Some(first), Some(second)) => {
             let paths = [PathBuf::from(first), second.clone()];
@@ -106,8 +121,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         ),
     };
     let [first, second] = paths;
-    let a = run::read(&first, command.skip_check)?;
-    let b = run::read(&second, command.skip_check)?;
+    if command.exact {
+        return exact(&run::read(&first, skip_check)?, &run::read(&second, skip_check)?, command.run.json);
+    }
+    let a = run::read(&first, skip_check)?;
+    let b = run::read(&second, skip_check)?;
     let found = mishandle::inspect::compare(&a, &b)?;
     if let Some(out) = &command.out {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
@@ -128,13 +146,29 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(if !found.new_failures.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
-/// Evaluates both controllers. Returns `None` if a signal interrupts it.
-fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
+/// Shows how two runs differ. They are the same if all trials, simulations and traces are.
+fn exact(first: &RunFile, second: &RunFile, as_json: bool) -> Result<ExitStatus> {
+    let found = mishandle::inspect::run_difference(first, second)?;
+    if as_json {
+        output::json(&found)?;
+    } else {
+        output::line(&difference::text(&found))?;
+    }
+    Ok(if found.same_records { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+fn planned(command: &Arguments) -> Result<Planned> {
     let mut planned = flags::planned("compare", &command.subject, &command.run)?;
     planned.number("--episodes", "evaluate.episodes", command.episodes)?;
     planned.flag("--until", "compare.until", command.until.map(String::from))?;
+    Ok(planned)
+}
+
+/// Evaluates both controllers. Returns `None` if a signal interrupts it.
+fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
+    let planned = planned(command)?;
     let has_rule = !planned.has_stated_in("compare") || planned.has("compare", "until");
-    let mut plan = planned.plan()?;
+    let (mut plan, _) = planned.plan()?;
     ensure!(
         has_rule,
         "the keys of the table compare need a rule that stops the comparison: give --until decided or --until width=W"

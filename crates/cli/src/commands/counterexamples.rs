@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 use mishandle::results::Counterexamples;
 
 use crate::exit_status::ExitStatus;
-use crate::run;
 use crate::show::{escape, modes, output};
+use crate::{flags, run};
 
 /// List the failure modes of a run, or export counterexamples as files of a regression suite
 #[derive(Debug, Args)]
@@ -26,12 +26,11 @@ pub struct Arguments {
     /// Run file
     #[arg(value_name = "RUN", required = true)]
     pub file: Option<PathBuf>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long)]
-    pub skip_check: bool,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
 }
 
 #[derive(Debug, Subcommand)]
@@ -45,7 +44,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return export::run(command);
     }
     let path = command.file.as_deref().unwrap_or(Path::new(""));
-    let file = run::read(path, command.skip_check)?;
+    let file = run::read(path, command.keys.settings("counterexamples")?.engine.skip_check)?;
     let found = mishandle::inspect::counterexamples_result(&file, &mishandle::inspect::failure_modes(&file)?);
     if command.json {
         output::json(&found)?;

@@ -1,15 +1,14 @@
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
-use mishandle::plan::Until;
-use mishandle::results::{CornerPoint, Evaluation};
+use mishandle::plan::{Settings, Until};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
-use crate::run::{self, question};
-use crate::show::{evaluation, output};
+use crate::flags::{self, Planned, numbers};
+use crate::run::sample_size::{self, Expectation};
+use crate::run::{self, answers, question};
 
 /// Evaluate a controller: success rate, dangerous behavior rate and completion time, with 95 %
 /// intervals
@@ -20,6 +19,7 @@ use crate::show::{evaluation, output};
   mishandle evaluate point-reaching --controller ppo --episodes 5000 --until width=0.04
   mishandle evaluate point-reaching --controller ppo --episodes 5000 --until decided --rate 0.95
   mishandle evaluate point-reaching --controller my_controller.safetensors --json
+  mishandle evaluate --expect 0.97 --until width=0.04       how many simulations will it take?
 
 In a space with other axes than initial states, the same starts and seeds are simulated with every
 other axis at nominal, too (the control arm): -k evaluate.control=false does without.")]
@@ -41,59 +41,49 @@ pub struct Arguments {
     /// The success rate that --until decided decides about, such as 0.95
     #[arg(long, value_name = "R", conflicts_with = "resume", value_parser = numbers::number("a number above 0 and below 1", |rate| rate > 0.0 && rate < 1.0))]
     pub rate: Option<f64>,
+    /// Simulate nothing: show how many simulations it takes if the success rate is RATE, or that of
+    /// the run file RUN
+    #[arg(long, value_name = "RATE|RUN", value_parser = sample_size::expected, conflicts_with_all = SIMULATED)]
+    pub expect: Option<Expectation>,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
     pub run: flags::Run,
 }
 
+/// Arguments that mean nothing without simulations.
+const SIMULATED: [&str; 10] = [
+    "target",
+    "command",
+    "controller",
+    "guard",
+    "space",
+    "axis",
+    "requirement",
+    "action_noise",
+    "out",
+    "resume",
+];
+
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let (answer, asked) =
-        question::ask(RunKind::Evaluate, &command.subject, &command.file, gpu, || plan(command))?;
-    let found: Evaluation = answer.try_into()?;
-    let report = &found.metrics;
-    let has_result = report.simulations > 0;
-    if command.run.json {
-        output::json(&found)?;
-    } else if found.is_complete || (found.screening.is_some() && has_result) {
-        output::line(&evaluation::text(&found))?;
+    if let Some(expected) = &command.expect {
+        return sample_size::show(std::slice::from_ref(expected), planned(command)?, command.run.json);
     }
-    let without = report.diverged + report.invalid + report.undecided + report.failed;
-    let tested = match &found.screening {
-        Some(counts) => {
-            asked.report_screening(counts);
-            counts.flagged + counts.audit_sample
-        }
-        None => report.simulations,
-    };
-    if let Some(status) = asked.report_file(found.is_complete) {
-        return Ok(status);
-    }
-    if found.starts == "reachable" && !found.leaves_out_starts {
-        output::message(
-            "note: no initial state was rejected as unreachable: -k evaluate.box=whole gives the same result",
-        );
-    }
-    // Exit status 0 would say that the success rate was measured.
-    ensure!(
-        without < tested,
-        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
-    );
-    let points = found.corners.iter().flat_map(|corners| &corners.points);
-    let counted: Vec<&CornerPoint> = points.filter(|point| point.counts && point.n > 0).collect();
-    ensure!(
-        counted.is_empty() || counted.iter().any(|point| point.has_verdict()),
-        "no simulation at the corners and the center of the initial box has a verdict, so they were not tested"
-    );
-    Ok(ExitStatus::Done)
+    let asked =
+        question::ask(RunKind::Evaluate, &command.subject.keys.keys, &command.file, gpu, || plan(command))?;
+    answers::show(asked, command.run.json)
 }
 
-fn plan(command: &Arguments) -> Result<Plan> {
-    let mut planned =
-        flags::planned("evaluate", &command.subject, &command.run)?.simulator(&command.simulator)?;
+fn plan(command: &Arguments) -> Result<(Plan, Settings)> {
+    planned(command)?.question("evaluate")
+}
+
+fn planned(command: &Arguments) -> Result<Planned> {
+    let planned = flags::planned("evaluate", &command.subject, &command.run)?;
+    let mut planned = planned.simulator(&command.simulator)?;
     planned.number("--episodes", "evaluate.episodes", command.episodes)?;
     planned.flag("--until", "evaluate.until", command.until.map(String::from))?;
     planned.flag("--rate", "evaluate.rate", command.rate)?;
-    planned.question("evaluate")
+    Ok(planned)
 }

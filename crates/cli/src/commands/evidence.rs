@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use mishandle::resolve::Moved;
 use mishandle_evidence::{Collection, EvidenceError, Key, NAMESPACE, SUMS};
 use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::show::{escape, evidence, output};
-use crate::{interrupt, run};
+use crate::{flags, interrupt, run};
 
 /// Put runs, pages, hashes and a signature into a folder that others can verify
 #[derive(Debug, Args)]
@@ -41,15 +40,11 @@ pub struct Arguments {
     /// signature]
     #[arg(long, value_name = "FILE")]
     pub key: Option<PathBuf>,
-    /// New path of the runs' controller, if the file was moved
-    #[arg(long, value_name = "C")]
-    pub controller: Option<String>,
-    /// New path of the runs' target file (.toml), if it was moved
-    #[arg(long, value_name = "FILE")]
-    pub target: Option<String>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
 }
 
 #[derive(Debug, Subcommand)]
@@ -64,7 +59,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let Some(out) = command.out.as_deref() else { return Ok(ExitStatus::Done) };
     let key = command.key.as_deref().map(Key::new).transpose()?;
-    let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
+    let settings = command.keys.settings("evidence")?;
+    let moved = settings.engine.moved();
     let collection = Collection { runs: &command.runs, out, force: command.force, moved, key: key.as_ref() };
     interrupt::listen(|| {}, || {})?;
     let found = match mishandle_evidence::write(&collection, run::control_flow) {

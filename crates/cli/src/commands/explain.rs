@@ -3,6 +3,7 @@ use std::path::Path;
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::inspect::ExplainedSimulation;
+use mishandle::plan::EngineSettings;
 use mishandle::resolve::ResolvedPlan;
 use mishandle::results::{AxesAtNominal, EvaluatedCount, LogExplanations, Masking};
 use mishandle::store::{RunFile, RunHeader};
@@ -15,7 +16,7 @@ use crate::show::progress::Bar;
 use crate::show::{escape, explanation, output, simulation};
 
 /// Flags about a run, which mean nothing for a log.
-const OF_RUNS: [&str; 7] = ["trial", "simulation", "controller", "target", "skip_check", "masking", "axes"];
+const OF_RUNS: [&str; 5] = ["trial", "simulation", "keys", "masking", "axes"];
 
 /// Explain a recorded simulation or a log: when, where and by which predicate a formula is violated
 #[derive(Debug, Args)]
@@ -59,22 +60,23 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let Some(recorded) = &command.recorded else { return logs(command) };
+    let engine = recorded.engine("explain")?;
     if flags::is_file(&recorded.file) {
-        return counterexample(command, recorded);
+        return counterexample(command, recorded, &engine);
     }
-    let file = run::read(&recorded.file, recorded.skip_check)?;
+    let file = run::read(&recorded.file, engine.skip_check)?;
     if let Some(limit) = command.masking {
-        return masking(command, recorded, &file, limit);
+        return masking(command, &engine, &file, limit);
     }
     let Some((trial, simulation)) =
         mishandle::replay::select_simulation(&file, recorded.trial, recorded.simulation)?
     else {
         bail!("{} has no decided simulation to explain", recorded.file.display());
     };
-    let explained = mishandle::inspect::explain(&file, trial, simulation, recorded.moved())?;
+    let explained = mishandle::inspect::explain(&file, trial, simulation, engine.moved())?;
     let mut found = explained.result(file.header(), Some(&recorded.file.to_string_lossy()));
     let resolve = || {
-        let resolved = mishandle::resolve::recorded_plan(file.header(), recorded.moved());
+        let resolved = mishandle::resolve::recorded_plan(file.header(), engine.moved());
         resolved.map_err(|error| error.to_string())
     };
     found.axes_at_nominal = axes_at_nominal((Some(&file), file.header()), &explained, resolve, command.axes)?;
@@ -133,13 +135,8 @@ fn logs(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Prints which conjuncts set the robustness of a run and which ones fail.
-fn masking(
-    command: &Arguments,
-    recorded: &flags::Recorded,
-    file: &RunFile,
-    limit: u64,
-) -> Result<ExitStatus> {
-    let resolved = match mishandle::resolve::recorded_plan(file.header(), recorded.moved()) {
+fn masking(command: &Arguments, engine: &EngineSettings, file: &RunFile, limit: u64) -> Result<ExitStatus> {
+    let resolved = match mishandle::resolve::recorded_plan(file.header(), engine.moved()) {
         Ok(resolved) => Some(resolved),
         Err(error) => {
             output::message(&format!("only recorded counterexamples are explained: {error}"));
@@ -165,7 +162,7 @@ fn masking(
     ensure!(
         satisfied.evaluated + violated.evaluated > 0,
         "{} has no simulation to explain",
-        recorded.file.display()
+        file.path().display()
     );
     if command.json {
         output::json(&found)?;
@@ -211,9 +208,13 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 }
 
 /// Simulates an exported counterexample and explains it.
-fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<ExitStatus> {
+fn counterexample(
+    command: &Arguments,
+    recorded: &flags::Recorded,
+    engine: &EngineSettings,
+) -> Result<ExitStatus> {
     flags::check_flags(recorded.trial, recorded.simulation)?;
-    let (file, replayed) = counterexample::replay(&recorded.file, recorded.moved())?;
+    let (file, replayed) = counterexample::replay(&recorded.file, engine.moved())?;
     let header = &replayed.header;
     let explained = &replayed.explained;
     if !replayed.differences.is_empty() {
@@ -223,7 +224,7 @@ fn counterexample(command: &Arguments, recorded: &flags::Recorded) -> Result<Exi
     }
     let mut found = explained.result(header, Some(&recorded.file.to_string_lossy()));
     let folder = recorded.file.parent().unwrap_or(Path::new(""));
-    let resolve = || file.resolve(folder, recorded.moved()).map_err(|error| error.to_string());
+    let resolve = || file.resolve(folder, engine.moved()).map_err(|error| error.to_string());
     found.axes_at_nominal = axes_at_nominal((None, header), explained, resolve, command.axes)?;
     if command.json {
         output::json(&found)?;

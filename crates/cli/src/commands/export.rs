@@ -7,8 +7,8 @@ use mishandle::store::{self, RunFile};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::run;
 use crate::show::output;
+use crate::{flags, run};
 
 /// Export the simulations of a run as CSV or Parquet
 #[derive(Debug, Args)]
@@ -29,9 +29,8 @@ pub struct Arguments {
     /// Overwrite an existing file
     #[arg(long)]
     pub force: bool,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long)]
-    pub skip_check: bool,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
 }
 
 /// Writes all simulations of a run.
@@ -40,7 +39,7 @@ type Writer = fn(&RunFile, &mut AtomicFile) -> store::Result<()>;
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let write = writer(&command.out)?;
     output::refuse_inputs(&command.out, "--out", [command.file.as_path()])?;
-    let file = run::read(&command.file, command.skip_check)?;
+    let file = run::read(&command.file, command.keys.settings("export")?.engine.skip_check)?;
     let mut out = output::create(&command.out, command.force)?;
     let failed = || format!("cannot write {}", command.out.display());
     write(&file, &mut out).with_context(failed)?;

@@ -1,16 +1,13 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::results::{Answer, Falsification};
+use mishandle::Plan;
+use mishandle::plan::Settings;
 use mishandle::run::Device;
 use mishandle::store::RunKind;
-use mishandle::{Plan, ResolvedPlan};
-use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, question};
-use crate::show::progress::Bar;
-use crate::show::{falsification, mode_survey, output};
+use crate::run::{self, answers, question};
 
 /// Search for counterexamples: scenarios in which a target violates a formula
 #[derive(Debug, Args)]
@@ -45,11 +42,6 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     #[arg(conflicts_with = "resume")]
     pub budget: Option<u32>,
-    /// If the target is random: number of simulations of each counterexample with other seeds,
-    /// which measure how often it fails; at most as many in total as the run has; 0 skips this
-    /// [default: 100]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(0..=10_000_000))]
-    pub repeats: Option<u32>,
     #[command(flatten)]
     pub file: flags::OpenRun,
     #[command(flatten)]
@@ -58,58 +50,12 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let (mut answer, asked) =
-        question::ask(RunKind::Falsify, &command.subject, &command.file, gpu, || plan(command))?;
-    add_repeats(&mut answer, &asked.resolved, command.repeats)?;
-    let found: Falsification = answer.try_into()?;
-    falsification::report_unevaluated(&found);
-    if command.run.json {
-        output::json(&found)?;
-    } else if found.is_complete || (found.screening.is_some() && found.simulations > 0) {
-        output::line(&falsification::text(&found))?;
-        if let Some(survey) = &found.modes {
-            output::line(&mode_survey::text(&found.subject, survey))?;
-        }
-    }
-    if let Some(counts) = &found.screening {
-        asked.report_screening(counts);
-    }
-    if found.is_complete && found.surplus > 0 {
-        output::message(&format!(
-            "discarded {} that ran in the same batch after the end of a trial or of its search",
-            plural(found.surplus, "simulation")
-        ));
-    }
-    if let Some(status) = asked.report_file(found.is_complete) {
-        return Ok(status);
-    }
-    // Exit status 0 would say that the search found no violation.
-    // Where one requirement is undefined, another one can be violated.
-    let is_violated = found.requirements.iter().flatten().any(|requirement| requirement.violated > 0);
-    ensure!(
-        is_violated || found.trials.iter().any(|trial| trial.minimum_robustness.is_some()),
-        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
-    );
-    if found.falsified_trials == 0 {
-        return Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done });
-    }
-    output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));
-    Ok(ExitStatus::Violated)
+    let asked =
+        question::ask(RunKind::Falsify, &command.subject.keys.keys, &command.file, gpu, || plan(command))?;
+    answers::show(asked, command.run.json)
 }
 
-/// Adds the repeats of the counterexamples to an answer, with a progress bar.
-fn add_repeats(answer: &mut Answer, resolved: &ResolvedPlan, repeats: Option<u32>) -> Result<()> {
-    let bar = Bar::new(0, "repeats");
-    mishandle::inspect::further(resolved, answer, repeats.map(u64::from), |done, all| {
-        bar.set_length(all);
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    bar.clear();
-    Ok(())
-}
-
-fn plan(command: &Arguments) -> Result<Plan> {
+fn plan(command: &Arguments) -> Result<(Plan, Settings)> {
     let mut planned =
         flags::planned("falsify", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.flag("--search", "falsify.search", command.search.clone())?;
@@ -118,7 +64,7 @@ fn plan(command: &Arguments) -> Result<Plan> {
     planned.number("--budget", "falsify.budget", command.budget)?;
     let has_batch = planned.has_stated("falsify.batch");
     let sets_rate = planned.has_stated("falsify.new-mode-rate");
-    let mut plan = planned.question("falsify")?;
+    let (mut plan, settings) = planned.question("falsify")?;
     let Plan { falsify: Some(falsify), screening, .. } = &mut plan else { bail!("the plan has no search") };
     if let (false, Some(screening)) = (has_batch, screening) {
         falsify.batch = screening.rows.min(*Plan::BATCH.end() as u32);
@@ -128,5 +74,5 @@ fn plan(command: &Arguments) -> Result<Plan> {
         "falsify.new-mode-rate has no effect without falsify.keep-going; set both"
     );
     falsify.isolate_by_default();
-    Ok(plan)
+    Ok((plan, settings))
 }

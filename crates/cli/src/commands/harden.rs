@@ -131,5 +131,5 @@ fn plan(command: &Arguments) -> Result<Plan> {
     }
     planned.flag("--settings", "harden.settings", command.settings.clone())?;
     planned.flag("--trainer", "harden.trainer", command.trainer.clone())?;
-    planned.question("harden")
+    Ok(planned.question("harden")?.0)
 }

@@ -1,15 +1,14 @@
 //! `mishandle margin`: the smallest disturbance that makes a controller fail.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
-use mishandle::results::Margin;
+use mishandle::plan::Settings;
 use mishandle::store::RunKind;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, question};
-use crate::show::{margin, output};
+use crate::run::{self, answers, question};
 
 /// Search for the smallest disturbance that violates a formula
 #[derive(Debug, Args)]
@@ -43,28 +42,12 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let (answer, asked) =
-        question::ask(RunKind::Margin, &command.subject, &command.file, None, || plan(command))?;
-    let found: Margin = answer.try_into()?;
-    if command.run.json {
-        output::json(&found)?;
-    } else {
-        output::line(&margin::text(&found))?;
-    }
-    if let Some(witness) = &found.witness {
-        output::message(&format!(
-            "Witness: mishandle replay {} --simulation {}",
-            asked.name, witness.simulation
-        ));
-    }
-    if let Some(status) = asked.report_file(found.is_complete) {
-        return Ok(status);
-    }
-    ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
-    Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
+    let asked =
+        question::ask(RunKind::Margin, &command.subject.keys.keys, &command.file, None, || plan(command))?;
+    answers::show(asked, command.run.json)
 }
 
-fn plan(command: &Arguments) -> Result<Plan> {
+fn plan(command: &Arguments) -> Result<(Plan, Settings)> {
     let mut planned =
         flags::planned("margin", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.flag("--formula", "margin.formula", command.formula.clone())?;

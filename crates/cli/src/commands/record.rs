@@ -80,7 +80,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut planned =
         flags::planned("record", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.number("--episodes", "evaluate.episodes", command.episodes)?;
-    let resolved = ResolvedPlan::new(&planned.question("evaluate")?)?;
+    let resolved = ResolvedPlan::new(&planned.question("evaluate")?.0)?;
     let bar =
         Bar::new(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes), "simulations");
     run::stop_on_signals(&bar)?;

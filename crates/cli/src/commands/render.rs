@@ -67,12 +67,6 @@ pub struct Arguments {
     /// otherwise the simulation with the minimum robustness]
     #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
-    /// New path of the run's controller, if the file was moved
-    #[arg(long, value_name = "C", requires = "run")]
-    pub controller: Option<String>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long, requires = "run")]
-    pub skip_check: bool,
     /// Event of a simulation to center on
     #[arg(long, value_name = "EVENT", requires = "run", default_value = "decisive")]
     pub event: CenterEvent,
@@ -88,6 +82,8 @@ pub struct Arguments {
     /// Output file: .png for a picture or a filmstrip, .mp4 for a video
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
     /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720,
     /// video 640x480, filmstrip 480x360]
     #[arg(long, value_name = "WxH")]
@@ -191,7 +187,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         size.width(),
         Size::RANGE.end()
     );
-    let controller = command.controller.as_deref().map(Path::new);
+    let engine = command.keys.settings("render")?.engine;
+    let controller = engine.controller.as_deref().map(Path::new);
     output::refuse_inputs(&command.out, "--out", command.run.as_deref().into_iter().chain(controller))?;
     // Fails before the simulation if the output cannot be written.
     drop(output::create(&command.out, command.force)?);
@@ -286,7 +283,8 @@ fn recorded(
     command: &Arguments,
     size: Size,
 ) -> Result<(FrameRenderer, StateTrajectory, Option<Event>)> {
-    let run = run::read(path, command.skip_check)?;
+    let engine = command.keys.settings("render")?.engine;
+    let run = run::read(path, engine.skip_check)?;
     let Some((trial, simulation)) =
         mishandle::replay::select_simulation(&run, command.trial, command.simulation)?
     else {
@@ -306,7 +304,7 @@ fn recorded(
             .map_err(|error| with_cameras(error, known))?,
     );
     let (replayed, trajectory) =
-        mishandle::picture::replay_states(&run, trial, simulation, command.controller.as_deref())?;
+        mishandle::picture::replay_states(&run, trial, simulation, engine.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     if !replayed.differences.is_empty() {
         bail!("{}", run::differences_text(&replayed.differences));

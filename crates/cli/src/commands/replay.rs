@@ -3,6 +3,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use clap::Args;
 use mishandle::counterexample::CounterexampleReplay;
+use mishandle::plan::EngineSettings;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -34,10 +35,11 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    let engine = command.recorded.engine("replay")?;
     if flags::is_file(&command.recorded.file) {
-        return counterexample(command);
+        return counterexample(command, &engine);
     }
-    let file = run::read(&command.recorded.file, command.recorded.skip_check)?;
+    let file = run::read(&command.recorded.file, engine.skip_check)?;
     let Some((trial, simulation)) =
         mishandle::replay::select_simulation(&file, command.recorded.trial, command.recorded.simulation)?
     else {
@@ -47,12 +49,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             command.recorded.file.display()
         );
     };
-    let replayed = mishandle::replay::replay(&file, trial, simulation, command.recorded.moved())?;
+    let replayed = mishandle::replay::replay(&file, trial, simulation, engine.moved())?;
     run::report_build_differences("made", &replayed.build_differences);
     let header = file.header();
     if let Some(path) = &command.trace.trace {
         let more = if command.trace.is_full() {
-            let moved = command.recorded.moved();
+            let moved = engine.moved();
             mishandle::picture::full_trace(
                 &mishandle::resolve::recorded_plan(header, moved)?,
                 &replayed.episode,
@@ -79,14 +81,14 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Replays an exported counterexample.
-fn counterexample(command: &Arguments) -> Result<ExitStatus> {
+fn counterexample(command: &Arguments, engine: &EngineSettings) -> Result<ExitStatus> {
     flags::check_flags(command.recorded.trial, command.recorded.simulation)?;
-    let (recorded, replayed) = counterexample::replay(&command.recorded.file, command.recorded.moved())?;
+    let (recorded, replayed) = counterexample::replay(&command.recorded.file, engine.moved())?;
     let CounterexampleReplay { header, episode, differences, .. } = &replayed;
     if let Some(path) = &command.trace.trace {
         let folder = command.recorded.file.parent().unwrap_or(Path::new(""));
         let more = if command.trace.is_full() {
-            let moved = command.recorded.moved();
+            let moved = engine.moved();
             mishandle::picture::full_trace(&recorded.resolve(folder, moved)?, episode)?
         } else {
             Vec::new()

@@ -72,16 +72,11 @@ pub struct Arguments {
     /// Show only what the run files contain
     #[arg(long)]
     pub no_simulations: bool,
-    /// New path of the runs' controller, if the file was moved
-    #[arg(long, value_name = "C")]
-    pub controller: Option<String>,
-    /// Do not check the whole run files before reading them; a record is still checked when it is
-    /// read
-    #[arg(long)]
-    pub skip_check: bool,
     /// Number of threads; does not affect the page [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
     #[command(flatten)]
     pub logs: flags::Logs,
 }
@@ -91,7 +86,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return write_logs(command);
     }
     run::set_threads(command.threads)?;
-    let controller = command.controller.as_deref().map(Path::new);
+    let engine = command.keys.settings("report")?.engine;
+    let controller = engine.controller.as_deref().map(Path::new);
     let files = [("--out", &command.out), ("--markdown", &command.markdown)];
     for (flag, file) in files {
         if let Some(file) = file {
@@ -107,8 +103,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let samples = Samples { probes: command.probes, sensitivity: command.sensitivity };
     let options = pages::Options {
         simulations: (!command.no_simulations && command.out.is_some()).then_some((samples, &bar)),
-        controller: command.controller.as_deref(),
-        skip_check: command.skip_check,
+        controller: engine.controller.as_deref(),
+        skip_check: engine.skip_check,
         force: command.force,
     };
     if let [folder] = &command.runs[..]

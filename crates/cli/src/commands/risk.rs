@@ -1,17 +1,15 @@
 //! `mishandle risk`: the probability that a controller fails under a distribution of scenarios.
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
-use mishandle::plan::RiskPlan;
-use mishandle::results::Risk;
+use mishandle::plan::{RiskPlan, Settings};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, question};
-use crate::show::{output, risk};
+use crate::run::{self, answers, question};
 
 /// Estimate the probability that a simulation violates a formula
 #[derive(Debug, Args)]
@@ -46,41 +44,12 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let (answer, asked) =
-        question::ask(RunKind::Risk, &command.subject, &command.file, gpu, || plan(command))?;
-    for warning in mishandle::run::risk_scenarios(&asked.resolved)?.warnings() {
-        output::message(&format!("warning: {warning}"));
-    }
-    let found: Risk = answer.try_into()?;
-    if command.run.json {
-        output::json(&found)?;
-    } else if found.screening.is_none() || found.simulations > 0 {
-        output::line(&risk::text(&found))?;
-    }
-    let tested = match &found.screening {
-        Some(counts) => {
-            asked.report_screening(counts);
-            counts.flagged + counts.audit_sample
-        }
-        None => found.monte_carlo.simulations,
-    };
-    if let Some(failure) = found.failures.first() {
-        output::message(&format!(
-            "Failure: mishandle replay {} --simulation {}",
-            asked.name, failure.simulation
-        ));
-    }
-    if let Some(status) = asked.report_file(found.is_complete) {
-        return Ok(status);
-    }
-    ensure!(
-        found.monte_carlo.without_verdict + found.monte_carlo.invalid_starts < tested,
-        "no simulation of Monte Carlo has a verdict, so the controller was not tested"
-    );
-    Ok(if found.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+    let asked =
+        question::ask(RunKind::Risk, &command.subject.keys.keys, &command.file, gpu, || plan(command))?;
+    answers::show(asked, command.run.json)
 }
 
-fn plan(command: &Arguments) -> Result<Plan> {
+fn plan(command: &Arguments) -> Result<(Plan, Settings)> {
     let mut planned =
         flags::planned("risk", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.flag("--formula", "risk.formula", command.formula.clone())?;

@@ -53,7 +53,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut planned =
         flags::planned("simulate", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.flag("--formula", "falsify.formula", command.formula.clone())?;
-    let resolved = ResolvedPlan::new(&planned.question("falsify")?)?;
+    let resolved = ResolvedPlan::new(&planned.question("falsify")?.0)?;
     output::warn_about(&resolved.specification.requirement);
     // Its errors say more than the end of a simulation that could not start.
     mishandle::resolve::contract_warnings(&resolved.plan)?;

@@ -46,6 +46,7 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let recorded = &command.recorded;
+    let engine = recorded.engine("view")?;
     if flags::is_file(&recorded.file) {
         flags::check_flags(recorded.trial, recorded.simulation)?;
     }
@@ -54,7 +55,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let status = python(command, folder.path(), &["-c", "import mujoco.viewer"])?;
     ensure!(status.is_some_and(|code| code == 0), "{}", missing(&command.python));
     let choice = (recorded.trial, recorded.simulation);
-    let scene = recorded_scene(&recorded.file, choice, recorded.moved(), false)?;
+    let scene = recorded_scene(&recorded.file, choice, engine.moved(), false)?;
     run::report_build_differences("made", &scene.build_differences);
     ensure!(scene.differences.is_empty(), "{}", run::differences_text(&scene.differences));
     write(folder.path(), &scene)?;

@@ -9,24 +9,51 @@ use clap::Args;
 use clap::builder::{PossibleValue, TypedValueParser};
 use mishandle::Plan;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::plan::{Key, Values, keys, set, set_value};
+use mishandle::plan::{Key, Settings, Values, keys, set, set_value};
 use toml::{Table, Value};
 
 /// Keys of a plan that stand outside of its tables.
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 10] = [
-    ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening"]),
-    ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening"]),
-    ("margin", &[TOP, "axes", "requirements", "guard", "margin"]),
-    ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening"]),
+const TABLES: [(&str, &[&str]); 19] = [
+    ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
+    ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
+    ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
+    ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
     ("check", &[TOP, "axes", "guard"]),
-    ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare"]),
+    ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
     ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
     ("guard", &[TOP, "axes", "requirements", "guard", "evaluate"]),
     ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+    (
+        "run",
+        &[
+            TOP,
+            "axes",
+            "requirements",
+            "guard",
+            "evaluate",
+            "compare",
+            "falsify",
+            "margin",
+            "metamorphic",
+            "risk",
+            "harden",
+            "screening",
+            "report.repeats",
+            "engine",
+        ],
+    ),
+    ("explain", &["engine"]),
+    ("replay", &["engine"]),
+    ("view", &["engine"]),
+    ("render", &["engine"]),
+    ("report", &["engine"]),
+    ("counterexamples", &["engine"]),
+    ("evidence", &["engine"]),
+    ("export", &["engine"]),
 ];
 
 /// Returns the tables and keys that a command reads.
@@ -53,6 +80,34 @@ pub struct Keys {
     pub plan: Option<PathBuf>,
 }
 
+/// Flag of commands that read no plan, but have settings.
+#[derive(Debug, Args)]
+pub struct SettingKeys {
+    /// Set a key; repeat the flag for several
+    #[arg(short = 'k', value_name = "KEY=VALUE", allow_hyphen_values = true, value_parser = assignment)]
+    #[arg(hide_possible_values = true)]
+    pub keys: Vec<Assignment>,
+}
+
+impl SettingKeys {
+    /// Returns the settings of a command.
+    pub fn settings(&self, command: &str) -> Result<Settings> {
+        settings(&self.keys, command)
+    }
+}
+
+/// Returns the settings that assignments make, without a plan.
+pub fn settings(assignments: &[Assignment], command: &str) -> Result<Settings> {
+    let mut planned = Planned::from(Table::new());
+    planned.assign(assignments, command, Values::One)?;
+    let settings = Settings::take(&mut planned.table)?;
+    let other = planned.stated.keys().find(|key| !Settings::has(key));
+    if let Some(key) = other {
+        bail!("{key} is part of the question, which a resumed run takes from its file");
+    }
+    Ok(settings)
+}
+
 /// The assignment of a text to a key.
 #[derive(Clone, Debug)]
 pub struct Assignment {
@@ -60,7 +115,8 @@ pub struct Assignment {
     pub text: String,
 }
 
-fn assignment(text: &str) -> Result<Assignment, String> {
+/// Parses `KEY=VALUE`.
+pub fn assignment(text: &str) -> Result<Assignment, String> {
     match text.split_once('=') {
         Some((key, text)) if !key.trim().is_empty() => {
             Ok(Assignment { key: key.trim().to_string(), text: text.to_string() })
@@ -122,6 +178,12 @@ pub struct Planned {
     options: Vec<Assignment>,
 }
 
+impl From<Table> for Planned {
+    fn from(table: Table) -> Planned {
+        Planned { table, stated: BTreeMap::new(), options: Vec::new() }
+    }
+}
+
 impl Planned {
     /// Reads the file of a plan.
     pub fn new(flags: &Keys) -> Result<Planned> {
@@ -133,18 +195,18 @@ impl Planned {
             }
             None => Table::new(),
         };
-        Ok(Planned { table, stated: BTreeMap::new(), options: Vec::new() })
+        Ok(Planned::from(table))
     }
 
     /// Sets the keys of a command.
-    pub fn assign(&mut self, assignments: &[Assignment], command: &str) -> Result<()> {
+    pub fn assign(&mut self, assignments: &[Assignment], command: &str, values: Values) -> Result<()> {
         for Assignment { key, text } in assignments {
             check_table(key, command)?;
             self.state(key, &format!("-k {key}={text}"))?;
             if key.starts_with("falsify.options.") {
                 self.options.push(Assignment { key: key.clone(), text: text.clone() });
             } else {
-                set(&mut self.table, key, text, Values::One)?;
+                set(&mut self.table, key, text, values)?;
             }
         }
         Ok(())
@@ -192,8 +254,27 @@ impl Planned {
         self.table.get(table).and_then(Value::as_table).is_some_and(|table| table.contains_key(key))
     }
 
+    /// Returns whether a flag or an assignment states anything.
+    pub fn is_edited(&self) -> bool {
+        !self.stated.is_empty()
+    }
+
+    /// Sets the options of a search, whose types depend on the search.
+    fn set_options(&mut self, values: Values) -> Result<()> {
+        for Assignment { key, text } in &self.options {
+            set(&mut self.table, key, text, values)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the table of the plan.
+    pub fn into_table(mut self, values: Values) -> Result<Table> {
+        self.set_options(values)?;
+        Ok(self.table)
+    }
+
     /// Returns the plan of one question, whose table has its defaults if nothing sets its keys.
-    pub fn question(mut self, question: &str) -> Result<Plan> {
+    pub fn question(mut self, question: &str) -> Result<(Plan, Settings)> {
         let others = ["evaluate", "compare", "falsify", "margin", "metamorphic", "risk", "harden"];
         self.table.retain(|name, _| !others.contains(&name) || name == question);
         self.table.entry(question).or_insert_with(|| Value::Table(Table::new()));
@@ -201,10 +282,16 @@ impl Planned {
     }
 
     /// Returns the plan with all of its tables.
-    pub fn plan(mut self) -> Result<Plan> {
-        for Assignment { key, text } in &self.options {
-            set(&mut self.table, key, text, Values::One)?;
-        }
+    pub fn plan(self) -> Result<(Plan, Settings)> {
+        let (plan, settings) = self.without_target()?;
+        ensure!(!plan.target.is_empty(), "there is no target: name one, or give --plan FILE");
+        Ok((plan, settings))
+    }
+
+    /// As [`Planned::plan`], for what needs no target.
+    pub fn without_target(mut self) -> Result<(Plan, Settings)> {
+        self.set_options(Values::One)?;
+        let settings = Settings::take(&mut self.table)?;
         let is_typed = self.has_stated("target");
         if is_typed && !self.has_stated("folder") {
             self.table.remove("folder");
@@ -215,8 +302,7 @@ impl Planned {
         if let Some(harden) = &mut plan.harden {
             harden.is_trainer_typed = is_trainer_typed;
         }
-        ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
-        Ok(plan)
+        Ok((plan, settings))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::plan::GuardPlan;
+use mishandle::plan::{GuardPlan, Values};
 use mishandle::resolve::command_target;
 use toml::Value;
 
@@ -26,7 +26,7 @@ pub fn planned(command: &str, subject: &Subject, run: &Run) -> Result<Planned> {
     }
     planned.flag("--action-noise", "action-noise", subject.action_noise)?;
     planned.number("--seed", "seed", run.seed)?;
-    planned.assign(&subject.keys.keys, command)?;
+    planned.assign(&subject.keys.keys, command, Values::One)?;
     Ok(planned)
 }
 

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::resolve::Moved;
+use mishandle::plan::EngineSettings;
 
 use super::NUMBERS;
+use super::keys::{Assignment, assignment, settings};
 use super::numbers::integer;
 
 /// Flags that choose a simulation of a run file, or an exported counterexample.
@@ -23,21 +24,16 @@ pub struct Recorded {
     /// robustness]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = integer::<u32>(NUMBERS))]
     pub simulation: Option<u32>,
-    /// New path of the run's controller, if the file was moved
-    #[arg(long, value_name = "C")]
-    pub controller: Option<String>,
-    /// New path of the run's target file (.toml), if it was moved
-    #[arg(long, value_name = "FILE")]
-    pub target: Option<String>,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long)]
-    pub skip_check: bool,
+    /// Set a key; repeat the flag for several
+    #[arg(short = 'k', value_name = "KEY=VALUE", allow_hyphen_values = true, value_parser = assignment)]
+    #[arg(hide_possible_values = true)]
+    pub keys: Vec<Assignment>,
 }
 
 impl Recorded {
-    /// Returns the present paths of files that were moved.
-    pub fn moved(&self) -> Moved<'_> {
-        Moved { controller: self.controller.as_deref(), target: self.target.as_deref() }
+    /// Returns how run files are opened.
+    pub fn engine(&self, command: &str) -> Result<EngineSettings> {
+        Ok(settings(&self.keys, command)?.engine)
     }
 }
 

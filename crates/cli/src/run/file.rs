@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use anyhow::{Result, ensure};
-use mishandle::resolve::Moved;
+use anyhow::{Context, Result, ensure};
+use mishandle::plan::EngineSettings;
 use mishandle::store::{RunFile, RunKind, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::plural;
@@ -12,44 +12,41 @@ use crate::flags::OpenRun;
 use crate::show::output;
 
 /// Opens a run file of this kind and returns it with its resolved plan: the run to resume, or else
-/// a new run with the plan `new_plan`. `moved` has the new paths of the files of a resumed run.
+/// a new run with the plan `new_plan`.
 pub fn open(
     flags: &OpenRun,
     kind: RunKind,
-    moved: Moved<'_>,
-    new_plan: impl FnOnce() -> Result<Plan>,
+    engine: &EngineSettings,
+    new_plan: Option<Plan>,
 ) -> Result<(ResolvedPlan, RunWriter)> {
-    let sync = |run: &mut RunWriter| if flags.durable { run.set_durable() } else { Ok(()) };
+    let sync = |run: &mut RunWriter| if engine.durable { run.set_durable() } else { Ok(()) };
     let Some(path) = &flags.resume else {
+        let plan = new_plan.context("there is no plan")?;
         let is_json = flags.out.as_ref().is_some_and(|out| out.extension().is_some_and(|end| end == "json"));
         ensure!(
             !is_json,
             "--out ends with .json, but a run file is SQLite; choose another name, such as run.sqlite"
         );
-        let resolved = ResolvedPlan::new(&new_plan()?)?;
+        let resolved = ResolvedPlan::new(&plan)?;
         let mut run = mishandle::run::create_run(&resolved, flags.out.as_deref())?;
         sync(&mut run)?;
         return Ok((resolved, run));
     };
-    let mut run = if flags.skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
+    let mut run =
+        if engine.skip_check { RunWriter::resume_unchecked(path) } else { RunWriter::resume(path) }?;
     let found = run.file().header().kind;
-    ensure!(
-        found == kind || found != RunKind::Metamorphic,
-        "{} is a run of metamorphic relations; resume it with: mishandle campaign --resume FOLDER, or from Python",
-        path.display()
-    );
     ensure!(
         found == kind,
         "{} is a run of `{}`, not of `{}`; resume it with: mishandle {} --resume {}",
         path.display(),
         found.name(),
         kind.name(),
-        found.name(),
+        command(found),
         name(run.file())
     );
     sync(&mut run)?;
-    let resolved = mishandle::resolve::recorded_plan(run.file().header(), moved)?;
-    if flags.any_build {
+    let resolved = mishandle::resolve::recorded_plan(run.file().header(), engine.moved())?;
+    if engine.any_build {
         report_build_differences(
             "started",
             &mishandle::replay::build_differences(run.file().header(), &resolved),
@@ -90,8 +87,13 @@ pub fn name(run: &RunFile) -> String {
     mishandle_text::shell_quote(&run.path().to_string_lossy())
 }
 
+/// Returns the command that asks a question.
+fn command(kind: RunKind) -> &'static str {
+    if kind == RunKind::Metamorphic { "run" } else { kind.name() }
+}
+
 /// Reports the progress of an interrupted run and the command that resumes it.
 pub fn report_interruption(kind: RunKind, simulations: u64, name: &str) {
     output::message(&format!("interrupted after {}, stored in {name}", plural(simulations, "simulation")));
-    output::message(&format!("Resume with: mishandle {} --resume {name}", kind.name()));
+    output::message(&format!("Resume with: mishandle {} --resume {name}", command(kind)));
 }

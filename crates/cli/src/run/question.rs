@@ -3,8 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use mishandle::plan::ScreeningPlan;
-use mishandle::resolve::Moved;
+use mishandle::plan::{ScreeningPlan, Settings};
 use mishandle::results::{Answer, Screening};
 use mishandle::run::{Device, Engine};
 use mishandle::store::RunKind;
@@ -12,40 +11,46 @@ use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::plural;
 
 use super::{ExitStatus, control_flow, name, open, report_interruption, stop_on_signals};
-use crate::flags;
+use crate::flags::{self, Assignment};
 use crate::show::output;
 use crate::show::progress::Bar;
 
 /// A question that was asked.
 pub struct Asked {
     pub resolved: ResolvedPlan,
+    pub answer: Answer,
+    pub settings: Settings,
     /// Path of the run file, quoted for a shell.
     pub name: String,
-    kind: RunKind,
+    pub kind: RunKind,
     simulations: u64,
     seconds: f64,
 }
 
-/// Opens or creates the run file of a question, asks it, and returns the answer. `subject` and
-/// `file` have the new paths of the files of a resumed run.
+/// Opens or creates the run file of a question, and asks it.
 pub fn ask(
     kind: RunKind,
-    subject: &flags::Subject,
+    keys: &[Assignment],
     file: &flags::OpenRun,
     gpu: Option<&Device>,
-    plan: impl FnOnce() -> Result<Plan>,
-) -> Result<(Answer, Asked)> {
+    plan: impl FnOnce() -> Result<(Plan, Settings)>,
+) -> Result<Asked> {
     let bar = Bar::new(0, "simulations");
     stop_on_signals(&bar)?;
     // Before there is a run file.
-    let checked = || match plan()? {
-        Plan { screening: Some(ScreeningPlan { device, .. }), .. } if gpu.is_none() => {
-            Err(MishandleError::NoDevice { device }.into())
+    let (planned, settings) = match (&file.resume, plan) {
+        (Some(_), _) => {
+            (None, flags::settings(keys, if kind == RunKind::Metamorphic { "run" } else { kind.name() })?)
         }
-        plan => Ok(plan),
+        (None, plan) => {
+            let (plan, settings) = plan()?;
+            (Some(plan), settings)
+        }
     };
-    let moved = Moved { controller: subject.controller.as_deref(), target: file.moved_target.as_deref() };
-    let (resolved, file) = open(file, kind, moved, checked)?;
+    if let (Some(Plan { screening: Some(ScreeningPlan { device, .. }), .. }), None) = (&planned, gpu) {
+        return Err(MishandleError::NoDevice { device: device.clone() }.into());
+    }
+    let (resolved, file) = open(file, kind, &settings.engine, planned)?;
     output::warn_about(&resolved.specification.requirement);
     let is_new = file.file().counts()?.simulations == 0;
     for warning in file.file().header().preflight.iter().filter(|_| is_new) {
@@ -71,7 +76,7 @@ pub fn ask(
     }
     let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
-    Ok((answer, Asked { resolved, name, kind, simulations, seconds }))
+    Ok(Asked { resolved, answer, settings, name, kind, simulations, seconds })
 }
 
 impl Asked {
@@ -86,8 +91,8 @@ impl Asked {
     }
 
     /// Reports the run file, and how to resume an interrupted question. Returns `Interrupted` then.
-    pub fn report_file(&self, is_complete: bool) -> Option<ExitStatus> {
-        if is_complete {
+    pub fn report_file(&self) -> Option<ExitStatus> {
+        if self.answer.is_complete() {
             output::message(&format!("Run file: {}", self.name));
             return None;
         }

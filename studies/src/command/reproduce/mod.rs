@@ -44,7 +44,7 @@ pub enum ReproduceCommand {
   studies reproduce tables studies/experiments/paper/results/DATE \\
       --pages studies/notebook/2026-11-28-paper
 
-A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle campaign`
+A campaign may be incomplete; its rows then say how far they are. Campaigns of `mishandle run`
 get the same tables.")]
     Tables {
         /// Folders of campaigns or of collected results
@@ -112,14 +112,14 @@ pub fn run(command: &ReproduceCommand) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Runs or completes the campaign of a table with `mishandle campaign`, then shows it.
+/// Runs or completes the campaign of a table with `mishandle run`, then shows it.
 fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitCode> {
     let plan = match &table.plan {
         Some(path) => path.clone(),
         None => repository()?.join("studies/experiments/paper").join(format!("{name}.toml")),
     };
     let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
-    let mut words: Vec<OsString> = ["mishandle", "campaign"].map(OsString::from).to_vec();
+    let mut words: Vec<OsString> = ["mishandle", "run"].map(OsString::from).to_vec();
     if folder.exists() {
         let read = |path: &Path| fs::read_to_string(path).with_context(|| path.display().to_string());
         ensure!(
@@ -134,7 +134,7 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitCode> {
     }
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.map_or_else(all_cores, usize::from);
-    words.extend(["--jobs".into(), jobs.to_string().into()]);
+    words.extend(["-k".into(), format!("engine.jobs={jobs}").into()]);
     match mishandle_cli::exit_code_of(words, None) {
         // 1: a trial was falsified.
         0 | 1 => show(&load(&[folder])?, None, false).map(|()| ExitCode::SUCCESS),

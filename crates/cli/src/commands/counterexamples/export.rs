@@ -6,7 +6,6 @@ use clap::Args;
 use mishandle::Plan;
 use mishandle::counterexample::{Chosen, Counterexample, Minimization};
 use mishandle::files::NewFolders;
-use mishandle::resolve::Moved;
 use mishandle::store::RunFile;
 use mishandle_text::plural;
 
@@ -54,24 +53,17 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::BUDGET))]
     #[arg(requires = "minimize")]
     pub budget: Option<u64>,
-    /// With --minimize: new path of the run's controller, if the file was moved
-    #[arg(long, value_name = "C", requires = "minimize")]
-    pub controller: Option<String>,
-    /// New path of the run's target file (.toml), if it was moved
-    #[arg(long, value_name = "FILE")]
-    pub target: Option<String>,
     /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
-    /// Do not check the whole run file before reading it; a record is still checked when it is read
-    #[arg(long)]
-    pub skip_check: bool,
     /// Number of threads; does not affect the result [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -81,13 +73,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "--out is {}; it must end with .json, by which `replay` recognizes a counterexample",
         command.out.display()
     );
-    let file = run::read(&command.file, command.skip_check)?;
+    let engine = command.keys.settings("counterexamples")?.engine;
+    let file = run::read(&command.file, engine.skip_check)?;
     let chosen = choose(command, &file)?;
-    let moved = Moved { controller: command.controller.as_deref(), target: command.target.as_deref() };
     // The files of a target are copied; they must be those of the run.
     let has_files = mishandle::resolve::has_files(&Plan::from_toml(&file.header().plan)?.target);
-    let resolved = if command.minimize || has_files || command.target.is_some() {
-        Some(mishandle::resolve::recorded_plan(file.header(), moved)?)
+    let resolved = if command.minimize || has_files || engine.target.is_some() {
+        Some(mishandle::resolve::recorded_plan(file.header(), engine.moved())?)
     } else {
         None
     };
@@ -95,7 +87,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         run::report_build_differences("made", &mishandle::replay::build_differences(file.header(), resolved));
     }
     // Before the simulations of --minimize.
-    let inputs = [Some(command.file.as_path()), command.controller.as_deref().map(Path::new)];
+    let inputs = [Some(command.file.as_path()), engine.controller.as_deref().map(Path::new)];
     for Chosen { path, .. } in &chosen {
         output::refuse_inputs(path, "--out", inputs.into_iter().flatten())?;
         ensure!(

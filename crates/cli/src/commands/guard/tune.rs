@@ -62,7 +62,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         bar.set_note(progress.phase.to_string());
         control_flow()
     };
-    let plan =
+    let (plan, _) =
         flags::planned("guard", &command.subject, &command.run)?.simulator(&command.simulator)?.plan()?;
     let defaults = TuneSettings::default();
     let settings = TuneSettings {

@@ -1,4 +1,4 @@
-//! `mishandle diff`: how two runs differ.
+//! `mishandle compare --exact`: how two runs differ.
 
 use crate::bench::Bench;
 
@@ -9,9 +9,9 @@ fn a_run_and_its_repetition_are_the_same_to_the_bit() {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --trials 3 --budget 60 --seed 1 --threads 1 --out a.sqlite", 1);
     bench.check("falsify toy/sphere-2d --trials 3 --budget 60 --seed 1 --threads 2 --out b.sqlite", 1);
-    let text = bench.check("diff a.sqlite b.sqlite", 0);
+    let text = bench.check("compare a.sqlite b.sqlite --exact", 0);
     assert!(text.contains("same to the bit: digest "), "{text}");
-    let found = bench.json("diff a.sqlite b.sqlite --json", 0);
+    let found = bench.json("compare a.sqlite b.sqlite --exact --json", 0);
     let counts = &found["simulations"];
     assert_eq!((&found["same_records"], found["facts"].as_array().unwrap().len()), (&true.into(), 0));
     assert_eq!((&counts["same"], &counts["changed"]), (&found["first"]["simulations"], &0.into()));
@@ -23,7 +23,7 @@ fn changed_verdicts_are_those_of_a_comparison() {
     let bench = Bench::new();
     bench.check(&format!("{EVALUATE} --action-noise 0.6 --out a.sqlite"), 0);
     bench.check(&format!("{EVALUATE} --action-noise 1.2 --out b.sqlite"), 0);
-    let found = bench.json("diff a.sqlite b.sqlite --json", 1);
+    let found = bench.json("compare a.sqlite b.sqlite --exact --json", 1);
     let compared = bench.json("compare a.sqlite b.sqlite --json", 1);
     let count = |key: &str| compared[key].as_array().unwrap().len();
     let changed = count("new_failures") + count("fixed_failures");
@@ -37,7 +37,7 @@ fn changed_verdicts_are_those_of_a_comparison() {
     let facts: Vec<&str> =
         found["facts"].as_array().unwrap().iter().map(|fact| fact["name"].as_str().unwrap()).collect();
     assert!(facts.contains(&"plan action-noise") && !facts.contains(&"plan seed"), "{facts:?}");
-    let text = bench.check("diff a.sqlite b.sqlite", 1);
+    let text = bench.check("compare a.sqlite b.sqlite --exact", 1);
     assert!(text.contains("different: digest ") && text.contains("Verdicts that changed"), "{text}");
 }
 
@@ -47,16 +47,16 @@ fn runs_of_different_questions_and_sizes_have_a_difference() {
     bench.check("evaluate toy/sphere-2d --episodes 30 --out a.sqlite", 0);
     bench.check("evaluate toy/sphere-2d --episodes 20 --out b.sqlite", 0);
     bench.check("falsify toy/car-following --trials 1 --budget 10 --out c.sqlite", 0);
-    let counts = bench.json("diff a.sqlite b.sqlite --json", 1)["simulations"].clone();
+    let counts = bench.json("compare a.sqlite b.sqlite --exact --json", 1)["simulations"].clone();
     assert_eq!(
         (&counts["first_only"], &counts["second_only"], &counts["changed"]),
         (&10.into(), &0.into(), &0.into())
     );
-    let text = bench.check("diff a.sqlite c.sqlite", 1);
+    let text = bench.check("compare a.sqlite c.sqlite --exact", 1);
     for part in ["A is of `evaluate`, B of `falsify`", "toy/car-following", "axis gap"] {
         assert!(text.contains(part), "{part}:\n{text}");
     }
     bench.write("notes.txt", "no run");
-    bench.refuses("diff a.sqlite notes.txt", &["not a run file", "notes.txt"]);
-    bench.refuses("diff a.sqlite missing.sqlite", &["does not exist"]);
+    bench.refuses("compare a.sqlite notes.txt --exact", &["not a run file", "notes.txt"]);
+    bench.refuses("compare a.sqlite missing.sqlite --exact", &["does not exist"]);
 }

@@ -1,10 +1,10 @@
-//! `mishandle campaign`: a grid of runs in a folder.
+//! `mishandle run`: a grid of runs in a folder.
 
 use crate::cart_pole;
 use std::process::Stdio;
 use std::time::Duration;
 
-use crate::bench::{Bench, signal, text};
+use crate::bench::{Bench, signal, text, without_run};
 use mishandle::store::RunFile;
 use serde_json::Value;
 
@@ -20,7 +20,7 @@ fn bench() -> Bench {
 #[test]
 fn the_runs_of_a_campaign_have_the_rows_of_single_runs() {
     let bench = bench();
-    let printed = bench.check("campaign campaign.toml --out runs/all", 1);
+    let printed = bench.check("run campaign.toml --out runs/all", 1);
     let single = "falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 2 --budget 30 -k falsify.isolate=false --out single.sqlite";
     bench.check(single, 1);
     let digest = |path| RunFile::open(bench.path(path)).unwrap().content_digest().unwrap();
@@ -32,31 +32,30 @@ fn the_runs_of_a_campaign_have_the_rows_of_single_runs() {
 #[test]
 fn a_resumed_campaign_prints_the_same_results_and_needs_all_its_files() {
     let bench = bench();
-    let whole = bench.check("campaign campaign.toml --out all --json", 1);
-    assert_eq!(bench.check("campaign --resume all --json", 1), whole);
+    let whole = bench.check("run campaign.toml --out all --json", 1);
+    assert_eq!(bench.check("run --resume all --json", 1), whole);
     let document: Value = serde_json::from_str(&whole).unwrap();
     assert_eq!(document["is_complete"], true);
     assert_eq!(document["runs"].as_array().unwrap().len(), 6);
     let path = bench.path("all/2_evaluate.sqlite");
     std::fs::copy(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
     bench.refuses(
-        "campaign --resume all",
+        "run --resume all",
         &["2_evaluate.sqlite does not belong to the run `2_evaluate`", "the file was replaced"],
     );
     std::fs::remove_file(&path).unwrap();
     std::os::unix::fs::symlink(bench.path("all/1_evaluate.sqlite"), &path).unwrap();
-    for command in ["campaign --resume all", "report all --out pages"] {
+    for command in ["run --resume all", "report all --out pages"] {
         bench.refuses(command, &["2_evaluate.sqlite does not belong", "it is a symbolic link"]);
     }
     std::fs::remove_file(&path).unwrap();
-    bench.refuses("campaign --resume all", &["is not the folder of a campaign", "2_evaluate.sqlite"]);
+    bench.refuses("run --resume all", &["is not the folder of a campaign", "2_evaluate.sqlite"]);
     // A link to any file of the user, whose content must not be printed.
     bench.write("secret", "password: hunter2");
     std::fs::remove_file(bench.path("all/campaign.toml")).unwrap();
     std::os::unix::fs::symlink(bench.path("secret"), bench.path("all/campaign.toml")).unwrap();
-    bench
-        .refuses("campaign --resume all", &["campaign.toml: it is a symbolic link; put a copy in its place"]);
-    assert!(!String::from_utf8_lossy(&bench.run("campaign --resume all").stderr).contains("hunter2"));
+    bench.refuses("run --resume all", &["campaign.toml: it is a symbolic link; put a copy in its place"]);
+    assert!(!String::from_utf8_lossy(&bench.run("run --resume all").stderr).contains("hunter2"));
 }
 
 #[test]
@@ -70,18 +69,22 @@ fn mistakes_are_reported_before_the_folder_is_created() {
         ("target = 'ball-balancing'\ncontroller = ['ppo', 'expert']\n[harden]\n", "the expert"),
         ("target = 'ball-balancing'\ncontroller = 'ppo'\n[harden]\nrounds = [1, 0]\n", "harden.rounds"),
         (
+            "target = 'ball-balancing'\n[[requirement]]\nname = 'a'\n",
+            "check TARGET --requirements wrong.toml",
+        ),
+        (
             "target = 'ball-balancing'\ncontroller = 'ppo'\n[harden]\n[screening]\n",
             "the question of a screening",
         ),
     ] {
         bench.write("wrong.toml", campaign);
-        bench.refuses("campaign wrong.toml --out wrong", &["wrong.toml", message]);
+        bench.refuses("run wrong.toml --out wrong", &["wrong.toml", message]);
         assert!(!bench.path("wrong").exists());
     }
-    bench.refuses("campaign missing.toml", &["missing.toml"]);
-    bench.refuses("campaign --resume .", &["is not the folder of a campaign"]);
-    bench.check("campaign campaign.toml --out all", 1);
-    bench.refuses("campaign campaign.toml --out all", &["all exists already", "--resume"]);
+    bench.refuses("run missing.toml", &["missing.toml"]);
+    bench.refuses("run --resume .", &["is not the folder of a campaign"]);
+    bench.check("run campaign.toml --out all", 1);
+    bench.refuses("run campaign.toml --out all", &["all exists already", "--resume"]);
 }
 
 /// Two hardenings of few simulations, whose training takes longer than a signal.
@@ -115,7 +118,7 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     bench.write("settings.toml", SETTINGS);
     cart_pole::write(&bench.path(""), |text| text);
     bench.check("train cartpole.toml --settings settings.toml --steps 512 --out start.safetensors", 0);
-    let whole = bench.run("campaign hardenings.toml --out whole --jobs 2 --json");
+    let whole = bench.run("run hardenings.toml --out whole -k engine.jobs=2 --json");
     let document: Value = serde_json::from_str(&text(&whole.stdout)).unwrap();
     let runs = document["runs"].as_array().unwrap();
     assert_eq!((runs.len(), &runs[0]["kind"], &document["is_complete"]), (2, &"harden".into(), &true.into()));
@@ -130,7 +133,8 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     }
     // The settings of a hardening are those of its start.
     bench.write("settings.toml", "nonsense");
-    let table = bench.check("campaign --resume whole --pages pages", code);
+    let table = bench.check("run --resume whole", code);
+    bench.check("report whole --out pages --no-simulations", 0);
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[0][..3], ["run", "accepted", "failures"]);
     assert_eq!([rows[1][0], rows[2][0]], ["5", "6"]);
@@ -142,12 +146,8 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     assert!(page.contains("Before and after") && page.contains("href=\"../index.html\""));
 
     bench.write("settings.toml", SETTINGS);
-    let (code_of_kill, _) = stopped(
-        &bench,
-        "campaign hardenings.toml --out parts",
-        "parts/5.harden/round-1/settings.toml",
-        "KILL",
-    );
+    let (code_of_kill, _) =
+        stopped(&bench, "run hardenings.toml --out parts", "parts/5.harden/round-1/settings.toml", "KILL");
     assert_eq!(code_of_kill, None);
     // As after a kill between the start of the curve and the first checkpoint.
     let round = bench.path("parts/5.harden/round-1");
@@ -158,29 +158,82 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     }
     std::fs::write(round.join("curve.csv"), "").unwrap();
     let (code_of_stop, said) =
-        stopped(&bench, "campaign --resume parts", "parts/6.harden/round-1/settings.toml", "INT");
+        stopped(&bench, "run --resume parts", "parts/6.harden/round-1/settings.toml", "INT");
     assert_eq!(code_of_stop, Some(130), "{said}");
-    assert!(said.contains("1 of 2 runs finished") && said.contains("campaign --resume parts"), "{said}");
-    let resumed = bench.check("campaign --resume parts --json", code);
+    assert!(said.contains("1 of 2 runs finished") && said.contains("run --resume parts"), "{said}");
+    let resumed = bench.check("run --resume parts --json", code);
     assert_eq!(resumed.replace("parts", "whole"), text(&whole.stdout));
 
     let changed = HARDENINGS.replace("budget = 8", "budget = 9");
     std::fs::write(bench.path("whole/campaign.toml"), changed).unwrap();
-    bench.refuses("campaign --resume whole", &["5.harden does not belong to the run `5`", "its plan"]);
+    bench.refuses("run --resume whole", &["5.harden does not belong to the run `5`", "its plan"]);
     std::fs::remove_dir_all(bench.path("parts/6.harden")).unwrap();
-    bench.refuses("campaign --resume parts", &["is not the folder of a campaign", "6.harden"]);
+    bench.refuses("run --resume parts", &["is not the folder of a campaign", "6.harden"]);
     std::os::unix::fs::symlink(bench.path("whole/6.harden"), bench.path("parts/6.harden")).unwrap();
-    for command in ["campaign --resume parts", "report parts --out other"] {
+    for command in ["run --resume parts", "report parts --out other"] {
         bench.refuses(command, &["6.harden does not belong to the run `6`: it is a symbolic link"]);
     }
+}
+
+#[test]
+fn a_plan_of_one_question_is_asked_as_by_its_command() {
+    let bench = Bench::new();
+    bench.write(
+        "plan.toml",
+        "target = 'toy/sphere-2d'\nseed = 3\n[falsify]\nsearch = 'random'\ntrials = 2\nbudget = 30\n[engine]\ndurable = true\n",
+    );
+    let document = |command: &str| {
+        let output = bench.run(command);
+        let found = serde_json::from_slice(&output.stdout);
+        without_run(found.unwrap_or_else(|_| panic!("{}", text(&output.stderr))))
+    };
+    let asked = document("run plan.toml --out a.sqlite --json");
+    assert_eq!(asked, document("falsify --plan plan.toml --out b.sqlite --json"));
+    let digest = |path| RunFile::open(bench.path(path)).unwrap().content_digest().unwrap();
+    assert_eq!(digest("a.sqlite"), digest("b.sqlite"));
+    // Keys and flags edit the plan, and a list of values makes a grid.
+    let longer = document("run plan.toml -k falsify.trials=3 --seed 4 --out c.sqlite --json");
+    assert_eq!(longer["trials"].as_array().unwrap().len(), 3);
+    bench.run("run plan.toml -k 'seed=[4, 5]' -k falsify.trials=3 --out grid");
+    assert!(bench.path("grid/5.sqlite").exists());
+    bench.run("run plan.toml -k falsify.trials=3 -k falsify.isolate=false --seed 4 --out d.sqlite");
+    assert_eq!(digest("grid/4.sqlite"), digest("d.sqlite"));
+    bench.refuses("run plan.toml -k falsify.budget=many", &["`falsify.budget` is many"]);
+    bench.refuses("run --resume grid -k falsify.budget=3", &["part of the question"]);
+    bench.refuses("run --resume a.sqlite", &["resume it with: mishandle falsify --resume a.sqlite"]);
+    bench.write("unsafe.toml", "target = 'toy/sphere-2d'\n[falsify]\n[engine]\nany-build = true\n");
+    bench.refuses("run unsafe.toml", &["`engine.any-build`", "typed by a person"]);
+}
+
+#[test]
+fn a_target_file_is_searched_for_failures() {
+    let bench = Bench::new();
+    cart_pole::write(&bench.path(""), |text| text);
+    bench.write("settings.toml", SETTINGS);
+    bench.check("train cartpole.toml --settings settings.toml --steps 512 --out start.safetensors", 0);
+    let start = "cartpole.toml --controller ./start.safetensors";
+    let flags = "-k falsify.trials=1 -k falsify.budget=5 -k falsify.search=random --json";
+    let run = |command: &str| {
+        let output = bench.run(command);
+        let found: Value =
+            serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", text(&output.stderr)));
+        (output.status.code(), found["trials"].clone())
+    };
+    let asked = run(&format!("run {start} {flags} --out a.sqlite"));
+    assert_eq!(
+        asked,
+        run(&format!("falsify {start} --trials 1 --budget 5 --search random --json --out b.sqlite"))
+    );
+    bench.refuses("run cartpole.toml --out runs -k guard=x", &["there is no key `guard`"]);
 }
 
 #[test]
 fn jobs_change_no_row() {
     let bench = Bench::new();
     bench.write("grid.toml", "target = 'toy/sphere-2d'\nseed = [1, 2, 3]\n[falsify]\nsearch = ['random', 'nelder-mead']\ntrials = 2\nbudget = 30\n");
-    bench.check("campaign grid.toml --out one", 1);
-    bench.check("campaign grid.toml --out three --jobs 3 --pages pages", 1);
+    bench.check("run grid.toml --out one", 1);
+    bench.check("run grid.toml --out three -k engine.jobs=3", 1);
+    bench.check("report three --out pages --no-simulations", 0);
     for name in ["1_random", "2_random", "3_nelder-mead"] {
         let digest = |folder| {
             RunFile::open(bench.path(&format!("{folder}/{name}.sqlite"))).unwrap().content_digest().unwrap()

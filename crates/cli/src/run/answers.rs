@@ -1,0 +1,184 @@
+//! Answers for people, and the exit codes that they give.
+
+use anyhow::{Result, ensure};
+use mishandle::results::{Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk};
+use mishandle::store::RunKind;
+use mishandle_text::plural;
+
+use super::question::Asked;
+use super::{ExitStatus, control_flow};
+use crate::show::progress::Bar;
+use crate::show::{evaluation, falsification, margin, metamorphic, mode_survey, output, risk};
+
+/// Prints the answer of a question.
+pub fn show(mut asked: Asked, as_json: bool) -> Result<ExitStatus> {
+    add_repeats(&mut asked)?;
+    match &asked.answer {
+        Answer::Evaluation(found) => of_evaluation(&asked, found, as_json),
+        Answer::Falsification(found) => of_falsification(&asked, found, as_json),
+        Answer::Margin(found) => of_margin(&asked, found, as_json),
+        Answer::Risk(found) => of_risk(&asked, found, as_json),
+        Answer::Metamorphic(found) => of_relations(&asked, found, as_json),
+        Answer::Hardening(_) => unreachable!("no run file asks for a hardening"),
+    }
+}
+
+/// Adds the repeats of the counterexamples of a search, with a progress bar.
+fn add_repeats(asked: &mut Asked) -> Result<()> {
+    if asked.kind != RunKind::Falsify {
+        return Ok(());
+    }
+    let repeats = Some(asked.settings.report.repeats.into());
+    let bar = Bar::new(0, "repeats");
+    mishandle::inspect::further(&asked.resolved, &mut asked.answer, repeats, |done, all| {
+        bar.set_length(all);
+        bar.set_position(done);
+        control_flow()
+    })?;
+    bar.clear();
+    Ok(())
+}
+
+/// Prints the answer of `evaluate`.
+fn of_evaluation(asked: &Asked, found: &Evaluation, as_json: bool) -> Result<ExitStatus> {
+    let report = &found.metrics;
+    let has_result = report.simulations > 0;
+    if as_json {
+        output::json(found)?;
+    } else if found.is_complete || (found.screening.is_some() && has_result) {
+        output::line(&evaluation::text(found))?;
+    }
+    let without = report.diverged + report.invalid + report.undecided + report.failed;
+    let tested = match &found.screening {
+        Some(counts) => {
+            asked.report_screening(counts);
+            counts.flagged + counts.audit_sample
+        }
+        None => report.simulations,
+    };
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
+    }
+    if found.starts == "reachable" && !found.leaves_out_starts {
+        output::message(
+            "note: no initial state was rejected as unreachable: -k evaluate.box=whole gives the same result",
+        );
+    }
+    // Exit status 0 would say that the success rate was measured.
+    ensure!(
+        without < tested,
+        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
+    let points = found.corners.iter().flat_map(|corners| &corners.points);
+    let counted: Vec<&CornerPoint> = points.filter(|point| point.counts && point.n > 0).collect();
+    ensure!(
+        counted.is_empty() || counted.iter().any(|point| point.has_verdict()),
+        "no simulation at the corners and the center of the initial box has a verdict, so they were not tested"
+    );
+    Ok(ExitStatus::Done)
+}
+
+/// Prints the answer of `falsify`.
+fn of_falsification(asked: &Asked, found: &Falsification, as_json: bool) -> Result<ExitStatus> {
+    falsification::report_unevaluated(found);
+    if as_json {
+        output::json(found)?;
+    } else if found.is_complete || (found.screening.is_some() && found.simulations > 0) {
+        output::line(&falsification::text(found))?;
+        if let Some(survey) = &found.modes {
+            output::line(&mode_survey::text(&found.subject, survey))?;
+        }
+    }
+    if let Some(counts) = &found.screening {
+        asked.report_screening(counts);
+    }
+    if found.is_complete && found.surplus > 0 {
+        output::message(&format!(
+            "discarded {} that ran in the same batch after the end of a trial or of its search",
+            plural(found.surplus, "simulation")
+        ));
+    }
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
+    }
+    // Exit status 0 would say that the search found no violation.
+    // Where one requirement is undefined, another one can be violated.
+    let is_violated = found.requirements.iter().flatten().any(|requirement| requirement.violated > 0);
+    ensure!(
+        is_violated || found.trials.iter().any(|trial| trial.minimum_robustness.is_some()),
+        "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
+    );
+    if found.falsified_trials == 0 {
+        return Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done });
+    }
+    output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));
+    Ok(ExitStatus::Violated)
+}
+
+/// Prints the answer of `margin`.
+fn of_margin(asked: &Asked, found: &Margin, as_json: bool) -> Result<ExitStatus> {
+    if as_json {
+        output::json(found)?;
+    } else {
+        output::line(&margin::text(found))?;
+    }
+    if let Some(witness) = &found.witness {
+        output::message(&format!(
+            "Witness: mishandle replay {} --simulation {}",
+            asked.name, witness.simulation
+        ));
+    }
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
+    }
+    ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
+    Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Prints the answer of `risk`.
+fn of_risk(asked: &Asked, found: &Risk, as_json: bool) -> Result<ExitStatus> {
+    for warning in mishandle::run::risk_scenarios(&asked.resolved)?.warnings() {
+        output::message(&format!("warning: {warning}"));
+    }
+    if as_json {
+        output::json(found)?;
+    } else if found.screening.is_none() || found.simulations > 0 {
+        output::line(&risk::text(found))?;
+    }
+    let tested = match &found.screening {
+        Some(counts) => {
+            asked.report_screening(counts);
+            counts.flagged + counts.audit_sample
+        }
+        None => found.monte_carlo.simulations,
+    };
+    if let Some(failure) = found.failures.first() {
+        output::message(&format!(
+            "Failure: mishandle replay {} --simulation {}",
+            asked.name, failure.simulation
+        ));
+    }
+    if let Some(status) = asked.report_file() {
+        return Ok(status);
+    }
+    ensure!(
+        found.monte_carlo.without_verdict + found.monte_carlo.invalid_starts < tested,
+        "no simulation of Monte Carlo has a verdict, so the controller was not tested"
+    );
+    Ok(if found.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+/// Prints the answer of relations.
+fn of_relations(asked: &Asked, found: &Metamorphic, as_json: bool) -> Result<ExitStatus> {
+    if !found.is_complete {
+        return Ok(asked.report_file().unwrap_or(ExitStatus::Interrupted));
+    }
+    if as_json {
+        output::json(found)?;
+    } else {
+        output::line(&metamorphic::text(&[(asked.kind.name(), found)]))?;
+    }
+    asked.report_file();
+    ensure!(found.has_verdict(), "no simulation has a verdict, so nothing was tested");
+    Ok(if found.is_broken() { ExitStatus::Violated } else { ExitStatus::Done })
+}
