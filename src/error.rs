@@ -544,7 +544,7 @@ pub enum MishandleError {
     },
     /// The formula has no signal.
     #[error(
-        "`{formula}` contains no signal, so every episode has the same verdict; use signals of the target, which `mishandle targets` lists"
+        "`{formula}` contains no signal, so every episode has the same verdict; use signals of the target, which `mishandle list targets` lists"
     )]
     ConstantFormula {
         /// Text of the formula.

@@ -22,11 +22,11 @@ impl MishandleError {
                     )
                 };
                 if *kind == "task" && name.starts_with("toy/") {
-                    return Some(format!("{name} is a toy, not a task; see `mishandle targets {name}`"));
+                    return Some(format!("{name} is a toy, not a task; see `mishandle list {name}`"));
                 }
                 if *kind == "task" && name.starts_with("arch/") {
                     return Some(format!(
-                        "{name} is a problem of the ARCH competition, not a task; see `mishandle targets {name}`"
+                        "{name} is a problem of the ARCH competition, not a task; see `mishandle list {name}`"
                     ));
                 }
                 if *kind == "space" && name == "noise" {

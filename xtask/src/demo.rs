@@ -22,7 +22,7 @@ const WHY: &str = "The shipped controller satisfies the formula from all of 1,00
 const EXPECTED: &[i32] = &[1];
 /// Commands to try next, with their purpose.
 const NEXT: &[(&str, &str)] = &[
-    ("tasks", "lists the tasks with their formulas and controllers"),
+    ("list tasks", "lists the tasks with their formulas and controllers"),
     ("evaluate ball-balancing --controller ppo", "measures success rate and dangerous behavior rate"),
     ("replay RUN", "repeats a recorded simulation, bit for bit"),
     ("help", "lists all commands"),

@@ -90,7 +90,7 @@ pub fn pattern(name: &str) -> Result<&'static Pattern> {
         let hint = nearest(name, PATTERNS.iter().map(|pattern| pattern.name));
         let hint = hint.map_or(";".to_owned(), |hint| format!("; did you mean `{hint}`?"));
         RequirementError::Question(format!(
-            "there is no pattern `{name}`{hint} `mishandle formula --patterns` lists all"
+            "there is no pattern `{name}`{hint} `mishandle list patterns` lists all"
         ))
     })
 }

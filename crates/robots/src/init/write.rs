@@ -72,7 +72,7 @@ impl<'a> Writer<'a> {
         } else {
             format!("from the model and {}", comment(&self.facts.source))
         };
-        let _ = writeln!(head, "# Written by `mishandle target init` {source}.");
+        let _ = writeln!(head, "# Written by `mishandle init` {source}.");
         for (what, lines) in [("not known", &self.unknown), ("note", &self.remarks)] {
             for line in lines {
                 let _ = writeln!(head, "# TODO {what}: {}", comment(line));

@@ -79,7 +79,7 @@ impl Folder {
         let outside = || {
             Err(format!(
                 "`{name}` is outside the folder of the model; if you trust the model, allow files outside it: `allow_outside = \
-                 true` in [model] of a target file, --allow-outside of `target init`"
+                 true` in [model] of a target file, --allow-outside of `init`"
             ))
         };
         if name.contains("://") {
