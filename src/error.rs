@@ -27,7 +27,7 @@ pub enum MishandleError {
     },
     /// The target is a path, but not that of a target file.
     #[error(
-        "{}; a target is a name such as ball-balancing, which `mishandle targets` lists, or the path of a target file (.toml)",
+        "{}; a target is a name such as ball-balancing, which `mishandle list` shows, or the path of a target file (.toml)",
         not_a_target(name)
     )]
     NotATarget {
@@ -557,7 +557,7 @@ pub enum MishandleError {
     },
     /// The formula has no signal.
     #[error(
-        "`{formula}` contains no signal, so every episode has the same verdict; use signals of the target, which `mishandle targets` lists"
+        "`{formula}` contains no signal, so every episode has the same verdict; use signals of the target, which `mishandle list targets` lists"
     )]
     ConstantFormula {
         /// Text of the formula.

@@ -35,8 +35,8 @@ fn every_command_accepts_a_user_s_task() {
     let run = |arguments: &str| run(folder.path(), arguments);
     let success = ExitCode::SUCCESS;
 
-    assert_eq!(run("tasks cube-flipping"), success);
-    assert_eq!(run("tasks cube-flipping --mjcf HERE/scene.xml"), success);
+    assert_eq!(run("list cube-flipping --all"), success);
+    assert_eq!(run("export cube-flipping --out HERE/scene.xml"), success);
     assert_eq!(
         run("evaluate cube-flipping --controller expert --episodes 24 --seed 5 --out HERE/run.sqlite"),
         success

@@ -3,7 +3,7 @@
 No ROS 2 was installed where this file was written: only its syntax was checked. It shows the four things that such a
 client must do, with the services of ros_gz: reset the world, apply a scenario, advance the clock by one control step
 while the world is paused otherwise, and read the signals from topics. Adapt the part above the line, and check the
-result with `mishandle protocol check`.
+result with `mishandle init --check`.
 
     ros2 run ros_gz_bridge parameter_bridge /clock@rosgraph_msgs/msg/Clock[gz.msgs.Clock \
         /world/default/control@ros_gz_interfaces/srv/ControlWorld
@@ -42,7 +42,7 @@ HELLO = {
     "axes": [{"name": "wind", "unit": "m/s", "low": -3.0, "high": 3.0, "nominal": 0.0, "kind": "model"}],
     "signals": [{"name": "height", "unit": "m"}, {"name": "speed", "unit": "m/s"}],
     "formulas": [{"name": "stays_up", "text": "always[2s:10s](height >= 0.5)"}],
-    # Topics arrive when they arrive. State true only after `mishandle protocol check` agrees.
+    # Topics arrive when they arrive. State true only after `mishandle init --check` agrees.
     "deterministic": False,
     "policy": {
         "observation": [{"name": "height", "unit": "m"}, {"name": "speed", "unit": "m/s"}],

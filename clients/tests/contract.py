@@ -89,7 +89,7 @@ class Client:
     @unittest.skipUnless(PROGRAM, "MISHANDLE does not name the program")
     def test_mishandle_checks_and_falsifies_it(self):
         words = shlex.join(self.command)
-        checked = self.mishandle("protocol", "check", words)
+        checked = self.mishandle("init", "--check", words)
         self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
         found = self.mishandle("falsify", *(self.target or ["--command", words]), "--trials", "1", "--budget", "200")
         self.assertEqual(found.returncode, 1, found.stdout + found.stderr)

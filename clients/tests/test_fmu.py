@@ -77,7 +77,7 @@ class FmuWithActions(Client, unittest.TestCase):
     @unittest.skipUnless(PROGRAM, "MISHANDLE does not name the program")
     def test_mishandle_checks_and_falsifies_it(self):
         """Falsifying it needs a controller, which the test of the cart has."""
-        checked = self.mishandle("protocol", "check", shlex.join(self.command))
+        checked = self.mishandle("init", "--check", shlex.join(self.command))
         self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
 
     def test_without_demand_the_level_is_the_integral_of_the_action(self):

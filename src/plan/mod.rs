@@ -240,7 +240,7 @@ plan_table! {
         /// a campaign or with `keep_going`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub isolate: Option<bool> = None, keys::BOOLEAN;
-        /// Options of the search by name: the table `[falsify.options]`. `mishandle searches
+        /// Options of the search by name: the table `[falsify.options]`. `mishandle list searches
         /// SEARCH` lists them.
         #[serde(with = "search_options", skip_serializing_if = "SearchOptions::is_empty")]
         pub options: SearchOptions = SearchOptions::new(), "a table, as [falsify.options]" => toml::Table;

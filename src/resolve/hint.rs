@@ -32,11 +32,11 @@ impl MishandleError {
                     )
                 };
                 if *kind == "task" && name.starts_with("toy/") {
-                    return Some(format!("{name} is a toy, not a task; see `mishandle targets {name}`"));
+                    return Some(format!("{name} is a toy, not a task; see `mishandle list {name}`"));
                 }
                 if *kind == "task" && name.starts_with("arch/") {
                     return Some(format!(
-                        "{name} is a problem of the ARCH competition, not a task; see `mishandle targets {name}`"
+                        "{name} is a problem of the ARCH competition, not a task; see `mishandle list {name}`"
                     ));
                 }
                 if *kind == "space" && name == "noise" {
@@ -68,7 +68,7 @@ impl MishandleError {
                 if source.kind() == ErrorKind::NotFound =>
             {
                 Some(
-                    "a controller is the path of a file, or the name of a shipped one, which `mishandle tasks TASK` lists"
+                    "a controller is the path of a file, or the name of a shipped one, which `mishandle list TASK --all` shows"
                         .to_string(),
                 )
             }

@@ -23,7 +23,7 @@ const WHY: &str = "The shipped controller satisfies the formula from all of 1,00
 const EXPECTED: i32 = 1;
 /// Commands to try next, with their purpose.
 const NEXT: &[(&str, &str)] = &[
-    ("tasks", "lists the tasks with their formulas and controllers"),
+    ("list tasks", "lists the tasks with their formulas and controllers"),
     ("evaluate ball-balancing --controller ppo", "measures success rate and dangerous behavior rate"),
     ("help", "lists all commands"),
 ];
@@ -91,7 +91,7 @@ mod tests {
                 "Replay the first counterexample: mishandle replay runs/a.sqlite",
                 "Replay the first counterexample: target/demo/mishandle replay runs/a.sqlite",
             ),
-            ("see `mishandle targets`", "see `target/demo/mishandle targets`"),
+            ("see `mishandle list`", "see `target/demo/mishandle list`"),
             ("Run file: runs/mishandle a.sqlite", "Run file: runs/mishandle a.sqlite"),
         ] {
             assert_eq!(with_path(message), expected);

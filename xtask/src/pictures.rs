@@ -21,8 +21,8 @@ const SIZE: &str = "640x480";
 /// If the program cannot be built or cannot draw.
 pub fn draw(root: &Path) -> Result<()> {
     let program = |arguments: &[&str]| cargo(root, &[PROGRAM, arguments].concat());
-    let tasks: Value = serde_json::from_str(&output(&mut program(&["tasks", "--json"]))?)?;
-    let own = tasks.as_array().into_iter().flatten().filter(|task| task["variant_of"].is_null());
+    let tasks: Value = serde_json::from_str(&output(&mut program(&["list", "tasks", "--json"]))?)?;
+    let own = tasks["tasks"].as_array().into_iter().flatten().filter(|task| task["variant_of"].is_null());
     let names = own.filter_map(|task| task["name"].as_str());
     for name in names {
         let path = format!("{TASKS}/{}/picture.png", name.replace('-', "_"));

@@ -29,7 +29,7 @@ static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
 #[command(name = "mishandle", version = mishandle::build::VERSION_AND_COMMIT, long_version = LONG_VERSION.as_str())]
 #[command(arg_required_else_help = true, max_term_width = 100)]
 #[command(after_help = "Examples:
-  mishandle tasks
+  mishandle list tasks
   mishandle evaluate ball-balancing --controller ppo --episodes 1000
   mishandle falsify ball-balancing --controller ppo --formula strict --trials 5
 

@@ -14,11 +14,12 @@ mod falsify;
 mod formula;
 mod guard;
 mod harden;
+mod init;
+mod list;
 mod man;
 mod margin;
 mod mine;
 mod monitor;
-mod protocol;
 mod record;
 mod regress;
 mod render;
@@ -27,11 +28,7 @@ mod report;
 mod risk;
 mod run;
 mod runs;
-mod searches;
 mod simulate;
-mod target;
-mod targets;
-mod tasks;
 mod train;
 mod view;
 
@@ -54,7 +51,7 @@ pub const GROUPS: [(&str, &[&str]); 6] = [
     ),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["record", "train", "harden", "guard", "controller"]),
-    ("Look up", &["tasks", "targets", "target", "searches", "protocol", "completions", "man", "help"]),
+    ("Set up", &["list", "init", "completions", "man", "help"]),
 ];
 
 /// The commands, in the order of [`GROUPS`].
@@ -87,11 +84,8 @@ pub enum Command {
     Harden(harden::Arguments),
     Guard(guard::Arguments),
     Controller(controller::Arguments),
-    Tasks(tasks::Arguments),
-    Targets(targets::Arguments),
-    Target(target::Arguments),
-    Searches(searches::Arguments),
-    Protocol(protocol::Arguments),
+    List(list::Arguments),
+    Init(init::Arguments),
     Completions(completions::Arguments),
     Man(man::Arguments),
 }
@@ -127,11 +121,8 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Harden(arguments) => harden::run(arguments, gpu),
         Command::Guard(arguments) => guard::run(arguments),
         Command::Controller(arguments) => controller::run(arguments),
-        Command::Tasks(arguments) => tasks::run(arguments),
-        Command::Targets(arguments) => targets::run(arguments),
-        Command::Target(arguments) => target::run(arguments),
-        Command::Searches(arguments) => searches::run(arguments),
-        Command::Protocol(arguments) => protocol::run(arguments),
+        Command::List(arguments) => list::run(arguments),
+        Command::Init(arguments) => init::run(arguments),
         Command::Completions(arguments) => completions::run(arguments, program),
         Command::Man(arguments) => man::run(arguments, program),
     }

@@ -7,7 +7,7 @@ const CHECK: &str =
     "check toy/sphere-2d --requirements requirements.toml --episodes 50 --budget 100 --seed 4";
 
 fn signal(bench: &Bench) -> String {
-    let target = bench.json("targets toy/sphere-2d --json", 0);
+    let target = bench.json("list toy/sphere-2d --json", 0);
     target["signals"][0]["name"].as_str().unwrap().to_string()
 }
 
@@ -260,7 +260,7 @@ fn logs_and_targets_read_the_same_file() {
 fn templates_are_files_of_requirements() {
     let bench = Bench::new();
     for name in ["iso-10218", "machinery-regulation"] {
-        let text = bench.check(&format!("check --template {name}"), 0);
+        let text = bench.check(&format!("init --template {name}"), 0);
         assert!(text.contains("Evidence, not certification"));
         std::fs::write(bench.path("requirements.toml"), text).unwrap();
         let out = format!("checked-{name}");

@@ -94,8 +94,10 @@ fn names_of_a_target_and_of_a_file_are_formulas() {
 #[test]
 fn patterns_make_formulas() {
     let bench = Bench::new();
-    let all = bench.json("formula --patterns --json", 0);
-    assert!(all.as_array().expect("patterns").iter().any(|pattern| pattern["name"] == "response"));
+    let all = bench.json("list patterns --json", 0);
+    assert!(
+        all["patterns"].as_array().expect("patterns").iter().any(|pattern| pattern["name"] == "response")
+    );
     let found = bench.json(
         "formula --pattern hold-for --set 'p=closed >= 1' --set 'q=force < 20' --set duration=2s --json",
         0,

@@ -91,7 +91,7 @@ fn the_suite_of_a_target_file_runs_where_it_was_exported() {
 fn a_target_file_without_policy_is_described() {
     let bench = bench("");
     bench.write("arm.toml", &TARGET.replace("expression = \"-angle\", ", "actions = 1, "));
-    let page = bench.check("targets arm.toml", 0);
+    let page = bench.check("list arm.toml", 0);
     assert!(page.starts_with("arm (robot)\n") && page.contains("always(angle <= 1)"), "{page}");
     bench.refuses("evaluate arm.toml --episodes 2", &["--controller FILE"]);
 }

@@ -126,10 +126,8 @@ fn every_document_satisfies_its_schema() {
         "controller import {linear} --task point-reaching --output-activation identity --out i.safetensors"
     );
     let commands = [
-        ("tasks", "tasks", 0),
-        ("targets", "targets", 0),
-        ("targets TARGET", "targets toy/noisy", 0),
-        ("searches", "searches", 0),
+        ("list", "list", 0),
+        ("list", "list toy/noisy", 0),
         ("monitor", "monitor --formula 'd < 1' d.csv", 0),
         ("run", "run grid.toml --out grid", 0),
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),
@@ -157,6 +155,9 @@ fn every_document_satisfies_its_schema() {
         ),
         ("compare", "compare e.sqlite n.sqlite", 1),
         ("compare", "compare n.sqlite e.sqlite", 0),
+        ("compare --exact", "compare n.sqlite e.sqlite --exact", 1),
+        ("evaluate --expect", "evaluate --expect 0.9 --until width=0.1", 0),
+        ("evaluate --expect", "compare --expect 0.90 --expect 0.94", 0),
         ("simulate", "simulate toy/noisy --repeat 5 --scenarios 3", 0),
         ("simulate", "simulate toy/noisy", 0),
         ("margin", "margin toy/car-following --space dynamics+events --budget 400", 1),
@@ -179,10 +180,7 @@ fn every_document_satisfies_its_schema() {
         ("controller export", "controller export a.safetensors --onnx a.onnx", 0),
         ("controller import", &import, 0),
     ];
-    bench.refuses(
-        "targets toy/nosiy --json",
-        &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"],
-    );
+    bench.refuses("list toy/nosiy --json", &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"]);
     bench.check("run grid.toml --out made", 0);
     let reference = reference();
     let page = std::fs::read_to_string(reference.join("json.md")).unwrap();

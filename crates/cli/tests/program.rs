@@ -17,11 +17,8 @@ const HARD: &str = "--formula 'always[22:300](finger_target_distance <= 0.12)'";
 fn the_help_of_every_command_has_examples() {
     let bench = Bench::new();
     for command in [
-        "tasks",
-        "searches",
-        "protocol",
-        "targets",
-        "target",
+        "list",
+        "init",
         "monitor",
         "train",
         "controller",
@@ -47,7 +44,7 @@ fn the_help_of_every_command_has_examples() {
 #[test]
 fn tasks_lists_formulas_signals_box_and_controllers() {
     let bench = Bench::new();
-    let tasks = bench.json("tasks --json", 0);
+    let tasks = bench.json("list tasks --json", 0)["tasks"].clone();
     let names: Vec<&str> =
         tasks.as_array().unwrap().iter().map(|task| task["name"].as_str().unwrap()).collect();
     assert_eq!(names[..3], ["point-reaching", "cube-stacking", "peg-in-hole"]);
@@ -57,16 +54,36 @@ fn tasks_lists_formulas_signals_box_and_controllers() {
         }
     }
     // The code's box differs from the paper's in its lower bound.
-    let code = bench.json("tasks ball-balancing --preset code --json", 0);
-    assert_eq!(code[0]["initial_box"][0]["low"], 0.192);
-    assert!(bench.check("tasks ball-pushing", 0).contains("Initial box"));
-    bench.refuses("tasks ball-pusing", &["no task `ball-pusing`", "hint: did you mean `ball-pushing`?"]);
+    let code = bench.json("list ball-balancing -k preset=code --json", 0);
+    assert_eq!(code["tasks"][0]["initial_box"][0]["low"], 0.192);
+    assert!(bench.check("list ball-pushing --all", 0).contains("Initial box"));
+    bench.refuses("list ball-pusing", &["no target `ball-pusing`", "hint: did you mean `ball-pushing`?"]);
+}
+
+#[test]
+fn a_description_fits_one_screen_unless_all_of_it_is_asked_for() {
+    let bench = Bench::new();
+    for name in ["", "ball-balancing", "peg-in-hole", "toy/car-following", "portfolio"] {
+        let page = bench.check(&format!("list {name}"), 0);
+        assert!(page.lines().count() <= 40, "{name}: {page}");
+        assert!(bench.check(&format!("list {name} --all"), 0).len() >= page.len(), "{name}");
+    }
+    let all = bench.json("list --json", 0);
+    for group in ["tasks", "targets", "searches", "controllers", "patterns"] {
+        assert!(all[group].as_array().unwrap().len() > 5, "{group}");
+        assert_eq!(bench.json(&format!("list {group} --json"), 0)[group], all[group]);
+    }
+    let one = bench.json("list ball-balancing --json", 0);
+    assert_eq!(
+        (&one["target"]["name"], &one["tasks"][0]["name"]),
+        (&"ball-balancing".into(), &"ball-balancing".into())
+    );
 }
 
 #[test]
 fn searches_lists_the_options_of_each_search() {
     let bench = Bench::new();
-    let searches = bench.json("searches --json", 0);
+    let searches = bench.json("list searches --json", 0)["searches"].clone();
     let names: Vec<&str> =
         searches.as_array().unwrap().iter().map(|search| search["name"].as_str().unwrap()).collect();
     let expected = [
@@ -95,7 +112,7 @@ fn searches_lists_the_options_of_each_search() {
         }
     }
     let options = |name: &str| -> Vec<String> {
-        let search = bench.json(&format!("searches {name} --json"), 0);
+        let search = bench.json(&format!("list {name} --json"), 0)["searches"].clone();
         let options = search[0]["options"].as_array().unwrap().clone();
         options.iter().map(|option| option["name"].as_str().unwrap().to_string()).collect()
     };
@@ -126,14 +143,14 @@ fn searches_lists_the_options_of_each_search() {
             "local-search"
         ]
     );
-    let page = bench.check("searches dual-annealing", 0);
+    let page = bench.check("list dual-annealing --all", 0);
     assert!(page.contains("  visit: float, in (1, 3) [default: 2.62]\n    Parameter q"), "{page}");
     assert!(page.contains("Reference\n  Xiang"), "{page}");
     assert!(page.lines().all(|line| line.chars().count() <= 100), "{page}");
-    let list = bench.check("searches", 0);
+    let list = bench.check("list searches", 0);
     let line = list.lines().find(|line| line.starts_with("dual-annealing ")).unwrap();
     assert!(line.contains("  simulated annealing"), "{list}");
-    bench.refuses("searches nelder-meat", &["no search `nelder-meat`", "hint: did you mean `nelder-mead`?"]);
+    bench.refuses("list nelder-meat", &["no target `nelder-meat`", "hint: did you mean `nelder-mead`?"]);
 }
 
 #[test]
@@ -257,9 +274,9 @@ fn an_invalid_search_option_is_an_error_that_names_it() {
 }
 
 #[test]
-fn tasks_writes_the_scene_as_mjcf() {
+fn export_writes_the_scene_of_a_task_as_mjcf() {
     let bench = Bench::new();
-    bench.check("tasks ball-balancing --mjcf scene.xml", 0);
+    bench.check("export ball-balancing --out scene.xml", 0);
     let xml = std::fs::read_to_string(bench.path("scene.xml")).unwrap();
     assert!(xml.starts_with("<mujoco") && xml.trim_end().ends_with("</mujoco>"));
     assert!(xml.contains("name=\"tray\"") && xml.contains("name=\"joint7\""));
@@ -744,7 +761,7 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
     bench.check(&format!("evaluate point-reaching {FAST} --episodes 1 --out a.sqlite"), 0);
     // The shell limits files to 512 bytes; ignoring SIGXFSZ turns the limit into a write error.
     for (arguments, path) in
-        [("replay a.sqlite --trace t.csv", "t.csv"), ("tasks ball-balancing --mjcf scene.xml", "scene.xml")]
+        [("replay a.sqlite --trace t.csv", "t.csv"), ("export ball-balancing --out scene.xml", "scene.xml")]
     {
         let limited = format!("ulimit -f 1; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
         let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
@@ -753,9 +770,6 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
         assert!(err.contains(&format!("cannot write {path}")), "{err}");
         assert!(!bench.path(path).exists(), "{path} exists");
     }
-    // `--json` also prints the document when the scene is written.
-    let tasks = bench.json("tasks ball-balancing --mjcf scene.xml --json", 0);
-    assert_eq!(tasks[0]["name"], "ball-balancing");
     bench.refuses("replay a.sqlite --trial 3", &["has no trial 3"]);
 }
 
@@ -901,7 +915,7 @@ fn a_dry_run_prints_the_settings_and_trains_nothing() {
 #[test]
 fn tasks_describes_a_task_from_its_definition() {
     let bench = Bench::new();
-    let page = bench.check("tasks point-reaching", 0);
+    let page = bench.check("list point-reaching --all", 0);
     let words = page.split_whitespace().collect::<Vec<_>>().join(" ");
     let sentence = "at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m";
     assert!(words.contains(sentence), "{page}");
@@ -914,7 +928,7 @@ fn tasks_describes_a_task_from_its_definition() {
         assert!(page.contains(line), "the page has no `{line}`:\n{page}");
     }
     // The page shows boxes and differing formulas of both task presets.
-    let page = bench.check("tasks ball-balancing", 0);
+    let page = bench.check("list ball-balancing --all", 0);
     assert!(page.contains("[0.2, 0.5]") && page.contains("[0.192, 0.492]"), "{page}");
     assert!(
         page.contains("task preset code: always[50:300](ball_tray_horizontal_distance <= 0.25)"),
@@ -926,9 +940,9 @@ fn tasks_describes_a_task_from_its_definition() {
 fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
     let bench = Bench::new();
     let documentation = include_str!("../../tasks/src/ball_balancing/page.md");
-    let page = bench.check("tasks ball-balancing", 0).split_whitespace().collect::<Vec<_>>().join(" ");
-    let tasks = bench.json("tasks ball-balancing --json", 0);
-    let notes = tasks[0]["notes"].as_array().unwrap();
+    let page = bench.check("list ball-balancing --all", 0).split_whitespace().collect::<Vec<_>>().join(" ");
+    let tasks = bench.json("list ball-balancing --json", 0);
+    let notes = tasks["tasks"][0]["notes"].as_array().unwrap();
     for topic in ["paper", "physics", "success", "weaknesses"] {
         let own = |note: &&Value| note["topic"] == topic && note["every_task"] == false;
         let note = notes.iter().find(own).unwrap_or_else(|| panic!("no note on {topic}"));
@@ -938,7 +952,7 @@ fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
     // The notes on every task follow those on the task.
     assert!(page.contains("time unit (every task)"), "{page}");
     // A variant has the notes of its base task.
-    let of = |task: &str| bench.json(&format!("tasks {task} --json"), 0)[0]["notes"].clone();
+    let of = |task: &str| bench.json(&format!("list {task} --json"), 0)["tasks"][0]["notes"].clone();
     assert_eq!(of("cloth-placing-7x7"), of("cloth-placing"));
 }
 
@@ -946,7 +960,7 @@ fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
 fn a_shipped_controller_shows_its_known_weaknesses() {
     let bench = Bench::new();
     let page = bench.check("controller ball-balancing/ppo", 0);
-    assert!(page.contains("known; `mishandle tasks ball-balancing` describes them"), "{page}");
+    assert!(page.contains("known; `mishandle list ball-balancing` describes them"), "{page}");
     let weaknesses = bench.json("controller ball-balancing/ppo --json", 0)["weaknesses"].clone();
     let texts: Vec<&str> = weaknesses.as_array().unwrap().iter().filter_map(Value::as_str).collect();
     assert!(texts.iter().any(|text| text.contains("observation noise of 0.01")), "{texts:?}");

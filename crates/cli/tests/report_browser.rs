@@ -326,8 +326,8 @@ fn pages_of_comparisons_and_campaigns_are_readable() {
 fn reports_of_all_tasks_have_charts_and_pictures() {
     let bench = Bench::new();
     let Some((mut browser, folder)) = start(&bench) else { return };
-    let tasks = bench.json("tasks --json", 0);
-    for task in tasks.as_array().unwrap() {
+    let tasks = bench.json("list tasks --json", 0);
+    for task in tasks["tasks"].as_array().unwrap() {
         let name = task["name"].as_str().unwrap();
         let signal = task["signals"][0].as_str().unwrap();
         // Every simulation violates it.

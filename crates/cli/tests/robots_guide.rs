@@ -68,7 +68,7 @@ fn the_robot_has_a_margin_without_a_space_and_is_found_without_its_ending() {
     let output = bench::text(&found.stdout) + &bench::text(&found.stderr);
     assert!(matches!(found.status.code(), Some(0 | 1)), "{output}");
     assert!(output.contains("space disturbance (6 axes)"), "{output}");
-    for command in ["evaluate cartpole", "falsify cartpole", "targets cartpole"] {
+    for command in ["evaluate cartpole", "falsify cartpole", "list cartpole"] {
         bench.refuses(command, &["did you mean the target file `cartpole.toml`?"]);
     }
 }

@@ -73,14 +73,14 @@ fn a_command_in_a_file_needs_permission_and_a_typed_one_does_not() {
     let bench = bench();
     bench.write("plan.toml", "target = \"process:python3 tank.py\"\n[evaluate]\nepisodes = 5\n");
     bench.write("tank.toml", "process = [\"python3\", \"tank.py\"]\n");
-    for arguments in ["evaluate --plan plan.toml", "evaluate tank.toml", "targets tank.toml"] {
+    for arguments in ["evaluate --plan plan.toml", "evaluate tank.toml", "list tank.toml"] {
         bench.refuses(arguments, &["MISHANDLE_ALLOW_PROGRAMS=1"]);
         allowed(&bench, bench.path("").as_path(), arguments, 0);
     }
     assert!(!bench.path("processes").exists() || bench.path("runs").exists());
     bench.check("evaluate 'process:python3 tank.py' --episodes 5 --out a.sqlite", 0);
     bench.check("evaluate --plan plan.toml --command 'python3 tank.py' --episodes 5 --out b.sqlite", 0);
-    assert!(bench.check(&format!("targets {COMMAND}"), 0).contains("open, blocked"));
+    assert!(bench.check(&format!("list {COMMAND} --all"), 0).contains("open, blocked"));
     bench.write("wrong.toml", "process = [\"python3\", \"tank.py\"]\n\nmodel = \"tank.xml\"\n");
     bench.refuses("evaluate wrong.toml", &["wrong.toml, line 3: ", "`model`"]);
     bench.refuses("evaluate tank.py", &["no target `tank.py`", "--command"]);

@@ -1,4 +1,4 @@
-//! `mishandle target init`: a first target file for a policy of another tool.
+//! `mishandle init`: a first target file for a policy of another tool.
 
 use crate::bench::{Bench, text};
 
@@ -95,7 +95,7 @@ fn model(size: usize, bias: [f32; 2], metadata: &[(&str, &str)], other_input: bo
     metadata.iter().map(entry).fold(model, |model, entry| model.inside(14, &entry)).0
 }
 
-const INIT: &str = "target init --model robot.xml --policy policy.onnx --out robot.toml";
+const INIT: &str = "init --model robot.xml --policy policy.onnx --out robot.toml";
 
 /// A folder with the model of the robot and a policy.
 fn bench(metadata: &[(&str, &str)]) -> Bench {
@@ -119,7 +119,7 @@ fn last_row(bench: &Bench, name: &str) -> f64 {
 fn the_action_of_each_joint_reaches_its_joint() {
     let bench = bench(METADATA);
     bench.check(INIT, 0);
-    bench.check("targets robot.toml", 0);
+    bench.check("list robot.toml", 0);
     let file = std::fs::read_to_string(bench.path("robot.toml")).unwrap();
     assert!(file.contains(r#"joints = { group = "joint", names = ["second", "first"] }"#), "{file}");
     assert!(file.contains("joint_vel = { value = \"0.5 * (clip(qvel(joints), -2, 2))\" }"), "{file}");
@@ -136,9 +136,11 @@ fn the_action_of_each_joint_reaches_its_joint() {
 fn gains_and_unknown_facts_are_in_the_file_and_in_the_messages() {
     let bench = bench(METADATA);
     let message = text(&bench.run(INIT).stderr);
-    for part in
-        ["not known: the period of the policy", "limits of the joints' torques", "next: mishandle targets"]
-    {
+    for part in [
+        "not known: the period of the policy",
+        "limits of the joints' torques",
+        "next: mishandle list robot.toml",
+    ] {
         assert!(message.contains(part), "{message}");
     }
     let file = std::fs::read_to_string(bench.path("robot.toml")).unwrap();
@@ -169,7 +171,7 @@ fn a_model_with_actuators_keeps_them_and_differences_are_reported() {
     assert!(file.contains("actuators = { group = \"actuator\", names = [\"pull\", \"slide\"] }"), "{file}");
     // Three decimals of the policy stand for the value of the model.
     assert!(file.contains("\"second\" = 0.3\n\"first\" = -0.2003\n"), "{file}");
-    bench.check("targets robot.toml", 0);
+    bench.check("list robot.toml", 0);
 }
 
 #[test]
@@ -191,7 +193,7 @@ fn a_policy_without_a_description_gives_a_file_with_questions() {
         assert!(message.contains(part), "{message}");
     }
     // Without actuators nothing can move: the message names the line.
-    bench.refuses("targets robot.toml", &["robot.toml, line", "no actuator `first`"]);
+    bench.refuses("list robot.toml", &["robot.toml, line", "no actuator `first`"]);
 }
 
 #[test]
@@ -201,7 +203,7 @@ fn the_contract_is_checked_before_the_first_simulation() {
     let file = std::fs::read_to_string(bench.path("robot.toml")).unwrap();
     let policy = |bytes: Vec<u8>| std::fs::write(bench.path("policy.onnx"), bytes).unwrap();
     let evaluate = "evaluate robot.toml --episodes 2 --out run.sqlite";
-    for command in [evaluate, "targets robot.toml", "simulate robot.toml"] {
+    for command in [evaluate, "list robot.toml", "simulate robot.toml"] {
         policy(model(9, [0.0; 2], &[], false));
         bench.refuses(command, &["[1, 9]", "joint_pos 2, joint_vel 2, actions 2; together 6"]);
         policy(model(6, [f32::NAN, 0.0], &[], false));
@@ -221,7 +223,7 @@ fn the_contract_is_checked_before_the_first_simulation() {
     named("obs", "act");
     bench.refuses(evaluate, &["the model has no output `act`; its outputs: actions"]);
     named("obs", "actions");
-    bench.check("targets robot.toml", 0);
+    bench.check("list robot.toml", 0);
     // Motors that are always at the ends of their ranges.
     let strong = file.replace("kv = 4\n", "kv = 4\nctrlrange = [-0.1, 0.1]\n");
     bench.write("robot.toml", &strong.replace("kv = 2\n", "kv = 2\nctrlrange = [-0.1, 0.1]\n"));
@@ -239,7 +241,7 @@ fn a_target_file_may_stand_elsewhere_and_a_model_outside_its_folder_if_that_is_a
         std::fs::create_dir(bench.path(folder)).unwrap();
     }
     bench.write("models/scene.xml", "<mujoco><include file=\"../robot.xml\"/></mujoco>");
-    let init = "target init --model models/scene.xml --policy policy.onnx --out targets/robot.toml";
+    let init = "init --model models/scene.xml --policy policy.onnx --out targets/robot.toml";
     bench.refuses(init, &["`../robot.xml` is outside the folder of the model", "allow_outside = true"]);
     bench.check(&format!("{init} --allow-outside"), 0);
     let file = std::fs::read_to_string(bench.path("targets/robot.toml")).unwrap();
@@ -247,7 +249,7 @@ fn a_target_file_may_stand_elsewhere_and_a_model_outside_its_folder_if_that_is_a
         file.contains("file = \"../models/scene.xml\"") && file.contains("onnx = \"../policy.onnx\""),
         "{file}"
     );
-    bench.check("targets targets/robot.toml", 0);
+    bench.check("list targets/robot.toml", 0);
 }
 
 #[test]
@@ -259,5 +261,5 @@ fn an_edit_that_mujoco_rejects_has_a_line() {
     let file = file.replacen("\n[constants]", edit, 1);
     let line = 1 + file[..file.find("joint = \"first\"\naxis").unwrap()].matches('\n').count();
     bench.write("robot.toml", &file);
-    bench.refuses("targets robot.toml", &[&format!("robot.toml, line {line}: ")]);
+    bench.refuses("list robot.toml", &[&format!("robot.toml, line {line}: ")]);
 }

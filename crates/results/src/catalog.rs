@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::AxisFacts;
+use crate::{AxisFacts, RequirementPattern};
 
 /// A task.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -76,12 +76,23 @@ pub struct Note {
     pub measured: Option<String>,
 }
 
-/// The names of all targets.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+/// Everything that can be named, or one of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Targets {
-    /// Names of all targets.
+pub struct Listing {
+    /// Tasks.
+    pub tasks: Vec<Task>,
+    /// Names of targets.
     pub targets: Vec<String>,
+    /// The target with the name; missing if the name is none of a target.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<Target>,
+    /// Searches.
+    pub searches: Vec<Search>,
+    /// Shipped controllers, as TASK/NAME.
+    pub controllers: Vec<String>,
+    /// Patterns of requirements.
+    pub patterns: Vec<RequirementPattern>,
 }
 
 /// A target.

@@ -15,7 +15,7 @@
 //! - [`Training`], [`TrainingPlan`], [`Hardening`], [`GuardTuning`], [`Controller`]: about
 //!   controllers.
 //! - [`Demonstrations`]: a data set of recorded episodes.
-//! - [`Task`], [`Targets`], [`Target`], [`Search`]: what can be named.
+//! - [`Task`], [`Listing`], [`Target`], [`Search`]: what can be named.
 //! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
@@ -77,7 +77,7 @@ pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
 pub use bisection::{BisectedCandidate, Bisection};
 pub use campaign::{Campaign, CampaignRun};
 pub use catalog::{
-    Axis, Formula, InitialAxis, Note, Search, SearchOption, Signal, Space, Target, Targets, Task,
+    Axis, Formula, InitialAxis, Listing, Note, Search, SearchOption, Signal, Space, Target, Task,
 };
 pub use check::{
     Check, CheckCell, CheckCounterexample, CheckCounts, CheckRun, CheckedController, CheckedRequirement,

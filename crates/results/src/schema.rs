@@ -8,9 +8,9 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use crate::{
     Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples,
     Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
-    FormulaDescription, GuardTuning, Hardening, LogExplanations, Margin, Masking, Mining, Monitor,
-    MonitorChange, Named, Number, ProtocolCheck, Regression, Replay, RequirementPattern, Risk, RunDifference,
-    RunSummary, SampleSize, Search, Seed, Simulation, Target, Targets, Task, Training, TrainingPlan,
+    FormulaDescription, GuardTuning, Hardening, Listing, LogExplanations, Margin, Masking, Mining, Monitor,
+    MonitorChange, Named, Number, ProtocolCheck, Regression, Replay, Risk, RunDifference, RunSummary,
+    SampleSize, Seed, Simulation, Training, TrainingPlan,
 };
 
 /// A document that a command prints with `--json`.
@@ -29,15 +29,11 @@ impl Document {
     /// Returns all documents, in the order of the reference.
     pub fn all() -> Vec<Document> {
         vec![
-            Document::array::<Task>("tasks"),
-            Document::object::<Targets>("targets"),
-            Document::object::<Target>("targets TARGET"),
-            Document::array::<Search>("searches"),
-            Document::object::<ProtocolCheck>("protocol check"),
+            Document::object::<Listing>("list"),
+            Document::object::<ProtocolCheck>("init --check"),
             Document::object::<Monitor>("monitor"),
             Document::object::<MonitorChange>("monitor --follow"),
             Document::object::<FormulaDescription>("formula"),
-            Document::array::<RequirementPattern>("formula --patterns"),
             Document::object::<Mining>("mine"),
             Document::object::<Evaluation>("evaluate"),
             Document::object::<Falsification>("falsify"),
@@ -47,8 +43,8 @@ impl Document {
             Document::object::<Check>("check"),
             Document::object::<Campaign>("run"),
             Document::object::<Comparison>("compare"),
-            Document::object::<RunDifference>("diff"),
-            Document::object::<SampleSize>("size"),
+            Document::object::<RunDifference>("compare --exact"),
+            Document::object::<SampleSize>("evaluate --expect"),
             Document::array::<RunSummary>("runs"),
             Document::object::<Replay>("replay"),
             Document::object::<Explanation>("explain"),

@@ -137,7 +137,7 @@ def falsify(
     search : str
         One of :func:`mishandle.ask.search_names`.
     options : dict, optional
-        Options of the search; the command ``mishandle searches NAME`` lists them.
+        Options of the search; the command ``mishandle list NAME`` lists them.
     trials, budget : int
         Number of trials, and largest number of simulations of each.
     batch : int

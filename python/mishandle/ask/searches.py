@@ -37,7 +37,7 @@ class Search:
         Whether each coordinate is a whole number, bounds included, as in
         :func:`scipy.optimize.differential_evolution`.
     **options
-        Options of the search; ``mishandle searches NAME`` lists them.
+        Options of the search; ``mishandle list NAME`` lists them.
 
     Examples
     --------

@@ -496,7 +496,7 @@ def _named(target: str, space: Space) -> str:
     """Returns the name of a space of a target; empty for its first one."""
     if space is not None and not isinstance(space, str):
         raise InvalidTypeError(
-            f"the space of {target} is one of its own, by name; `mishandle targets {target}` "
+            f"the space of {target} is one of its own, by name; `mishandle list {target}` "
             "lists them"
         )
     return space or ""

@@ -312,7 +312,7 @@ mod tests {
             "pass --period",
             "--out",
             "(--{flag} {})",
-            "`mishandle targets {name}`",
+            "`mishandle list {name}`",
             "by `mishandle.replay`",
             "mishandle.replay({})",
             "replayed in Python",

@@ -1,13 +1,11 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
-use clap::builder::PossibleValuesParser;
+use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use mishandle::Plan;
 use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check};
 use mishandle::plan::FalsifyPlan;
-use mishandle::requirements::{TEMPLATES, template};
 use mishandle::resolve::command_target;
 use mishandle::results::{Check, NOT_APPLICABLE, Severity};
 use mishandle_text::{path_text, plural, shell_quote};
@@ -25,7 +23,6 @@ use crate::show::{self, escape, output};
   mishandle check point-reaching --controller ppo --requirements requirements.toml --out checked
   mishandle check point-reaching --controller ppo --against sac --requirements requirements.toml \\
     --episodes 1000 --budget 1000 --out checked
-  mishandle check --template iso-10218 > requirements.toml
 
 All requirements share the simulations of random scenarios. Then a search tries to violate each
 requirement that they do not violate. A requirement with max-failure-rate has no search: random
@@ -45,11 +42,11 @@ pub struct Arguments {
     #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
     pub command: Option<String>,
     /// TOML file with [[requirement]] tables (docs/guide/check.md)
-    #[arg(long, alias = "formulas", value_name = "FILE", required_unless_present = "template")]
-    pub requirements: Option<PathBuf>,
+    #[arg(long, alias = "formulas", value_name = "FILE")]
+    pub requirements: PathBuf,
     /// Folder of the runs, the counterexamples and the reports
-    #[arg(long, value_name = "FOLDER", required_unless_present = "template")]
-    pub out: Option<PathBuf>,
+    #[arg(long, value_name = "FOLDER")]
+    pub out: PathBuf,
     /// Further controller: a column of the matrix; repeat the flag for several
     #[arg(long, value_name = "C")]
     pub against: Vec<String>,
@@ -62,7 +59,7 @@ pub struct Arguments {
     /// Largest number of simulations of a search [default: that of the requirement, or 300]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     pub budget: Option<u32>,
-    /// Search algorithm, a name of `mishandle searches` [default: portfolio]
+    /// Search algorithm, a name of `mishandle list searches` [default: portfolio]
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
     /// Least severity of a violation with exit code 1
@@ -71,10 +68,6 @@ pub struct Arguments {
     /// Accept requirements whose signals the target lacks; without the flag they give exit code 2
     #[arg(long)]
     pub allow_inapplicable: bool,
-    /// Print a file of requirements to start from
-    #[arg(long, value_name = "NAME", exclusive = true)]
-    #[arg(value_parser = PossibleValuesParser::new(TEMPLATES.map(|(name, _)| name)))]
-    pub template: Option<String>,
     #[command(flatten)]
     pub run: flags::Run,
 }
@@ -97,13 +90,9 @@ impl FailOn {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    if let Some(text) = command.template.as_deref().and_then(template) {
-        output::line(text.trim_end())?;
-        return Ok(ExitStatus::Done);
-    }
     run::set_threads(command.run.threads)?;
-    let path = command.requirements.as_deref().context("give --requirements FILE")?;
-    let out = command.out.as_deref().context("give --out FOLDER")?;
+    let path = command.requirements.as_path();
+    let out = command.out.as_path();
     let (file, text) = logs::requirement_file(path)?;
     let mut planned = flags::planned("check", &command.subject, &command.run)?;
     planned.flag("--command", "target", command.command.as_deref().map(command_target))?;
@@ -163,7 +152,7 @@ fn status(found: &Check) -> Result<ExitStatus> {
     }
     let hint = if open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
         format!(
-            "; `mishandle targets {}` lists the signals, and --allow-inapplicable accepts requirements whose signals the target \
+            "; `mishandle list {}` lists the signals, and --allow-inapplicable accepts requirements whose signals the target \
              lacks",
             shell_quote(&found.target)
         )

@@ -112,7 +112,7 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
         0 => String::new(),
         length => format!(", a history of {}", plural(length, "control step")),
     };
-    let known = format!("{} known; `mishandle tasks {}` describes them", weaknesses.len(), header.task);
+    let known = format!("{} known; `mishandle list {}` describes them", weaknesses.len(), header.task);
     let rows = [
         ("task", header.task.clone()),
         ("task preset", header.preset.clone()),

@@ -1,29 +1,32 @@
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::files::AtomicFile;
 use mishandle::store::{self, RunFile};
+use mishandle::tasks::compose_with_start;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::show::output;
 use crate::{flags, run};
 
-/// Export the simulations of a run as CSV or Parquet
+/// Export the simulations of a run as CSV or Parquet, or the scene of a task as MJCF
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle export runs/RUN.sqlite --out simulations.csv
   mishandle export runs/RUN.sqlite --out simulations.parquet
+  mishandle export ball-balancing --out scene.xml        the scene, to load into MuJoCo
 
 One row per simulation: trial, number, seed, robustness, end, scenario, verdicts.
 docs/reference/run_file.md describes the columns. `mishandle replay RUN --trace FILE` exports the
 trace of one simulation.")]
 pub struct Arguments {
-    /// Run file
-    #[arg(value_name = "RUN")]
+    /// Run file, or name of a task
+    #[arg(value_name = "RUN|TASK")]
     pub file: PathBuf,
-    /// File to create; it must end in .csv or .parquet
+    /// File to create: .csv or .parquet of a run; .xml of a task: its scene as MJCF, with the
+    /// initial state as keyframe `start`, without the control of servos and gripper
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Overwrite an existing file
@@ -37,6 +40,16 @@ pub struct Arguments {
 type Writer = fn(&RunFile, &mut AtomicFile) -> store::Result<()>;
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if !command.file.exists()
+        && let Some(task) = command.file.to_str().and_then(mishandle::tasks::task)
+    {
+        let is_xml = command.out.extension().is_some_and(|end| end == "xml");
+        ensure!(is_xml, "--out is {}; the scene of a task must end in .xml", command.out.display());
+        let scene = compose_with_start(task)?;
+        output::write_atomically(&command.out, command.force, scene.as_bytes())?;
+        output::message(&format!("wrote {}", command.out.display()));
+        return Ok(ExitStatus::Done);
+    }
     let write = writer(&command.out)?;
     output::refuse_inputs(&command.out, "--out", [command.file.as_path()])?;
     let file = run::read(&command.file, command.keys.settings("export")?.engine.skip_check)?;

@@ -27,7 +27,7 @@ pub struct Arguments {
     pub subject: flags::Subject,
     #[command(flatten)]
     pub simulator: flags::Simulator,
-    /// Search algorithm, a name of `mishandle searches` [default: portfolio]
+    /// Search algorithm, a name of `mishandle list searches` [default: portfolio]
     #[arg(long, value_name = "S", conflicts_with = "resume")]
     pub search: Option<String>,
     /// Requirement to violate: the name of a formula of the target (such as success or strict), or

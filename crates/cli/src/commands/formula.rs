@@ -5,9 +5,7 @@ use clap::Args;
 use mishandle::results::{FormulaDescription, FormulaExample};
 use mishandle::stl::Formula;
 use mishandle_logs::Evaluation;
-use mishandle_requirements::{
-    Context, PATTERNS, describe_formula, draw, find_examples, pattern, with_values,
-};
+use mishandle_requirements::{Context, describe_formula, draw, find_examples, pattern, with_values};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{LogFlags, numbers};
@@ -25,8 +23,7 @@ fn is_duration(secs: f64) -> bool {
 /// Explain a formula in words, warn about known traps, and draw it over an example
 #[derive(Debug, Args)]
 #[command(override_usage = "mishandle formula [OPTIONS] <FORMULA> [LOG]...\n       \
-    mishandle formula [OPTIONS] --pattern <NAME> [--set <NAME=VALUE>]... [LOG]...\n       \
-    mishandle formula --patterns")]
+    mishandle formula [OPTIONS] --pattern <NAME> [--set <NAME=VALUE>]... [LOG]...")]
 #[command(
     after_help = "The formula is a text, the name of a formula of --target, or that of a requirement of --formulas.
 It is drawn over the logs, over the nominal episode of the target, or over two traces that the
@@ -36,7 +33,6 @@ Examples:
   mishandle formula 'always[0:2s](force <= 20)'
   mishandle formula 'always(closed >= 1 implies eventually[0:2s] force >= 5)' rig.csv
   mishandle formula success --target ball-balancing
-  mishandle formula --patterns
   mishandle formula --pattern response --set p='x >= 1' --set q='y <= 0.1' --set deadline=2s
 
 With --strict, a warning gives exit code 1; notes do not. docs/guide/requirements.md describes the
@@ -44,11 +40,8 @@ traps, docs/reference/patterns.md the patterns."
 )]
 pub struct Arguments {
     /// Formula, and files with a log each to draw it over; with --pattern, logs only
-    #[arg(value_name = "FORMULA|LOG", required_unless_present_any = ["patterns", "pattern"])]
+    #[arg(value_name = "FORMULA|LOG", required_unless_present = "pattern")]
     pub words: Vec<String>,
-    /// List the patterns of requirements
-    #[arg(long, conflicts_with_all = ["words", "pattern", "set", "target", "formulas", "svg"])]
-    pub patterns: bool,
     /// Pattern that makes the formula
     #[arg(long, value_name = "NAME")]
     pub pattern: Option<String>,
@@ -97,15 +90,6 @@ fn setting(text: &str) -> std::result::Result<(String, String), String> {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    if command.patterns {
-        let patterns: Vec<_> = PATTERNS.iter().map(mishandle_requirements::Pattern::result).collect();
-        if command.json {
-            output::json_array(&patterns)?;
-        } else {
-            output::line(&shown::patterns(&patterns))?;
-        }
-        return Ok(ExitStatus::Done);
-    }
     let (found, words) = describe(command)?;
     if let Some(path) = &command.svg {
         ensure!(!found.examples.is_empty(), "there is nothing to draw: no trace was found for the formula");

@@ -16,7 +16,7 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 19] = [
+const TABLES: [(&str, &[&str]); 20] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
@@ -54,6 +54,7 @@ const TABLES: [(&str, &[&str]); 19] = [
     ("counterexamples", &["engine"]),
     ("evidence", &["engine"]),
     ("export", &["engine"]),
+    ("list", &["preset"]),
 ];
 
 /// Returns the tables and keys that a command reads.
@@ -284,7 +285,7 @@ impl Planned {
     /// Returns the plan with all of its tables.
     pub fn plan(self) -> Result<(Plan, Settings)> {
         let (plan, settings) = self.without_target()?;
-        ensure!(!plan.target.is_empty(), "there is no target: name one, or give --plan FILE");
+        ensure!(!plan.target.is_empty(), "there is no target: name one in the plan or as an argument");
         Ok((plan, settings))
     }
 

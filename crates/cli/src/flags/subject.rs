@@ -21,7 +21,7 @@ fn is_noise(std: f64) -> bool {
 /// Flags that define the target and its scenarios.
 #[derive(Debug, Args)]
 pub struct Subject {
-    /// Name of a target, a task or toy/NAME, which `mishandle targets` lists; or the path of a
+    /// Name of a target, a task or toy/NAME, which `mishandle list targets` lists; or the path of a
     /// target file (.toml)
     pub target: Option<String>,
     /// Controller of a task: the path of a .safetensors or .onnx file, or the name of a shipped

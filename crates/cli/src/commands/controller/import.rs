@@ -25,7 +25,7 @@ shows how to write the statistics of a VecNormalize.")]
 pub struct Arguments {
     /// Model or checkpoint: .zip, .pt or .pth
     pub file: PathBuf,
-    /// Task of the controller; `mishandle tasks` lists them
+    /// Task of the controller; `mishandle list tasks` lists them
     #[arg(long)]
     pub task: String,
     /// Controller file to create

@@ -1,59 +1,15 @@
-use anyhow::Result;
-use clap::Args;
+//! The list of targets, and the description of one.
+
 use mishandle::Plan;
-use mishandle::results::Targets;
 use mishandle::rollout::{Axis, AxisValues, Space, Target};
 
-use crate::exit_status::ExitStatus;
-use crate::run::formula_context::described_plan;
 use crate::show::{output, scenario};
 
-/// List the targets, or describe one target: scenario spaces, axes, signals and formulas
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  mishandle targets
-  mishandle targets ball-balancing       all axes of its scenario spaces
-  mishandle targets toy/car-following
-  mishandle targets ./robot.toml         a robot that a file describes")]
-pub struct Arguments {
-    /// Name of a target to describe, or the path of a target file (.toml)
-    pub target: Option<String>,
-    /// Describe the simulator of this command, such as 'python3 my_simulator.py'
-    #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
-    pub command: Option<String>,
-    /// Task preset of the described initial box and formulas: paper or code [default: paper]
-    #[arg(long, requires = "target")]
-    pub preset: Option<String>,
-    /// Print one JSON document to stdout
-    #[arg(long)]
-    pub json: bool,
-}
+/// Most characters of the names of axes on the line of a space.
+const AXES_SHOWN: usize = 40;
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let typed = command.command.as_deref().map(mishandle::resolve::command_target);
-    match (typed.as_ref().or(command.target.as_ref()), command.json) {
-        (None, false) => output::line(&list())?,
-        (None, true) => {
-            let names = mishandle::resolve::target_names();
-            output::json(&Targets { targets: names })?;
-        }
-        (Some(name), is_json) => {
-            let plan = described_plan(name, command.preset.as_deref());
-            let target = mishandle::resolve::described_target(&plan)?;
-            for warning in mishandle::resolve::described_warnings(&plan)? {
-                output::message(&format!("warning: {warning}"));
-            }
-            if is_json {
-                output::json(&mishandle::resolve::target_result(&target))?;
-            } else {
-                output::line(&page(&target, &plan))?;
-            }
-        }
-    }
-    Ok(ExitStatus::Done)
-}
-
-fn list() -> String {
+/// Returns all targets with their summaries.
+pub fn list() -> String {
     let tasks = mishandle::tasks::tasks();
     let tasks =
         tasks.iter().map(|task| [task.definition().name.to_string(), task.definition().summary.to_string()]);
@@ -69,22 +25,29 @@ fn list() -> String {
     tasks.chain(toys).chain(problems).map(entry).collect::<Vec<_>>().join("\n")
 }
 
-fn page(target: &Target, plan: &Plan) -> String {
+/// Returns the description of a target. Without `all`, a space is a line with the names of its
+/// axes.
+pub fn page(target: &Target, plan: &Plan, all: bool) -> String {
     let is_task = !plan.controller.is_empty();
     let preset = if is_task { format!(", task preset {}", plan.preset) } else { String::new() };
     let mut sections = vec![format!("{} ({}){preset}", target.identity.name, target.identity.kind)];
-    let formulas = target.formulas.iter().map(|formula| format!("  {:<12}{}", formula.name, formula.text));
+    let formulas = target.formulas.iter().map(|formula| vec![formula.name.clone(), formula.text.clone()]);
     sections.push(format!(
         "Formulas (the first is the default requirement)\n{}",
-        formulas.collect::<Vec<_>>().join("\n")
+        rows(&formulas.collect::<Vec<_>>())
     ));
     let signals = target.signals.iter().map(|signal| match signal.unit.as_str() {
         "" => signal.name.clone(),
         unit => format!("{} ({unit})", signal.name),
     });
-    let signals = output::wrapped(&signals.collect::<Vec<_>>().join(", "), 78).replace('\n', "\n  ");
+    let signals = output::wrapped(&signals.collect::<Vec<_>>().join(", "), output::width().saturating_sub(2))
+        .replace('\n', "\n  ");
     sections.push(format!("Signals\n  {signals}"));
-    for space in &target.spaces {
+    if !all {
+        let spaces: Vec<Vec<String>> = target.spaces.iter().map(line).collect();
+        sections.push(format!("Spaces and their axes\n{}", rows(&spaces)));
+    }
+    for space in target.spaces.iter().filter(|_| all) {
         sections.push(format!(
             "Space {} ({})\n{}",
             space.name(),
@@ -111,6 +74,21 @@ fn page(target: &Target, plan: &Plan) -> String {
         sections.push("The axes `draw_*` exist only with --action-noise above 0.".to_string());
     }
     sections.join("\n\n")
+}
+
+/// Returns rows as an indented table.
+fn rows(rows: &[Vec<String>]) -> String {
+    let table = output::table_in(rows, output::width().saturating_sub(2));
+    table.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+}
+
+/// Returns the name of a space, and the names of its first axes on one line.
+fn line(space: &Space) -> Vec<String> {
+    let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+    let names = names.join(", ");
+    let shown: String = names.chars().take(AXES_SHOWN).collect();
+    let more = if shown == names { "" } else { " ..." };
+    vec![space.name().to_string(), format!("{shown}{more}")]
 }
 
 fn axes(space: &Space) -> String {

@@ -1,52 +1,24 @@
-use anyhow::Result;
-use clap::Args;
+//! The list of searches, and the options of one.
+
 use mishandle::search::{OptionSpec, SEARCHES, SearchEntry};
 
-use crate::exit_status::ExitStatus;
 use crate::show::output::{self, table, wrapped};
-
-/// List the search algorithms, or describe one with its options
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  mishandle searches
-  mishandle searches nelder-mead
-  mishandle searches nelder-mead --json")]
-pub struct Arguments {
-    /// Name of a search to describe: options with type, default, range and meaning
-    pub search: Option<String>,
-    /// Print one JSON document to stdout
-    #[arg(long)]
-    pub json: bool,
-}
 
 /// Units of the options.
 const UNITS: &str = "d is the number of coordinates, one per axis of the scenario space (`--space`). A coordinate of 0 is \
                      the lower bound of its axis, a coordinate of 1 the upper bound. Points and tolerances are in \
                      these units.";
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let entries = match &command.search {
-        Some(name) => std::slice::from_ref(mishandle::resolve::search_entry(name)?),
-        None => SEARCHES,
-    };
-    if command.json {
-        output::json_array(&entries.iter().map(mishandle::resolve::search_result).collect::<Vec<_>>())?;
-    } else if let (Some(_), [entry]) = (&command.search, entries) {
-        output::line(&page(entry))?;
-    } else {
-        output::line(&list(entries))?;
-    }
-    Ok(ExitStatus::Done)
-}
-
-fn list(entries: &[SearchEntry]) -> String {
+/// Returns all searches with their summaries.
+pub fn list() -> String {
     let head = ["search", "summary"].map(String::from).to_vec();
-    let rows = entries.iter().map(|entry| vec![entry.name.to_string(), entry.summary.to_string()]);
+    let rows = SEARCHES.iter().map(|entry| vec![entry.name.to_string(), entry.summary.to_string()]);
     let all: Vec<Vec<String>> = std::iter::once(head).chain(rows).collect();
-    format!("{}\n\n`mishandle searches SEARCH` lists the options of a search.", table(&all))
+    format!("{}\n\n`mishandle list SEARCH` lists the options of a search.", table(&all))
 }
 
-fn page(entry: &SearchEntry) -> String {
+/// Returns the description of a search.
+pub fn page(entry: &SearchEntry) -> String {
     let options: Vec<String> = (entry.options)().iter().map(paragraph).collect();
     let options = if options.is_empty() {
         "Options: none".to_string()

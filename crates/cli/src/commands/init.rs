@@ -1,0 +1,135 @@
+//! `mishandle init`: files to start from.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use mishandle::requirements::{TEMPLATES, template};
+use mishandle::results::ProtocolCheck;
+
+use crate::exit_status::ExitStatus;
+use crate::show::{escape, output};
+
+/// Write a first target file for a robot, or a first file of requirements, or check the protocol of
+/// a simulator
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  mishandle init --model robot.xml --policy policy.onnx --out robot.toml
+  mishandle init --model robot.xml --policy policy.onnx --descriptor io.yaml --out robot.toml
+  mishandle init --template iso-10218 --out requirements.toml
+  mishandle init --check 'python3 my_simulator.py'
+
+A target file comes from the metadata that mjlab writes into ONNX models, or from an IO descriptor
+of Isaac Lab. Joints are matched by name, and whatever is not known is a TODO in the file.
+docs/guide/policies.md says what is read. --check talks to a simulator as a test suite: description,
+bounds of the axes, determinism, seeds, order of the questions, output and end. Exit code 1 means
+that it breaks a rule.")]
+pub struct Arguments {
+    /// Model of the robot: MJCF or URDF
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["template", "check"])]
+    #[arg(requires_all = ["policy", "out"])]
+    pub model: Option<PathBuf>,
+    /// Policy of the robot: an ONNX model
+    #[arg(long, value_name = "FILE", requires = "model")]
+    pub policy: Option<PathBuf>,
+    /// IO descriptor of Isaac Lab (YAML), instead of the metadata of the policy
+    #[arg(long, value_name = "FILE", requires = "model")]
+    pub descriptor: Option<PathBuf>,
+    /// Let the model refer to files outside its folder; the target file says so, too
+    #[arg(long, requires = "model")]
+    pub allow_outside: bool,
+    /// A file of requirements to start from, which is printed without --out
+    #[arg(long, value_name = "NAME", conflicts_with = "model")]
+    #[arg(value_parser = PossibleValuesParser::new(TEMPLATES.map(|(name, _)| name)))]
+    pub template: Option<String>,
+    /// Check the protocol of the simulator of this command
+    #[arg(long, value_name = "COMMAND", conflicts_with_all = ["model", "template", "out", "force"])]
+    pub check: Option<String>,
+    /// File to create
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Overwrite an existing file
+    #[arg(long, requires = "out")]
+    pub force: bool,
+    /// With --check: print one JSON document to stdout
+    #[arg(long, requires = "check")]
+    pub json: bool,
+}
+
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    if let Some(program) = &command.check {
+        return check(program, command.json);
+    }
+    let Some(text) = command.template.as_deref().and_then(template) else { return target_file(command) };
+    match &command.out {
+        None => output::line(text.trim_end())?,
+        Some(out) => {
+            output::write_atomically(out, command.force, text.as_bytes())?;
+            output::message(&format!("wrote {}", out.display()));
+        }
+    }
+    Ok(ExitStatus::Done)
+}
+
+fn check(program: &str, as_json: bool) -> Result<ExitStatus> {
+    let found = mishandle::resolve::check_protocol(program)?;
+    if as_json {
+        output::json(&found)?;
+    } else {
+        output::line(&text(&found))?;
+    }
+    Ok(if found.passed { ExitStatus::Done } else { ExitStatus::Violated })
+}
+
+/// Returns a line for each check, and the times.
+fn text(found: &ProtocolCheck) -> String {
+    let mut rows = vec![["check", "result", "finding"].map(String::from).to_vec()];
+    rows.extend(found.checks.iter().map(|check| {
+        let result = if check.passed { "pass" } else { "FAIL" };
+        // The standard error of a program has line breaks, which a table has not.
+        let finding = escape::text(&check.finding).replace(['\n', '\t'], " ");
+        vec![check.check.clone(), result.to_string(), finding]
+    }));
+    let time = |what: &str, seconds: Option<f64>| {
+        let seconds = seconds?;
+        let text = if seconds < 1.0 { format!("{:.3} ms", 1e3 * seconds) } else { format!("{seconds:.1} s") };
+        Some(format!("{what} {text}"))
+    };
+    let times = [
+        time("start", found.start_seconds),
+        time("one simulation", found.simulation_seconds),
+        time("one control step", found.step_seconds),
+    ];
+    let times: Vec<String> = times.into_iter().flatten().collect();
+    let times = if times.is_empty() { String::new() } else { format!("\n\ntime: {}", times.join(", ")) };
+    format!("{}{times}", output::table_in(&rows, output::width()))
+}
+
+/// Writes a first target file.
+fn target_file(command: &Arguments) -> Result<ExitStatus> {
+    let Arguments { descriptor, allow_outside, force, .. } = command;
+    let model = command.model.as_ref().context("give --model FILE")?;
+    let policy = command.policy.as_ref().context("give --policy FILE")?;
+    let out = command.out.as_ref().context("give --out FILE")?;
+    anyhow::ensure!(
+        out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")),
+        "--out is {}; it must end in .toml",
+        out.display()
+    );
+    let inputs = [model, policy].into_iter().chain(descriptor).map(PathBuf::as_path);
+    output::refuse_inputs(out, "--out", inputs)?;
+    // An existing file is reported before any work.
+    drop(output::create(out, *force)?);
+    let descriptor = descriptor.as_deref();
+    let file = mishandle::resolve::first_target_file(model, policy, descriptor, out, *allow_outside)?;
+    output::write_atomically(out, *force, file.text.as_bytes())?;
+    for unknown in &file.unknown {
+        output::message(&format!("not known: {unknown}"));
+    }
+    for remark in &file.remarks {
+        output::message(&format!("note: {remark}"));
+    }
+    output::message(&format!("wrote {0}; next: mishandle list {0}", out.display()));
+    Ok(ExitStatus::Done)
+}
