@@ -429,9 +429,8 @@ class Recordings(Files):
     def test_a_field_that_a_message_lacks_is_a_missing_value(self):
         path = self.mcap([{"q": 1.0}, {}, {"q": 3.0}])
         formula = "always(`/arm/state/q` <= 2)"
-        with self.assertRaisesRegex(
-            ValueError, r'row 2: .* has no number \(missing="hold"\|"drop"'
-        ):
+        lacks = r'row 2: .* has no number; pass missing="hold"\|"drop"'
+        with self.assertRaisesRegex(ValueError, lacks):
             mishandle.monitor(formula, path)
         self.assertEqual(
             mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1
