@@ -392,7 +392,7 @@ mod tests {
             (
                 "[evaluate]\nepisods = 1",
                 "evaluate.episods",
-                "episodes, evaluate.until, evaluate.rate, evaluate.box, evaluate.corners",
+                "episodes, until, rate, box, corners, control, batch",
                 "did you mean `evaluate.episodes`?",
             ),
             (
