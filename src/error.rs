@@ -352,7 +352,7 @@ pub enum MishandleError {
     /// A file of failures is of another target, or of another version of it.
     #[error(
         "{} has failures of {found}{}, and training on them needs those of {expected} as it is now: search again with \
-         `mishandle falsify {} --keep-going`",
+         `mishandle falsify {} -k falsify.keep-going=true`",
         path.display(),
         if expected == found { " in another version" } else { "" },
         mishandle_text::shell_quote(target)
@@ -380,7 +380,7 @@ pub enum MishandleError {
     /// Another build than those of the run would add rows to it.
     #[error(
         "another build made the run, and its rows would stand beside those of this one: {}; continue it with the build of the \
-         run, or pass --any-build (in Python any_build=True), which records this build in the run file, too",
+         run, or set `engine.any-build` (in Python any_build=True), which records this build in the run file, too",
         differences.join("; ")
     )]
     OtherBuild {
@@ -668,7 +668,7 @@ pub enum MishandleError {
     /// The controller differs from the controller of the run.
     #[error(
         "controller `{controller}` is not the controller of the run: expected hash {recorded}, found {found}; if the \
-         file was moved, give its new path with --controller FILE"
+         file was moved, give its new path as `engine.controller`"
     )]
     ControllerMismatch {
         /// Name or path in the plan.
@@ -684,7 +684,7 @@ pub enum MishandleError {
         joined(parts),
         if parts.len() == 1 { "it" } else { "them" },
         if *has_file {
-            ", or if unchanged files are elsewhere, give the path of the target file with --target FILE"
+            ", or if unchanged files are elsewhere, give the path of the target file as `engine.target`"
         } else {
             ""
         }
@@ -697,7 +697,7 @@ pub enum MishandleError {
     },
     /// The target file of a run cannot be used any more.
     #[error(
-        "cannot use the target of the run, `{target}`; if its folder was moved, give its new path with --target FILE; if a \
+        "cannot use the target of the run, `{target}`; if its folder was moved, give its new path as `engine.target`; if a \
          file was changed since the run, restore it"
     )]
     MissingTarget {
@@ -707,7 +707,9 @@ pub enum MishandleError {
         source: Box<MishandleError>,
     },
     /// A new path was given for a target that has none.
-    #[error("the target of the run, `{target}`, is not a file, so it has no new path: leave out --target")]
+    #[error(
+        "the target of the run, `{target}`, is not a file, so it has no new path: leave out `engine.target`"
+    )]
     TargetNotMoved {
         /// Name of the target.
         target: String,
@@ -899,6 +901,6 @@ fn too_few_to_tune(failures: usize, successes: usize, scenarios: u64, fewest: us
     };
     format!(
         "{few} of {scenarios} training scenarios {kind}, and a threshold rests on at least {fewest}: use more --episodes, or \
-         {cure} (--space, --axis, --set)"
+         {cure} (`space` and `axes`)"
     )
 }

@@ -99,7 +99,7 @@ fn a_moved_folder_is_found_by_its_new_path() {
     let number = counterexample(&run);
     std::fs::rename(home.path().join("old"), home.path().join("new")).unwrap();
     let error = replay(&run, 1, number, None).err().unwrap();
-    assert!(error.to_string().contains("give its new path with --target FILE"), "{error}");
+    assert!(error.to_string().contains("give its new path as `engine.target`"), "{error}");
     let moved =
         |path: &Path| replay(&run, 1, number, Moved { target: path.to_str(), controller: None }).unwrap();
     let moved_to = home.path().join("new/pendulum.toml");

@@ -330,7 +330,10 @@ fn failures_of_the_same_file_can_be_given_and_those_of_another_version_cannot() 
     let third = TrainPlan { out: folder.path().join("third.safetensors"), ..again };
     let error = train(&third, None, &mut Silent).unwrap_err().to_string();
     assert!(error.contains("cartpole in another version"), "{error}");
-    assert!(error.contains(&format!("mishandle falsify {} --keep-going", plan.task)), "{error}");
+    assert!(
+        error.contains(&format!("mishandle falsify {} -k falsify.keep-going=true", plan.task)),
+        "{error}"
+    );
 }
 
 #[test]

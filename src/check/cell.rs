@@ -84,8 +84,8 @@ impl Checker<'_> {
             let Plan { controller, target, .. } = &counterexample.plan;
             let now =
                 [("controller", controller, &self.plan.controller), ("target", target, &self.plan.target)];
-            for (flag, _, path) in now.iter().filter(|(_, name, _)| name.starts_with("./") && !is_there) {
-                found.replay += &format!(" --{flag} {}", shell_quote(path));
+            for (key, _, path) in now.iter().filter(|(_, name, _)| name.starts_with("./") && !is_there) {
+                found.replay += &format!(" -k {}", shell_quote(&format!("engine.{key}={path}")));
             }
         }
         found.file = Some(path_text(&path));

@@ -22,10 +22,10 @@ pub(super) fn check_evaluate_in(
     if evaluate.starts == StartRegion::Reachable {
         let unsupported =
             |option| MishandleError::UnsupportedOption { target: target.identity.name.clone(), option };
-        target.reachable.as_ref().ok_or_else(|| unsupported("`--box reachable`"))?;
+        target.reachable.as_ref().ok_or_else(|| unsupported("`evaluate.box = \"reachable\"`"))?;
         if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
             let expected =
-                "a space that contains `starts`, because --box reachable restricts the initial state";
+                "a space that contains `starts`, because the box `reachable` restricts the initial state";
             return Err(MishandleError::InvalidValue {
                 what: "the space",
                 value: space.name().to_string(),
@@ -87,7 +87,8 @@ pub fn check_compare(compare: &ComparePlan) -> Result<(), MishandleError> {
     if let Some([low, high]) = compare.robustness_bounds {
         let value = format!("{low}:{high}");
         if compare.measure == Measure::Success {
-            let expected = "left out, because the rule watches the success rates (--measure robustness)";
+            let expected =
+                "left out, because the rule watches the success rates (`compare.measure = \"robustness\"`)";
             return invalid("the setting robustness-bounds", value, expected);
         }
         if !low.is_finite() || !high.is_finite() || low >= high {
@@ -107,7 +108,7 @@ pub fn check_compare(compare: &ComparePlan) -> Result<(), MishandleError> {
             return invalid("the width", width.to_string(), expected);
         }
     } else if compare.measure == Measure::Robustness {
-        let expected = "given (--robustness-bounds LOW:HIGH; values beyond count as the bound), because without bounds \
+        let expected = "given (`compare.robustness-bounds = [LOW, HIGH]`; values beyond count as the bound), because without bounds \
                         no interval of a mean holds at any time: a rare value can move the mean anywhere";
         return invalid("the setting robustness-bounds", missing(), expected);
     }

@@ -294,10 +294,10 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
         (
             "the number of named requirements of a screening",
             plan.requirements.len().to_string(),
-            "0, because a device returns one robustness; ask without --screening",
+            "0, because a device returns one robustness; ask without screening",
         )
     } else if let Some(until) = plan.evaluate.as_ref().and_then(|evaluate| evaluate.until) {
-        let expected = "left out, because a screened rate is that of a two-phase sample, whose interval holds for one number only; ask without --screening";
+        let expected = "left out, because a screened rate is that of a two-phase sample, whose interval holds for one number only; ask without screening";
         ("the rule of a screened evaluation", until.to_string(), expected)
     } else if plan.compare.is_some() {
         ("the question of a screening", "compare".to_string(), "evaluate, falsify or risk")

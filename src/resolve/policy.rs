@@ -65,7 +65,7 @@ pub(crate) fn not_stochastic(what: &str) -> MishandleError {
     MishandleError::InvalidValue {
         what: "controller",
         value: what.to_string(),
-        expected: "a .safetensors file, because --stochastic samples the policy's actions",
+        expected: "a .safetensors file, because `stochastic` samples the policy's actions",
     }
 }
 

@@ -114,7 +114,7 @@ pub(crate) fn load_controller(
             return Err(MishandleError::InvalidValue {
                 what: "controller",
                 value: "the expert".to_string(),
-                expected: "a learned policy, because --stochastic samples the policy's actions",
+                expected: "a learned policy, because `stochastic` samples the policy's actions",
             });
         }
         let controller = task
@@ -128,7 +128,7 @@ pub(crate) fn load_controller(
             return Err(MishandleError::InvalidValue {
                 what: "controller",
                 value: "an ONNX model".to_string(),
-                expected: "a .safetensors file, because --stochastic samples the policy's actions and an ONNX model is \
+                expected: "a .safetensors file, because `stochastic` samples the policy's actions and an ONNX model is \
                            deterministic",
             });
         }

@@ -144,7 +144,7 @@ mod tests {
             ask(&resolved, RunWriter::resume(&path).unwrap(), Engine::Direct, &mut watch).map(drop)
         };
         let error = go(2).unwrap_err().to_string();
-        for part in ["commit c0ffee", "recorded engine 1.0, now unknown", "--any-build"] {
+        for part in ["commit c0ffee", "recorded engine 1.0, now unknown", "engine.any-build"] {
             assert!(error.contains(part), "{error}");
         }
         for _ in 0..2 {

@@ -8,7 +8,7 @@ const CHECK: &str =
 
 fn signal(bench: &Bench) -> String {
     let target = bench.json("list toy/sphere-2d --json", 0);
-    target["signals"][0]["name"].as_str().unwrap().to_string()
+    target["target"]["signals"][0]["name"].as_str().unwrap().to_string()
 }
 
 fn write(bench: &Bench, text: &str) {

@@ -29,7 +29,7 @@ fn the_witness_is_the_result_and_replays_to_the_same_bits() {
     // The offsets of the scenario are those of the norm.
     let scenario = witness["scenario"].as_object().unwrap();
     let target = bench.json("list toy/car-following --json", 0);
-    let spaces = target["spaces"].as_array().unwrap();
+    let spaces = target["target"]["spaces"].as_array().unwrap();
     let axes: Vec<&Value> = spaces.iter().flat_map(|space| space["axes"].as_array().unwrap()).collect();
     let mut largest = 0.0_f64;
     for (name, value) in scenario {

@@ -871,7 +871,7 @@ fn invalid_arguments_are_errors_before_any_simulation() {
     bench.refuses(&format!("falsify {toy} -k falsify.new-mode-rate=0.1"), &["falsify.keep-going"]);
     bench.refuses(
         &format!("evaluate {toy} -k evaluate.box=reachable"),
-        &["does not support `--box reachable`"],
+        &["does not support `evaluate.box = \"reachable\"`"],
     );
     bench.refuses(
         "evaluate point-reaching --controller expert -k evaluate.box=reachable --space delay",

@@ -83,7 +83,7 @@ fn a_command_in_a_file_needs_permission_and_a_typed_one_does_not() {
     assert!(bench.check(&format!("list {COMMAND} --all"), 0).contains("open, blocked"));
     bench.write("wrong.toml", "process = [\"python3\", \"tank.py\"]\n\nmodel = \"tank.xml\"\n");
     bench.refuses("evaluate wrong.toml", &["wrong.toml, line 3: ", "`model`"]);
-    bench.refuses("evaluate tank.py", &["no target `tank.py`", "--command"]);
+    bench.refuses("evaluate tank.py", &["tank.py is not a target file", "--command"]);
     let train = "train tank.toml --algorithm ppo --out a.safetensors";
     bench.refuses(train, &["tank.toml, line 1: ", "names a simulator"]);
     bench.refuses(&format!("evaluate {COMMAND} --controller a.onnx"), &["contains its own controller"]);

@@ -77,10 +77,10 @@ pub(crate) fn write(
 
 /// Returns the command that replays a counterexample with the files of its run in the folder `own`.
 fn replay(file: &str, plan: &Plan, own: &str) -> String {
-    let flags = [("controller", &plan.controller), ("target", &plan.target)];
-    let moved = flags.into_iter().filter_map(|(flag, name)| {
+    let keys = [("controller", &plan.controller), ("target", &plan.target)];
+    let moved = keys.into_iter().filter_map(|(key, name)| {
         let place = format!("{own}/{}", name.strip_prefix("./")?);
-        Some(format!(" --{flag} {}", shell_quote(&place)))
+        Some(format!(" -k {}", shell_quote(&format!("engine.{key}={place}"))))
     });
     format!("mishandle replay {}{}", shell_quote(file), moved.collect::<String>())
 }
