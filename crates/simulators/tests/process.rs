@@ -105,7 +105,7 @@ fn no_program_outlives_a_killed_owner() {
         return;
     }
     let mut owner = std::process::Command::new(std::env::current_exe().expect("this program"))
-        .args(["--exact", "no_program_outlives_a_killed_owner", "--nocapture"])
+        .args(["--exact", "process::no_program_outlives_a_killed_owner", "--nocapture"])
         .env(OWNER, "1")
         .stdout(Stdio::piped())
         .spawn()

@@ -9,6 +9,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Subcommand};
+use mishandle::campaign::create_campaign;
 use mishandle::files::write_atomically;
 use mishandle_report::{Block, Table};
 use mishandle_studies::paper::{CampaignResults, NamedPage, Results, RunResults, pages};
@@ -119,19 +120,19 @@ fn reproduce(name: &str, table: &ReproduceTable) -> Result<ExitCode> {
         None => repository()?.join("studies/experiments/paper").join(format!("{name}.toml")),
     };
     let folder = table.out.clone().unwrap_or_else(|| Path::new("runs").join(name));
-    let mut words: Vec<OsString> = ["mishandle", "run"].map(OsString::from).to_vec();
+    let read = |path: &Path| fs::read_to_string(path).with_context(|| path.display().to_string());
     if folder.exists() {
-        let read = |path: &Path| fs::read_to_string(path).with_context(|| path.display().to_string());
         ensure!(
             read(&folder.join("campaign.toml"))? == read(&plan)?,
             "{} has the runs of another plan than {}; choose another --out",
             folder.display(),
             plan.display()
         );
-        words.extend(["--resume".into(), folder.clone().into()]);
     } else {
-        words.extend([plan.into(), "--out".into(), folder.clone().into()]);
+        create_campaign(&read(&plan)?, &folder).with_context(|| plan.display().to_string())?;
     }
+    let mut words: Vec<OsString> = ["mishandle", "run", "--resume"].map(OsString::from).to_vec();
+    words.push(folder.clone().into());
     let all_cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = table.jobs.map_or_else(all_cores, usize::from);
     words.extend(["-k".into(), format!("engine.jobs={jobs}").into()]);
