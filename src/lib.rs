@@ -6,8 +6,8 @@
 //!
 //! This crate connects the parts, and re-exports the crates below it. A [`Plan`] names target,
 //! scenario space, formula and search. [`ResolvedPlan`] looks these names up and checks them.
-//! [`evaluate`](evaluate()), [`falsify`](falsify()) and [`train`](train::train()) execute the plan
-//! and write every simulation to a run file as soon as it ends.
+//! [`run::ask`] executes the plan, writes every simulation to a run file as soon as it ends, and
+//! returns the answer; [`train`](train::train()) trains a controller.
 //!
 //! # Example
 //! The expert balances the ball from the center of the tray:
