@@ -11,7 +11,7 @@
 //! - [`Follow`] reads a log that is still written, sample by sample, and [`Watch`] says what the
 //!   samples so far decide (`follow`).
 //! - [`Options`] are the choices on this way. A choice that nobody stated is never guessed: the
-//!   error names its flag, see [`LogError::flag`].
+//!   error names what decides it, see [`LogError::remedies`].
 //! - [`Times`] keeps times exact, and finds the period of even ones, however they are rounded.
 //!
 //! # Example
