@@ -190,7 +190,7 @@ fn an_interrupted_video_leaves_no_file() {
     command.env("PATH", format!("{}:/usr/bin:/bin", slow.display())).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let start = Instant::now();
-    while !bench.path("started").exists() {
+    while !bench.path("frame").exists() {
         assert!(start.elapsed() < Duration::from_secs(600));
         std::thread::sleep(Duration::from_millis(5));
     }
