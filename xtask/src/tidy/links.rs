@@ -1,4 +1,5 @@
-//! Checks that relative links in Markdown lead to files of the repository.
+//! Checks that relative links in Markdown lead to files of the repository, and that a list names a
+//! page once.
 
 use super::{File, Problem, Tree};
 use crate::markdown::{links, resolve, until};
@@ -6,8 +7,22 @@ use crate::markdown::{links, resolve, until};
 pub fn check(tree: &Tree) -> Vec<Problem> {
     let pages = tree.files.iter().filter(|file| file.path.ends_with(".md"));
     pages
-        .flat_map(|page| links(&page.text).filter_map(|(line, target)| broken(tree, page, line, target)))
+        .flat_map(|page| {
+            let broken = links(&page.text).filter_map(|(line, target)| broken(tree, page, line, target));
+            broken.chain(repeated(page)).collect::<Vec<_>>()
+        })
         .collect()
+}
+
+/// Returns the items of lists that begin with the same link as an earlier item. The book takes its
+/// contents from the list of docs/README.md, and refuses a page that stands there twice.
+fn repeated(page: &File) -> impl Iterator<Item = Problem> {
+    let mut seen = std::collections::HashSet::new();
+    (1..).zip(page.text.lines()).filter_map(move |(line, text)| {
+        let item = text.strip_prefix("- [").filter(|item| item.contains("]("))?;
+        let what = "is in the list twice; leave out one of both".to_owned();
+        (!seen.insert(item)).then(|| Problem { path: page.path.clone(), line, what })
+    })
 }
 
 fn broken(tree: &Tree, page: &File, line: usize, target: &str) -> Option<Problem> {
@@ -55,5 +70,12 @@ mod tests {
         check_page("[b]: b.md", &[&no(1, "b.md", "book/guide/b.md")]);
         check_page("<img src=\"b.png\"/>", &[&no(1, "b.png", "book/guide/b.png")]);
         check_page("[out](../../../x.md)", &[&no(1, "../../../x.md", "../../../x.md")]);
+    }
+
+    #[test]
+    fn a_page_stands_in_a_list_once() {
+        check_page("- [b](../b.md)\n- [c](../b.md#c)\n", &[]);
+        let twice = "book/guide/a.md:2: is in the list twice; leave out one of both";
+        check_page("- [b](../b.md)\n- [b](../b.md)\n", &[twice]);
     }
 }
