@@ -122,10 +122,10 @@ fn link_in_book(pages: &BTreeSet<String>, page: &str, link: &str) -> Option<Stri
     if pages.contains(&target) || is_picture(&target) {
         Some(format!("{up}{}{rest}", in_book(&target)))
     } else {
-        // mdBook takes every Markdown file for a chapter, so the link leads to the folder of a
-        // README.
-        let source = target.strip_suffix("README.md").map_or(target.clone() + rest, str::to_owned);
-        Some(format!("{up}../../{source}"))
+        // mdBook takes every Markdown file for a chapter, so the link leads to its folder.
+        let folder = target.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let source = if target.ends_with(".md") { format!("{folder}/") } else { target.clone() + rest };
+        Some(format!("{up}../../{}", source.trim_start_matches('/')))
     }
 }
 
