@@ -292,8 +292,8 @@ impl Times {
         })
     }
 
-    /// Returns the sampling period in seconds: the given one, or else that of the times, which
-    /// must increase. One sample has none of its own.
+    /// Returns the sampling period in seconds: the given one, or else the period of the times,
+    /// which must increase. One sample has no period of its own.
     ///
     /// # Errors
     /// If the times are not evenly spaced, or do not fit the given period.

@@ -47,7 +47,7 @@ pub struct RunReport {
     /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
     pub(crate) robustness: Vec<f64>,
     pub(crate) corners: Vec<CornerSimulation>,
-    /// Of an evaluation: its answer, also that of the simulations so far.
+    /// The answer of an evaluation, also of an unfinished one.
     pub(crate) evaluation: Option<Evaluation>,
     /// The requirements with a verdict of their own.
     pub(crate) requirements: Vec<Requirement>,

@@ -100,7 +100,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         // Fails before the simulations if the output cannot be written.
         drop(output::create(out, command.force)?);
     }
-    // The keys of a plan belong to the simulations, those of the engine to the reading.
+    // Plan keys belong to the simulations, engine keys to the reading.
     let keys = &command.subject.keys.keys;
     let is_of_runs = command.second.is_some();
     let skip_check = is_of_runs && flags::settings(keys, "compare")?.engine.skip_check;

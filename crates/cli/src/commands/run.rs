@@ -126,7 +126,7 @@ fn is_target_file(text: &str) -> bool {
     table.contains_key("process") || table.contains_key("model")
 }
 
-/// Returns the table of a plan: that of a file, or one whose target is the file.
+/// Returns the table of a plan file, or a table whose target is the file.
 fn table(path: &Path, text: &str) -> Result<Table> {
     if is_target_file(text) {
         let target = ("target".to_string(), Value::String(path_text(path)));
