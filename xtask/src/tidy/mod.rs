@@ -23,7 +23,7 @@ use anyhow::{Context, Result, bail};
 
 use crate::process::{cargo, output};
 
-/// The files of the repository: those that git tracks, or would if they were added.
+/// The files that git tracks. It leaves out what users keep in their clone, such as runs and logs.
 struct Tree {
     files: Vec<File>,
 }
@@ -53,8 +53,7 @@ impl fmt::Display for Problem {
 
 impl Tree {
     fn read(root: &Path) -> Result<Tree> {
-        let list = ["ls-files", "-z", "--cached", "--others", "--exclude-standard"];
-        let names = output(Command::new("git").args(list).current_dir(root))?;
+        let names = output(Command::new("git").args(["ls-files", "-z"]).current_dir(root))?;
         let mut files: Vec<File> = names
             .split_terminator('\0')
             .filter(|name| root.join(name).is_file()) // git lists a deleted file until the deletion is staged

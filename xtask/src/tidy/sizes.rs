@@ -12,8 +12,7 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
 
 /// Returns whether a file may be larger: weights of controllers, and what tests compare with.
 fn may_be_large(path: &str) -> bool {
-    let weights = ["controllers/", "studies/experiments/vision/policies/"];
-    weights.iter().any(|folder| path.starts_with(folder)) || path.split('/').any(|folder| folder == "tests")
+    path.starts_with("controllers/") || path.split('/').any(|folder| folder == "tests")
 }
 
 fn problem(file: &File) -> Problem {
@@ -37,7 +36,6 @@ mod tests {
             ("studies/experiments/paper/allowed.csv", &allowed),
             ("studies/experiments/paper/rows.csv", &large),
             ("controllers/cube-stacking/ppo.safetensors", &large),
-            ("studies/experiments/vision/policies/cube-stacking.onnx", &large),
             ("crates/stl/tests/golden/values.json", &large),
             ("tests/golden/bits.json", &large),
             ("docs/attests.html", &large),
