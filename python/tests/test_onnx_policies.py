@@ -200,6 +200,20 @@ class Inputs(Case):
         )
 
 
+class Environments(Case):
+    def test_a_file_acts_as_its_formula_does(self):
+        self.path.write_bytes(linear().SerializeToString())
+        env = gymnasium.make("Pendulum-v1", max_episode_steps=30)
+        space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
+        ask = lambda policy: mishandle.simulate(
+            env, "always(c <= 2)", space, policy=policy, signals={"c": "obs[0]", "rate": "obs[2]"}
+        )
+        [found] = ask(self.path)
+        [expected] = ask(lambda observation: observation @ WEIGHTS["w"])
+        np.testing.assert_allclose(found.trace["rate"], expected.trace["rate"], atol=1e-4)
+        self.assertEqual(found.end, "completed")
+
+
 class Outputs(Case):
     def outputs(self, *operators):
         nodes = [node(operator, ["h"], [name]) for name, operator in operators]

@@ -539,31 +539,6 @@ class Environments(Folder):
         self.assertEqual(found[0].end, "completed")
         self.assertEqual(model.starts[:11], [True] + [False] * 9 + [True])
 
-    def test_an_onnx_file_is_a_policy(self):
-        onnx = __import__("onnx")
-        weights = np.array([[0.5], [-2.0], [-0.25]], np.float32)
-        tensor = lambda name, shape: onnx.helper.make_tensor_value_info(
-            name, onnx.TensorProto.FLOAT, shape
-        )
-        graph = onnx.helper.make_graph(
-            [onnx.helper.make_node("MatMul", ["obs", "w"], ["action"])], "policy",
-            [tensor("obs", ["n", 3])], [tensor("action", ["n", 1])],
-            [onnx.numpy_helper.from_array(weights, "w")]
-        )
-        model = onnx.helper.make_model(
-            graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9
-        )
-        path = self.path / "policy.onnx"
-        onnx.save(model, path)
-        env = gymnasium.make("Pendulum-v1", max_episode_steps=30)
-        space = [Axis("x_init", 0.1, 1.0), Axis("y_init", 0.1, 1.0)]
-        kinds = dict(signals={"c": "obs[0]", "rate": "obs[2]"})
-        formula = "always(c <= 2)"
-        [found] = mishandle.simulate(env, formula, space, policy=path, **kinds)
-        [expected] = mishandle.simulate(env, formula, space, policy=lambda o: o @ weights, **kinds)
-        np.testing.assert_allclose(found.trace["rate"], expected.trace["rate"], atol=1e-4)
-        self.assertEqual(found.end, "completed")
-
     def test_our_tasks_and_controllers(self):
         env = gymnasium.make("mishandle/PointReaching-v0")
         policy = mishandle.load_controller("point-reaching/ppo")

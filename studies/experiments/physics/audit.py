@@ -2,7 +2,7 @@
 
     python audit.py FOLDER [FOLDER ...]
 
-A FOLDER is written by the example record_controls of the crate mishandle-tasks. Needs mujoco and numpy, nothing of this project.
+A FOLDER is written by the example record_controls of mishandle-studies. Needs mujoco and numpy, nothing of this project.
 
 A pair of bodies is in an impact during the first 20 ms of a contact and in sustained contact after that. Depths are those between the
 shapes as drawn (no scene uses margins). Forces are sums of the normal forces of a pair.

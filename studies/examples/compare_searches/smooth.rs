@@ -1,6 +1,6 @@
 //! Twelve functions with slopes, steps and basins.
 
-use mishandle_search::functions;
+use mishandle::search::functions;
 
 use crate::problem::{Instance, Problem};
 

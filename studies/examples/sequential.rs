@@ -1,13 +1,13 @@
 //! Prints how often the intervals that hold at any time ever miss the true value, as Markdown.
 //!
 //! ```console
-//! $ cargo run -q -p mishandle-evaluation --example sequential -- 20000
+//! $ cargo run -q -p mishandle-studies --example sequential -- 20000
 //! ```
 
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
-use mishandle_evaluation::{ClippedDifferences, DifferenceSequence, RateSequence, sign_test, wilson};
-use mishandle_random::Sequence;
+use mishandle::evaluation::{ClippedDifferences, DifferenceSequence, RateSequence, sign_test, wilson};
+use mishandle::random::Sequence;
 
 /// Random seed of all replications.
 const SEED: u64 = 47;

@@ -3,9 +3,9 @@
 
 use std::ops::{Range, RangeInclusive};
 
-use mishandle_random::Sequence;
-use mishandle_search::Composition::{Max, Min, Part};
-use mishandle_search::{Coordinate, Observation, Parts, SearchSpace};
+use mishandle::random::Sequence;
+use mishandle::search::Composition::{Max, Min, Part};
+use mishandle::search::{Coordinate, Observation, Parts, SearchSpace};
 
 use crate::plants::{Plant, STEPS};
 

@@ -1,6 +1,6 @@
 //! A problem, and its random instances.
 
-use mishandle_random::Sequence;
+use mishandle::random::Sequence;
 
 /// The number of further random numbers of an instance.
 const N_PARAMETERS: usize = 96;

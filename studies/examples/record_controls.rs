@@ -1,7 +1,7 @@
 //! Records the controls of every physics step, so that another program can replay them in MuJoCo
 //! and measure the physics.
 //!
-//! `cargo run --release -p mishandle-tasks --example record_controls -- TASK CONTROLLER EPISODES
+//! `cargo run --release -p mishandle-studies --example record_controls -- TASK CONTROLLER EPISODES
 //! SEED FOLDER [SUBSTEPS]`. CONTROLLER is `expert` or a controller file. The starts are drawn
 //! uniformly from the initial box; the corners of the box come first if SEED is 0.
 //!
@@ -15,12 +15,12 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_controllers::ControllerFile;
-use mishandle_rollout::{
+use mishandle::controllers::ControllerFile;
+use mishandle::rollout::{
     Controller, Environment, Sample, Scenario, Seed, SpecificationMonitor, Stream, Verdict,
 };
-use mishandle_stl::{Formula, Trace};
-use mishandle_tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task};
+use mishandle::stl::{Formula, Trace};
+use mishandle::tasks::{EPISODE_STEPS, JOINTS, Panda, Preset, Reward, TaskEnvironment, compose, task};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

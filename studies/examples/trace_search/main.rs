@@ -1,10 +1,10 @@
 //! Compares `portfolio` with and without models of the parts of the robustness.
 //!
 //! ```sh
-//! cargo run --release -p mishandle-search --example trace_search -- heaters,tanks all 0 60   # seeds 0 to 59
-//! cargo run --release -p mishandle-search --example trace_search -- always:heaters,tanks all 0 60
-//! cargo run --release -p mishandle-search --example trace_search -- functions today,trace 0 60
-//! cargo run --release -p mishandle-search --example trace_search -- costs
+//! cargo run --release -p mishandle-studies --example trace_search -- heaters,tanks all 0 60   # seeds 0 to 59
+//! cargo run --release -p mishandle-studies --example trace_search -- always:heaters,tanks all 0 60
+//! cargo run --release -p mishandle-studies --example trace_search -- functions today,trace 0 60
+//! cargo run --release -p mishandle-studies --example trace_search -- costs
 //! ```
 //!
 //! A trial ends at the first violation or after 300 evaluations, which then counts as 300. Each row
@@ -31,8 +31,8 @@ mod functions;
 mod plants;
 mod problem;
 
-use mishandle_random::Sequence;
-use mishandle_search::{Coordinate, Observation, SearchOptions, SearchSpace, by_name};
+use mishandle::random::Sequence;
+use mishandle::search::{Coordinate, Observation, SearchOptions, SearchSpace, by_name};
 use rustix::time::{ClockId, clock_gettime};
 
 use functions::{FUNCTIONS, Function};

@@ -1,6 +1,6 @@
 //! Measures the time that each search spends per simulation, without the simulation.
 //!
-//! `cargo run --release -p mishandle-search --example proposal_overhead [SEARCH]...`
+//! `cargo run --release -p mishandle-studies --example proposal_overhead [SEARCH]...`
 //!
 //! For rounds of 1 and 16 points and 2, 10 and 100 coordinates, it prints the median and the mean
 //! over 300 evaluations of the CPU time from the last value of a round to the points of the next
@@ -12,7 +12,7 @@
 
 use std::time::Duration;
 
-use mishandle_search::{
+use mishandle::search::{
     Coordinate, Observation, SEARCHES, Search, SearchEntry, SearchOptions, SearchSpace, functions,
 };
 use rustix::time::{ClockId, clock_gettime};

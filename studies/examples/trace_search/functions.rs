@@ -1,8 +1,8 @@
 //! Functions without time, and functions for which models of parts are a bad idea.
 
-use mishandle_random::Sequence;
-use mishandle_search::Composition::{Max, Min, Part};
-use mishandle_search::{Composition, Parts};
+use mishandle::random::Sequence;
+use mishandle::search::Composition::{Max, Min, Part};
+use mishandle::search::{Composition, Parts};
 
 /// Values of the parts at a point, given random numbers.
 type Values = fn(&[f64], &[f64]) -> Vec<f64>;

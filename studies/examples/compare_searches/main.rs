@@ -2,10 +2,10 @@
 //! a violation.
 //!
 //! ```sh
-//! cargo run --release -p mishandle-search --example compare_searches            # all searches
-//! cargo run --release -p mishandle-search --example compare_searches -- sobol   # these searches only
-//! cargo run --release -p mishandle-search --example compare_searches -- axes=2,5 portfolio portfolio:faces=false
-//! cargo run --release -p mishandle-search --example compare_searches -- problems=ripple seeds=0..60 rows portfolio
+//! cargo run --release -p mishandle-studies --example compare_searches            # all searches
+//! cargo run --release -p mishandle-studies --example compare_searches -- sobol   # these searches only
+//! cargo run --release -p mishandle-studies --example compare_searches -- axes=2,5 portfolio portfolio:faces=false
+//! cargo run --release -p mishandle-studies --example compare_searches -- problems=ripple seeds=0..60 rows portfolio
 //! ```
 //!
 //! | argument | meaning | default |
@@ -52,7 +52,7 @@ mod smooth;
 use std::ops::Range;
 use std::time::Instant;
 
-use mishandle_search::{Coordinate, SEARCHES, Search, SearchOptions, by_name};
+use mishandle::search::{Coordinate, SEARCHES, Search, SearchOptions, by_name};
 use problem::Problem;
 
 /// The arguments.
