@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use mishandle::stl::{
-    Clock, DenseError, DenseMonitor, DenseSignal, Formula, Interpolation, Monitor, Recording, TimeUnit, Trace,
+    Clock, DenseError, DenseMonitor, DenseSignal, Formula, Interpolation, Monitor, TimeUnit, Trace,
 };
 
 use crate::bytes::Bytes;
@@ -44,12 +44,6 @@ pub fn check(bytes: &[u8]) {
         let mut monitor = Monitor::new(&formula, &names, Clock::steps(1.0 / 60.0)).expect("known signals");
         assert_eq!(monitor.robustness(&trace), Ok(expected[0]), "{text} on {columns:?}");
         assert_eq!(monitor.robustness_signal(&trace), Ok(&expected[..]), "{text} on {columns:?}");
-        let mut recording = Recording::new(&formula, Arc::clone(&names)).expect("known signals");
-        for step in 0..samples {
-            recording.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
-        }
-        let recorded = monitor.recorded_robustness_signal(recording);
-        assert_eq!(recorded, Ok(&expected[..]), "{text} on {columns:?}");
     }
     for interpolation in [Interpolation::Hold, Interpolation::Linear] {
         check_dense(&tree, &text, &columns, interpolation, &mut bytes);

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle::stl::{
-    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, Trace, spelled,
-};
+use mishandle::stl::{Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Trace, spelled};
 use numpy::ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -61,7 +59,7 @@ impl PyFormula {
 
     /// Returns a hint for a trace that lacks signals of the formula.
     fn hint(&self, names: Vec<String>) -> Option<String> {
-        Recording::new(&self.formula, names.into()).err().and_then(|error| error.hint())
+        self.formula.check_names(&names).err().and_then(|error| error.hint())
     }
 
     /// Returns the syntax tree, in the order of `subformulas`.

@@ -7,7 +7,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use mishandle_results::{Key, Remedy};
-use mishandle_stl::{Formula, Recording, nearest};
+use mishandle_stl::{Formula, nearest};
 use mishandle_text::visible;
 
 use crate::cell::{Sink, Sinks, TimeColumn, TopicColumn, ValueColumn};
@@ -168,8 +168,7 @@ impl OpenLog {
             }
         }
         // Errors about signals and definitions, with the names of all columns.
-        Recording::new(formula, self.names.as_slice().into())?;
-        Ok(())
+        Ok(formula.check_names(&self.names)?)
     }
 
     /// Returns the first column whose name is not UTF-8.

@@ -88,7 +88,7 @@ impl Log {
     ) -> Result<Samples> {
         let names = self.names();
         for formula in formulas.clone() {
-            mishandle_stl::Recording::new(formula, names.as_slice().into())?;
+            formula.check_names(&names)?;
         }
         let signals = signals(formulas);
         for topic in &mut self.topics {

@@ -263,9 +263,6 @@ pub enum MonitorError {
         /// The names of the trace's signals.
         found: Vec<String>,
     },
-    /// A recording was made for another formula than the monitor's.
-    #[error("the recording was made for another formula; make one for the formula of the monitor")]
-    OtherFormula,
     /// A sample is NaN or infinite, in a signal that the formula reads.
     #[error(
         "signal {} is {value} at step {step}{}; every sample must be finite",

@@ -1,11 +1,12 @@
 //! Formulas: operators and operands in postfix order, and their text.
 
 use crate::clock::{Bound, Interval};
-use crate::error::ParseError;
+use crate::error::{MonitorError, ParseError};
 use crate::name::spelled;
 use crate::number::write_number;
 use crate::operator::{Operator, Shape};
 use crate::parser;
+use crate::program::columns;
 use crate::syntax::Origin;
 use std::fmt;
 use std::str::FromStr;
@@ -111,6 +112,14 @@ impl Formula {
             Node::Apply(_, Some(interval)) => is_time(interval.begin) || is_time(interval.end),
             _ => false,
         })
+    }
+
+    /// Checks that a trace of the signals `names` has what the formula reads.
+    ///
+    /// # Errors
+    /// If `names` lacks a signal of the formula or contains a name that the formula defines.
+    pub fn check_names(&self, names: &[String]) -> Result<(), MonitorError> {
+        columns(self, names).map(drop)
     }
 
     /// Returns the names that the text defines and no later statement reads. A statement that is

@@ -6,9 +6,8 @@
 //! returns the robustness: a number that is positive if the trace satisfies the formula, negative
 //! if the trace violates it, and whose size is the distance to the border between the two. The sign
 //! of a zero is the Boolean verdict, see [`is_satisfied`]. A [`Clock`] converts the time bounds of
-//! a formula to samples. A [`Recording`] takes the place of a long trace and needs less memory. An
-//! [`OnlineMonitor`] evaluates formulas while the samples arrive, a [`DenseMonitor`] on signals
-//! with samples at any times.
+//! a formula to samples. An [`OnlineMonitor`] evaluates formulas while the samples arrive, a
+//! [`DenseMonitor`] on signals with samples at any times.
 //!
 //! # Differences from RTAMT
 //! RTAMT 0.4.10 parses `a - b + c` as `a - (b + c)` and `a / b * c` as `a / (b * c)`. Here `+` and
@@ -56,7 +55,6 @@ mod parser;
 mod parts;
 mod pointwise;
 mod program;
-mod recording;
 mod skeleton;
 mod span;
 mod spelling;
@@ -80,7 +78,6 @@ pub use monitor::Monitor;
 pub use name::{spelled, unquoted};
 pub use online::{Bounds, CutMonitor, OnlineMonitor};
 pub use parts::{Composition, Decomposition};
-pub use recording::Recording;
 pub use spelling::nearest;
 pub use subformula::SubformulaNode;
 pub use syntax::{Parameter, SyntaxBound, SyntaxKind, SyntaxNode};

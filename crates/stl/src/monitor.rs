@@ -7,7 +7,6 @@ use crate::formula::Formula;
 use crate::operator::Operator;
 use crate::pointwise::{self, Undefined, Values};
 use crate::program::{Action, Instruction, Program, Source};
-use crate::recording::{Recorded, Recording};
 use crate::state;
 use crate::trace::Trace;
 use crate::until;
@@ -67,8 +66,7 @@ use std::sync::Arc;
 /// [`Formula`](Formula#limits)); half a number more for windows of more than 16 samples ahead and
 /// for `until`, `release` and `since`, one for such windows of past operators, and one and a half
 /// for `unless`. State formulas wait without memory, as do all operands in
-/// `a <= 1 and (b <= 1 and (c <= 1 and …))`. A [`Recording`] takes the place of the trace, if
-/// memory for its signals matters.
+/// `a <= 1 and (b <= 1 and (c <= 1 and …))`.
 ///
 /// # Example
 /// A fingertip that must stay within 0.12 m of its target from control step 1 on:
@@ -124,41 +122,7 @@ impl Monitor {
     /// If the trace is empty or has other signals, a signal of the formula is NaN or infinite, or
     /// arithmetic has no finite value at a sample.
     pub fn robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
-        self.evaluate(&mut Samples::Trace(trace, 0..trace.len()), Windows::Cut)
-    }
-
-    /// Returns [`Monitor::robustness_signal`] of a recording. It must be one for the formula and
-    /// the signals of the monitor.
-    ///
-    /// # Errors
-    /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
-    pub fn recorded_robustness_signal(&mut self, recording: Recording) -> Result<&[f64], MonitorError> {
-        self.evaluate_recording(recording, Windows::Cut)
-    }
-
-    /// Returns [`Monitor::decided_robustness_signal`] of a recording. It must be one for the
-    /// formula and the signals of the monitor.
-    ///
-    /// # Errors
-    /// As for [`Monitor::robustness_signal`], or if the recording was made for another formula.
-    pub fn recorded_decided_robustness_signal(
-        &mut self,
-        recording: Recording,
-    ) -> Result<&[f64], MonitorError> {
-        let decided = self.decided_samples(recording.len());
-        Ok(&self.evaluate_recording(recording, Windows::Whole)?[..decided])
-    }
-
-    fn evaluate_recording(
-        &mut self,
-        mut recording: Recording,
-        windows: Windows,
-    ) -> Result<&[f64], MonitorError> {
-        if !recording.is_of(&self.program) {
-            return Err(MonitorError::OtherFormula);
-        }
-        recording.finish();
-        self.evaluate(&mut recording.samples(), windows)
+        self.evaluate(&Samples::of(trace), Windows::Cut)
     }
 
     /// Returns the robustness at time 0: the first value of [`Monitor::robustness_signal`].
@@ -188,7 +152,7 @@ impl Monitor {
         let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
         let found = if trace.len() >= needed {
             // Without windows that are cut, which could have other errors.
-            self.evaluate(&mut Samples::Trace(trace, 0..needed), Windows::Whole)
+            self.evaluate(&Samples { trace, range: 0..needed }, Windows::Whole)
         } else {
             self.robustness_signal(trace)
         };
@@ -205,8 +169,8 @@ impl Monitor {
     pub fn decided_robustness(&mut self, trace: &Trace) -> Result<Option<f64>, MonitorError> {
         let is_decided = self.decided_samples(trace.len()) > 0;
         let needed = self.horizon().map_or(usize::MAX, |_| self.needed_samples());
-        let mut samples = Samples::Trace(trace, 0..trace.len().min(needed));
-        let first = self.evaluate(&mut samples, Windows::Whole)?.first().copied();
+        let samples = Samples { trace, range: 0..trace.len().min(needed) };
+        let first = self.evaluate(&samples, Windows::Whole)?.first().copied();
         Ok(first.filter(|_| is_decided))
     }
 
@@ -251,7 +215,7 @@ impl Monitor {
     /// ```
     pub fn decided_robustness_signal(&mut self, trace: &Trace) -> Result<&[f64], MonitorError> {
         let decided = self.decided_samples(trace.len());
-        Ok(&self.evaluate(&mut Samples::Trace(trace, 0..trace.len()), Windows::Whole)?[..decided])
+        Ok(&self.evaluate(&Samples::of(trace), Windows::Whole)?[..decided])
     }
 
     /// Returns the number of samples, from the first, at which a trace of `samples` samples decides
@@ -283,7 +247,7 @@ impl Monitor {
     /// samples have a meaning.
     pub(crate) fn evaluate(
         &mut self,
-        samples: &mut Samples<'_>,
+        samples: &Samples<'_>,
         windows: Windows,
     ) -> Result<&[f64], MonitorError> {
         self.run(samples, windows, |_, _, _| {})?;
@@ -295,7 +259,7 @@ impl Monitor {
     /// formula of several tiles.
     pub(crate) fn run(
         &mut self,
-        samples: &mut Samples<'_>,
+        samples: &Samples<'_>,
         windows: Windows,
         mut visit: impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), MonitorError> {
@@ -330,7 +294,7 @@ impl Monitor {
     fn execute(
         &mut self,
         instruction: usize,
-        samples: &mut Samples<'_>,
+        samples: &Samples<'_>,
         windows: Windows,
         visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), MonitorError> {
@@ -347,7 +311,7 @@ impl Monitor {
             _ if evaluated == 0 => Ok(()),
             Action::Pointwise(operator, operands) => self
                 .evaluate_pointwise(operator, operands, buffer, &mut values[..evaluated])
-                .map_err(|undefined| undefined.after(samples.first())),
+                .map_err(|undefined| undefined.after(samples.range.start)),
             Action::TemporalUnary(operator, window) => {
                 temporal_unary(operator, window, &mut values[..evaluated], &mut self.scratch);
                 Ok(())
@@ -372,25 +336,19 @@ impl Monitor {
     pub(crate) fn evaluate_state(
         &mut self,
         state: usize,
-        samples: &mut Samples<'_>,
+        samples: &Samples<'_>,
         values: &mut Vec<f64>,
         visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), Undefined> {
-        let (trace, read) = match samples {
-            Samples::Trace(trace, read) => (trace, read.clone()),
-            Samples::Recorded(recorded) => {
-                *values = std::mem::take(&mut recorded.states[state].values);
-                return recorded.states[state].undefined.take().map_or(Ok(()), Err);
-            }
-        };
-        if values.len() < read.len() {
-            values.resize(read.len(), 0.0);
+        if values.len() < samples.len() {
+            values.resize(samples.len(), 0.0);
         }
+        let first = samples.range.start;
         let state = &self.program.states[state];
-        for tile in state::tiles(read.len()) {
+        for tile in state::tiles(samples.len()) {
             let out = &mut values[tile.clone()];
-            let of_trace = read.start + tile.start..read.start + tile.end;
-            state.evaluate(trace, of_trace, &mut self.tile, out, |index, values| {
+            let of_trace = first + tile.start..first + tile.end;
+            state.evaluate(samples.trace, of_trace, &mut self.tile, out, |index, values| {
                 visit(index, values, tile.clone());
             })?;
         }
@@ -427,32 +385,24 @@ impl Monitor {
         if samples.len() == 0 {
             return Err(MonitorError::EmptyTrace);
         }
-        let not_finite = match samples {
-            Samples::Trace(trace, read) => {
-                if !self.checked_names.as_ref().is_some_and(|names| Arc::ptr_eq(names, trace.names())) {
-                    self.check_names(trace.names())?;
-                    self.checked_names = Some(Arc::clone(trace.names()));
-                }
-                let first = |column: usize| {
-                    let values = &trace.column(column)[read.clone()];
-                    if pointwise::all_finite(values) {
-                        return None;
-                    }
-                    let step = values.iter().position(|value| !value.is_finite())?;
-                    Some((read.start + step, values[step]))
-                };
-                self.program.columns.iter().find_map(|(column, name)| Some((name, first(*column)?)))
+        let names = samples.trace.names();
+        if !self.checked_names.as_ref().is_some_and(|checked| Arc::ptr_eq(checked, names)) {
+            self.check_names(names)?;
+            self.checked_names = Some(Arc::clone(names));
+        }
+        for (column, signal) in &self.program.columns {
+            let values = &samples.trace.column(*column)[samples.range.clone()];
+            if pointwise::all_finite(values) {
+                continue;
             }
-            Samples::Recorded(recorded) => {
-                let mut columns = self.program.columns.iter().zip(&recorded.not_finite);
-                columns.find_map(|((_, name), found)| Some((name, (*found)?)))
+            if let Some(found) = values.iter().position(|value| !value.is_finite()) {
+                let step = samples.range.start + found;
+                let time_secs = self.clock.time_secs(step);
+                let signal = signal.clone();
+                return Err(MonitorError::NotFinite { signal, value: values[found], step, time_secs });
             }
-        };
-        not_finite.map_or(Ok(()), |(name, (step, value))| {
-            let signal = name.clone();
-            let time_secs = self.clock.time_secs(step);
-            Err(MonitorError::NotFinite { signal, value, step, time_secs })
-        })
+        }
+        Ok(())
     }
 
     fn check_names(&self, names: &[String]) -> Result<(), MonitorError> {
@@ -476,27 +426,19 @@ pub(crate) enum Windows {
     Whole,
 }
 
-/// The samples to evaluate.
-pub(crate) enum Samples<'a> {
-    /// These samples of a trace.
-    Trace(&'a Trace, Range<usize>),
-    Recorded(&'a mut Recorded),
+/// The samples of a trace to evaluate.
+pub(crate) struct Samples<'a> {
+    pub trace: &'a Trace,
+    pub range: Range<usize>,
 }
 
 impl Samples<'_> {
-    fn len(&self) -> usize {
-        match self {
-            Samples::Trace(_, read) => read.len(),
-            Samples::Recorded(recorded) => recorded.samples,
-        }
+    pub fn of(trace: &Trace) -> Samples<'_> {
+        Samples { trace, range: 0..trace.len() }
     }
 
-    /// Returns the number of the first sample.
-    fn first(&self) -> usize {
-        match self {
-            Samples::Trace(_, read) => read.start,
-            Samples::Recorded(_) => 0,
-        }
+    fn len(&self) -> usize {
+        self.range.len()
     }
 }
 

@@ -329,8 +329,7 @@ impl Monitor {
         let parts = &decomposition.parts;
         let mut values: Vec<f64> = parts.iter().map(FormulaPart::neutral).collect();
         let all = trace.len();
-        let mut samples = Samples::Trace(trace, 0..all);
-        self.run(&mut samples, Windows::Whole, |subformula, found, known| {
+        self.run(&Samples::of(trace), Windows::Whole, |subformula, found, known| {
             for (part, value) in
                 parts.iter().zip(&mut values).filter(|(part, _)| part.subformula == subformula)
             {

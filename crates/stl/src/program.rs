@@ -86,20 +86,6 @@ impl Program {
         clock: &Clock,
     ) -> Result<Program, MonitorError> {
         clock.check()?;
-        Program::with_windows(formula, names, |operator, interval| clock.window(operator.name(), interval))
-    }
-
-    /// Compiles with unbounded windows in place of the intervals. Columns and state formulas do not
-    /// depend on them.
-    pub(crate) fn without_clock(formula: &Formula, names: &[String]) -> Result<Program, MonitorError> {
-        Program::with_windows(formula, names, |_, _| Ok(Window::UNBOUNDED))
-    }
-
-    fn with_windows(
-        formula: &Formula,
-        names: &[String],
-        window: impl Fn(Operator, Option<Interval>) -> Result<Window, MonitorError>,
-    ) -> Result<Program, MonitorError> {
         let columns = columns(formula, names)?;
         let mut listed = vec![None; formula.nodes.len()];
         for (index, node) in formula.listed_nodes().into_iter().enumerate() {
@@ -119,7 +105,7 @@ impl Program {
         for (node, kind) in formula.nodes.iter().enumerate() {
             match *kind {
                 Node::Apply(operator, interval) => {
-                    compiler.apply(node, operator, window(operator, interval)?);
+                    compiler.apply(node, operator, clock.window(operator.name(), interval)?);
                 }
                 _ => compiler.push(Values::State(node..node + 1), Reach::default()),
             }

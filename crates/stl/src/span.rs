@@ -113,7 +113,7 @@ impl Monitor {
         } else {
             samples.end.saturating_add(reach.ahead).min(trace.len())
         };
-        let values = self.evaluate(&mut Samples::Trace(trace, begin..end), windows)?;
+        let values = self.evaluate(&Samples { trace, range: begin..end }, windows)?;
         Ok(&values[samples.start - begin..samples.end - begin])
     }
 }

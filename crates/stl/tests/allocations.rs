@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)] // clippy's setting for tests does not cover helper functions
 #![allow(unsafe_code)]
 
-use mishandle_stl::{Clock, Formula, Monitor, OnlineMonitor, Recording, Trace};
+use mishandle_stl::{Clock, Formula, Monitor, OnlineMonitor, Trace};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::Arc;
@@ -197,47 +197,6 @@ fn numbers_per_sample(evaluate: impl FnOnce()) -> f64 {
     PEAK.set(before);
     evaluate();
     ((PEAK.get() - before) as f64 - FIXED) / (8 * SAMPLES) as f64
-}
-
-#[test]
-fn a_recording_takes_memory_for_operands_of_operators_over_time_only() {
-    let all = "(a <= 1 and b <= 1 and c <= 1 and d <= 1)";
-    let formulas = [
-        ("a <= 1 and b <= 1".to_owned(), 1.0),
-        (all.to_owned(), 1.0),
-        (format!("always {all}"), 1.0),
-        (format!("always[5:100] {all}"), 1.0),
-        (format!("once[5:100] {all}"), 1.0),
-        // The prefixes of a block.
-        (format!("eventually[0:65535] {all}"), 1.5),
-        ("always(a <= 1) and eventually(b <= 1)".to_owned(), 2.0),
-        ("always(a <= 1 implies eventually[0:50](b > c))".to_owned(), 2.0),
-        ("(a <= 1 and c <= 1) until (b <= 1 and d <= 1)".to_owned(), 2.0),
-        ("a <= 1 until[0:100] b <= 1".to_owned(), 2.0),
-        ("a <= 1 since[10:100] b <= 1".to_owned(), 2.0),
-        // A copy of the left operand.
-        ("a <= 1 unless[10:100] b <= 1".to_owned(), 3.0),
-        ("always(a <= 1) and always(b <= 1) and always(c <= 1) and always(d <= 1)".to_owned(), 4.0),
-        // One signal instead of five state formulas, and two operands.
-        ((0..5).map(|i| format!("always(a <= {i})")).collect::<Vec<_>>().join(" and "), 3.0),
-    ];
-    let names: Arc<[String]> = ["a", "b", "c", "d"].map(String::from).into();
-    for (text, expected) in formulas {
-        let formula = Formula::parse(&text).unwrap();
-        let found = numbers_per_sample(|| {
-            let used: Arc<[String]> =
-                names.iter().filter(|name| formula.signals().contains(&name.as_str())).cloned().collect();
-            let mut recording = Recording::new(&formula, Arc::clone(&used)).unwrap();
-            for step in 0..SAMPLES {
-                let angle = step as f64 * 0.1;
-                let sample = [angle.sin(), angle.cos(), angle.sin(), -angle.cos()];
-                recording.push(&sample[..used.len()]);
-            }
-            let mut monitor = Monitor::new(&formula, &used, Clock::steps(1.0)).unwrap();
-            assert_eq!(monitor.recorded_robustness_signal(recording).unwrap().len(), SAMPLES);
-        });
-        assert!(expected - 0.5 < found && found <= expected, "{text}: {found} numbers per sample");
-    }
 }
 
 #[test]

@@ -59,8 +59,7 @@ pub fn of_target(target: &Target) -> Context {
 pub fn check_signals(target: &Target, formula: &Formula) -> Result<()> {
     let signals = target.signals.iter().chain(&target.signals_on_request);
     let names: Vec<String> = signals.map(|signal| signal.name.clone()).collect();
-    mishandle::stl::Recording::new(formula, names.as_slice().into())?;
-    Ok(())
+    Ok(formula.check_names(&names)?)
 }
 
 /// Simulates the nominal scenario of a target.

@@ -24,7 +24,7 @@ use std::time::Duration;
 use even::Steps;
 use grid::{Grid, Track};
 use mishandle_results::{Choice, Key, Remedy};
-use mishandle_stl::{Formula, Recording};
+use mishandle_stl::Formula;
 use mishandle_text::{number_text, visible};
 use reader::{Message, Opened};
 use topic::Topic;
@@ -355,7 +355,7 @@ impl Follow {
         }
         let names: Vec<String> = opened.iter().flat_map(|opened| opened.names.clone()).collect();
         for (index, formula) in self.formulas.iter().enumerate() {
-            if let Err(error) = Recording::new(formula, names.as_slice().into()) {
+            if let Err(error) = formula.check_names(&names) {
                 self.unreadable.push((index, error.into()));
             }
         }

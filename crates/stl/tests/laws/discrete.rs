@@ -2,7 +2,7 @@
 
 use super::naive::{Interval, NAMES, Random, TIMED_ONE, TIMED_TWO, Tree};
 use mishandle_stl::{
-    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Recording, Trace, is_satisfied, is_violated,
+    Bounds, Clock, Formula, Monitor, MonitorError, OnlineMonitor, Trace, is_satisfied, is_violated,
 };
 use std::sync::Arc;
 
@@ -593,68 +593,6 @@ fn a_monitor_accepts_traces_of_any_length_in_any_order() {
             tree.evaluate(&columns),
             "{n} samples"
         );
-    }
-}
-
-// --- recordings ---
-
-fn recording_of(text: &str, columns: &[Vec<f64>]) -> Recording {
-    let mut recording = Recording::new(&Formula::parse(text).unwrap(), names()).unwrap();
-    for step in 0..columns[0].len() {
-        recording.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>());
-    }
-    recording
-}
-
-#[test]
-fn a_recording_has_the_values_of_its_trace() {
-    let mut random = Random(21);
-    for case in 0..3000 {
-        let n = 1 + random.below(if case % 50 == 0 { 4000 } else { 14 });
-        let text = Tree::random(&mut random, 6, n.min(50)).write(&mut random);
-        let columns = random_columns(&mut random, n);
-        let trace = trace_of(&columns);
-        let recording = recording_of(&text, &columns);
-        assert_eq!(recording.len(), n);
-        let mut monitor = monitor(&text);
-        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-        let expected = bits(monitor.robustness_signal(&trace).unwrap());
-        assert_eq!(bits(monitor.recorded_robustness_signal(recording.clone()).unwrap()), expected, "{text}");
-        let expected = bits(monitor.decided_robustness_signal(&trace).unwrap());
-        assert_eq!(bits(monitor.recorded_decided_robustness_signal(recording).unwrap()), expected, "{text}");
-    }
-}
-
-#[test]
-fn a_recording_has_the_errors_of_its_trace() {
-    let mut columns = [vec![1.0; 5000], vec![2.0; 5000], vec![3.0; 5000]];
-    columns[0][2000] = 0.0;
-    columns[0][4500] = 0.0;
-    let error = |text: &str, columns: &[Vec<f64>]| {
-        let expected = monitor(text).robustness_signal(&trace_of(columns)).unwrap_err();
-        let found = monitor(text).recorded_robustness_signal(recording_of(text, columns)).unwrap_err();
-        // As text, because NaN does not equal NaN.
-        assert_eq!(format!("{found:?}"), format!("{expected:?}"));
-        found.to_string()
-    };
-    for text in ["always(b / a > 0)", "b / a > 0", "once(c_1 > a) and always(1 / (a * b) > 0)"] {
-        assert!(error(text, &columns).contains("has no finite value at step 2000 (t = 33."), "{text}");
-    }
-    columns[1][3000] = f64::NAN;
-    columns[2][100] = f64::INFINITY;
-    // The first signal of the formula, not the first sample.
-    assert!(error("always(b / a > c_1)", &columns).contains("signal `b` is NaN at step 3000"));
-    assert!(error("a > 0", &[vec![], vec![], vec![]]).contains("empty"));
-}
-
-#[test]
-fn a_recording_of_another_formula_is_an_error() {
-    let columns = [vec![1.0], vec![2.0], vec![3.0]];
-    for other in ["always(a > 1)", "always(b > 0)", "always(a > 0) and c_1 > 0"] {
-        let found = monitor("always(a > 0)")
-            .recorded_robustness_signal(recording_of(other, &columns))
-            .map(<[f64]>::to_vec);
-        assert_eq!(found, Err(MonitorError::OtherFormula), "{other}");
     }
 }
 
