@@ -21,7 +21,7 @@ const fn function(name: &'static str, axes: usize, is_max: bool, values: Values)
     Function { name, axes, is_max, is_windows: false, values }
 }
 
-/// Those of `studies/experiments/structure`, with random centers.
+/// The functions of the study `structure`, with random centers.
 pub const FUNCTIONS: [Function; 8] = [
     function("ramps", 6, false, ramps),
     function("masked", 4, false, masked),
