@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::bench::signal;
+
 /// A fake encoder that stores 180 frames of 32 x 24 pixels as the data of an MP4 file. Their box
 /// has 414,728 bytes.
 const STORES: &str = "#!/bin/sh
@@ -194,7 +196,7 @@ fn an_interrupted_video_leaves_no_file() {
         assert!(start.elapsed() < Duration::from_secs(600));
         std::thread::sleep(Duration::from_millis(5));
     }
-    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    signal(&child, "INT");
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
     assert!(stderr(&output).ends_with("interrupted; nothing was written\n"), "{}", stderr(&output));

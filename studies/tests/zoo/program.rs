@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 /// Training settings of a run that takes long, with iterations that take no time.
@@ -79,8 +80,7 @@ fn an_interrupted_training_run_leaves_a_checkpoint_and_exits_with_130() {
     }
     let second = text(&zoo.run("train --only point-reaching/ppo").stderr);
     assert!(second.contains("another `studies zoo` is running"), "{second}");
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
     let output = child.wait_with_output().unwrap();
     let words = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{words}");

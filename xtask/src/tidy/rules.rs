@@ -48,6 +48,12 @@ const RULES: &[Rule] = &[
         why: "does not see the verdict of a zero; call `is_violated` or `is_satisfied`",
     },
     Rule {
+        applies: |path| path.ends_with(".rs"),
+        forbidden: &[("Command::new(\"ki", "ll\")")],
+        is_whole_word: false,
+        why: "needs a program that a small Debian lacks; send signals with rustix",
+    },
+    Rule {
         applies: |path| path.ends_with(".rs") && !may_be_unsafe(path),
         forbidden: &[("allow(uns", "afe_code"), ("expect(uns", "afe_code")],
         is_whole_word: false,

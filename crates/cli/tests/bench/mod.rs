@@ -1,8 +1,9 @@
 //! Runs the program in a temporary folder.
 
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output};
 
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 /// A temporary folder to run the program in.
@@ -115,9 +116,11 @@ pub fn keygen(bench: &Bench, arguments: &[&str], input: &str) -> String {
 }
 
 /// Sends the signal with this name.
-pub fn signal(child: &std::process::Child, name: &str) {
-    let sent = Command::new("kill").args([&format!("-{name}"), &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
+pub fn signal(child: &Child, name: &str) {
+    let signals =
+        [("HUP", Signal::HUP), ("INT", Signal::INT), ("KILL", Signal::KILL), ("TERM", Signal::TERM)];
+    let signal = signals.into_iter().find_map(|(known, signal)| (known == name).then_some(signal));
+    kill_process(Pid::from_child(child), signal.unwrap()).unwrap();
 }
 
 /// Training settings with which an iteration takes no time.
