@@ -123,7 +123,7 @@ fn every_document_satisfies_its_schema() {
     );
     let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
     let import = format!(
-        "controller import {linear} --task point-reaching --output-activation identity --out i.safetensors"
+        "controller import '{linear}' --task point-reaching --output-activation identity --out i.safetensors"
     );
     let commands = [
         ("list", "list", 0),

@@ -763,7 +763,7 @@ fn an_output_that_cannot_be_written_is_an_error_and_leaves_no_file() {
     for (arguments, path) in
         [("replay a.sqlite --trace t.csv", "t.csv"), ("export ball-balancing --out scene.xml", "scene.xml")]
     {
-        let limited = format!("ulimit -f 1; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
+        let limited = format!("ulimit -f 1; exec '{}' {arguments}", env!("CARGO_BIN_EXE_mishandle"));
         let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
         let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{err}");
@@ -781,7 +781,7 @@ fn a_run_that_exceeds_the_limit_on_file_sizes_is_one_error_and_can_be_resumed() 
     // Ignoring SIGXFSZ turns the limit, in blocks of 512 bytes, into a write error.
     for (blocks, out) in [(0, "none.sqlite"), (800, "part.sqlite")] {
         let program = env!("CARGO_BIN_EXE_mishandle");
-        let limited = format!("ulimit -f {blocks}; exec {program} {evaluate} --out {out}");
+        let limited = format!("ulimit -f {blocks}; exec '{program}' {evaluate} --out {out}");
         let output = Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap();
         let err = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{err}");
@@ -993,16 +993,16 @@ fn policies_of_other_tools_run_and_replay() {
 
     let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
     bench.refuses(
-        &format!("evaluate point-reaching --controller {linear}"),
+        &format!("evaluate point-reaching --controller '{linear}'"),
         &["zip archive", "mishandle controller import FILE --task TASK --out controller.safetensors"],
     );
-    let import = format!("controller import {linear} --task point-reaching --out i.safetensors");
+    let import = format!("controller import '{linear}' --task point-reaching --out i.safetensors");
     bench.refuses(&import, &["pass --output-activation elu|relu|tanh"]);
     bench.check(&format!("{import} --output-activation tanh"), 0);
     bench.check("evaluate point-reaching --controller ./i.safetensors --episodes 2 --out i.sqlite", 0);
     let small = linear.replace("point_reaching.pt", "sb3_ppo.zip");
     bench.refuses(
-        &format!("controller import {small} --task point-reaching --out s.safetensors"),
+        &format!("controller import '{small}' --task point-reaching --out s.safetensors"),
         &["the policy does not fit point-reaching: it has 2 numbers per observation, but the task has 27"],
     );
     bench.write("stats.json", r#"{"mean": [0], "variance": [1, 2]}"#);

@@ -10,7 +10,7 @@ use mishandle::controllers::ControllerFile;
 /// errors.
 fn with_small_files(bench: &Bench, blocks: u32, arguments: &str) -> Output {
     let program = env!("CARGO_BIN_EXE_mishandle");
-    let limited = format!("ulimit -f {blocks}; exec {program} {arguments}");
+    let limited = format!("ulimit -f {blocks}; exec '{program}' {arguments}");
     Command::new("sh").args(["-c", &limited]).current_dir(bench.path(".")).output().unwrap()
 }
 
@@ -77,7 +77,7 @@ fn a_training_that_cannot_write_its_first_checkpoint_ends_and_leaves_no_files() 
 /// Starts the program with SIGXFSZ ignored, so that a write beyond a later file size limit is an
 /// error.
 fn start_limitable(bench: &Bench, arguments: &str) -> Child {
-    let command = format!("trap '' XFSZ; exec {} {arguments}", env!("CARGO_BIN_EXE_mishandle"));
+    let command = format!("trap '' XFSZ; exec '{}' {arguments}", env!("CARGO_BIN_EXE_mishandle"));
     let mut shell = Command::new("sh");
     shell.args(["-c", &command]).current_dir(bench.path(".")).stdout(Stdio::piped()).stderr(Stdio::piped());
     shell.spawn().unwrap()
@@ -162,7 +162,7 @@ fn sighup_saves_a_training_unless_it_is_ignored() {
                   0.00M of 100M steps, ";
     assert!(err.starts_with(first_lines), "{err}");
     let program = env!("CARGO_BIN_EXE_mishandle");
-    let ignoring = format!("trap '' HUP; exec {program} {train} b.csv --out b.safetensors");
+    let ignoring = format!("trap '' HUP; exec '{program}' {train} b.csv --out b.safetensors");
     let mut shell = Command::new("sh");
     let shell = shell.args(["-c", &ignoring]).current_dir(bench.path("."));
     let mut child = shell.stderr(Stdio::null()).spawn().unwrap();
