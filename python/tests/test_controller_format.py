@@ -193,7 +193,3 @@ class Format(unittest.TestCase):
         self.path.write_bytes(data)
         with self.assertRaisesRegex(Exception, "checksum does not match"):
             mishandle.load_controller(str(self.path))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -139,7 +139,3 @@ class DataSets(unittest.TestCase):
                     found[statistic], value.reshape(shape), rtol=1e-9, atol=1e-12,
                     err_msg=f"{name} {statistic}"
                 )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -426,7 +426,3 @@ class Package(unittest.TestCase):
     def test_the_public_names_exist(self):
         for name in mishandle.__all__:
             self.assertTrue(hasattr(mishandle, name), name)
-
-
-if __name__ == "__main__":
-    unittest.main()

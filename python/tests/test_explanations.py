@@ -1,7 +1,6 @@
 """Explanations, failure modes, reports and comparisons of runs."""
 
 import pickle
-import unittest
 
 from cases import FolderCase
 import mishandle
@@ -181,7 +180,3 @@ class Explanations(FolderCase):
         self.assertIn("system, formula, space, trial=1", page)
         with self.assertRaises(mishandle.MishandleError):
             mishandle.compare(paths[0], self.falsify().path)
-
-
-if __name__ == "__main__":
-    unittest.main()

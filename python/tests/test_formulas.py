@@ -217,7 +217,3 @@ class Minima(unittest.TestCase):
     def test_a_function_that_is_nan_is_named_as_such(self):
         with self.assertRaisesRegex(ValueError, r"^the function is NaN at \[.*\]; return inf"):
             mishandle.ask.find_minimum(lambda x: float("nan"), [(0, 1)], budget=5)
-
-
-if __name__ == "__main__":
-    unittest.main()

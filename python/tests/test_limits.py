@@ -224,7 +224,3 @@ class Exceptions(unittest.TestCase):
             "MuJoCo 3.3.0",
             found.stderr
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

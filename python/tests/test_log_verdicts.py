@@ -7,7 +7,6 @@ import pathlib
 import subprocess
 import sys
 import tempfile
-import unittest
 
 from cases import FolderCase
 import mishandle
@@ -435,7 +434,3 @@ class Recordings(Files):
         self.assertEqual(
             mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -3,7 +3,6 @@
 import json
 import random
 import struct
-import unittest
 from types import SimpleNamespace
 
 from cases import FolderCase
@@ -435,7 +434,3 @@ class DataSets(Files):
         (path / "meta" / "info.json").write_text('{"codebase_version": "v1.6", "fps": 30}')
         with self.assertRaisesRegex(ValueError, "v2 and v3"):
             mishandle.logs.read_logs(path)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -213,7 +213,3 @@ class Reset(unittest.TestCase):
                 new.push(row)
                 used.push(row)
                 self.assertEqual(answers(used), answers(new), text)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -614,7 +614,3 @@ class Import(unittest.TestCase):
             path.write_bytes(data)
             with self.assertRaisesRegex(Exception, advice):
                 mishandle.load_controller(str(path))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -210,7 +210,3 @@ class StableBaselines(unittest.TestCase):
         except ImportError:
             with self.assertRaisesRegex(ImportError, "pip install stable-baselines3"):
                 mishandle.sb3.vec_env(gymnasium.make_vec("mishandle/PointReaching-v0", num_envs=2))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -136,7 +136,3 @@ class Client(FolderCase):
         self.assertTrue(failed.end.startswith("crashed"), failed.end)
         self.assertIsNone(failed.robustness)
         self.assertGreater(passed.robustness, 0.0)
-
-
-if __name__ == "__main__":
-    unittest.main()

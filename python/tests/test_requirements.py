@@ -89,7 +89,3 @@ class TestMine(unittest.TestCase):
                 )
         with self.assertRaisesRegex(InvalidValueError, "there is no log"):
             mishandle.mine("always(force <= c)", {"c": (0, 1)}, [])
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -462,7 +462,3 @@ class Mistakes(unittest.TestCase):
         )
         with self.assertRaisesRegex(InvalidValueError, "number 0 of the action is NaN"):
             env.step(np.array([np.nan]))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -292,7 +292,3 @@ class Recordings(unittest.TestCase):
                     mishandle.record("point-reaching", **options)
             with self.assertRaisesRegex(mishandle.MishandleError, "neither the name of a task"):
                 mishandle.record(Filmed(), out=os.path.join(folder, "out"))
-
-
-if __name__ == "__main__":
-    unittest.main()
