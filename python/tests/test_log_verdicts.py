@@ -266,15 +266,6 @@ class Tables(Files):
                 self.assertEqual(topic.left_out, {"name": "it has no numbers"})
             self.assertEqual((log.name, log.signals), (str(path), ["q[0]", "flag"]))
 
-    def test_epochs_keep_their_nanoseconds(self):
-        times = [START + step for step in (0, 1, 5)]
-        for path in self.files({"time": times, "x": [1.0, 2.0, 3.0]}):
-            with self.assertRaisesRegex(ValueError, r'time_unit="s"\|"ms"'):
-                mishandle.read_log(path)
-            self.assertEqual(
-                mishandle.read_log(path, time_unit="ns").topics[""].times.tolist(), times
-            )
-
     def test_a_table_without_times_has_none(self):
         log = mishandle.read_log(self.csv("x.csv", {"x": [1.0, 2.0], "y": [np.nan, 3.0]}))
         self.assertIsNone(log.topics[""].times)
