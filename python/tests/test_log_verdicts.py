@@ -3,10 +3,8 @@ command."""
 
 import dataclasses
 import json
-import pathlib
 import subprocess
 import sys
-import tempfile
 
 from cases import FolderCase
 import mishandle
@@ -307,8 +305,7 @@ class Tables(Files):
 class SeveralLogs(Files):
     def test_a_formula_without_its_signal_takes_no_verdict_from_the_others(self) -> None:
         columns = {"time": [0.0, 1.0], "force": [1.0, 3.0]}
-        file = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "log.csv"
-        file.write_text("time,force\n0,1\n1,3\n")
+        file = self.csv("log.csv", columns)
         formulas = {
             "soft": "always(force <= 2)", "other": "always(speed <= 1)",
             "odd": "always(sqrt(force - 2) <= 1)"
