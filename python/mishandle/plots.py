@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.base.packages import needed
-from mishandle.base.traces import columns_of
+from mishandle.base.traces import columns_of, trace_of
 from mishandle.errors import InvalidValueError
 from mishandle.logs.formulas import Formula
 from mishandle.runs.explanations import Comparison
@@ -272,7 +272,7 @@ def plot_trace(
     >>> [one.get_ylabel() for one in axes]
     ['x [m]', 'robustness']
     """
-    trace = getattr(trace, "trace", trace)
+    trace = trace_of(trace)
     names = [str(name) for name in getattr(trace, "columns", trace)]
     parsed = Formula(formula) if isinstance(formula, str) else formula
     if signals is None:
