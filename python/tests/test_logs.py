@@ -3,7 +3,6 @@
 import json
 import random
 import struct
-from types import SimpleNamespace
 
 from cases import FolderCase
 import mishandle

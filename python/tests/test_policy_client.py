@@ -7,7 +7,6 @@ import os
 import pathlib
 import subprocess
 import sys
-import unittest
 from typing import Any
 from unittest import mock
 
