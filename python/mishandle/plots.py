@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mishandle._native as _native
-from mishandle.base.traces import columns_of
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.base.traces import columns_of, trace_of
+from mishandle.errors import InvalidValueError
 from mishandle.logs.formulas import Formula
 from mishandle.runs.explanations import Comparison
 from mishandle.runs.run_files import HasPath, Run, RunAxis, open_run
@@ -271,7 +272,7 @@ def plot_trace(
     >>> [one.get_ylabel() for one in axes]
     ['x [m]', 'robustness']
     """
-    trace = getattr(trace, "trace", trace)
+    trace = trace_of(trace)
     names = [str(name) for name in getattr(trace, "columns", trace)]
     parsed = Formula(formula) if isinstance(formula, str) else formula
     if signals is None:
@@ -414,10 +415,8 @@ def _label(ax: Axes, direction: str, axis: RunAxis | None, name: str) -> None:
 
 
 def _pyplot() -> Any:
-    try:
+    with needed("plots need matplotlib", "plots"):
         from matplotlib import pyplot
-    except ImportError as error:
-        raise MissingPackageError("plots need matplotlib", "plots") from error
     return pyplot
 
 

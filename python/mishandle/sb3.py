@@ -6,7 +6,8 @@ from typing import Any
 
 import gymnasium
 from gymnasium.vector import AutoresetMode
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError
 
 
 def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
@@ -33,12 +34,8 @@ def vec_env(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> Any:
     ValueError
         If the autoreset mode is another one.
     """
-    try:
+    with needed("vec_env needs Stable-Baselines3: pip install stable-baselines3"):
         from stable_baselines3.common.vec_env import VecEnv
-    except ImportError as error:
-        raise MissingPackageError(
-            "vec_env needs Stable-Baselines3: pip install stable-baselines3"
-        ) from error
     mode = env.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.SAME_STEP:
         raise InvalidValueError(

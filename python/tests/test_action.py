@@ -7,7 +7,6 @@ import pathlib
 import re
 import subprocess
 import sys
-import unittest
 from typing import Any
 
 from cases import FolderCase
@@ -106,7 +105,3 @@ class ActionTests(FolderCase):
         code, output = self.run_action()
         self.assertEqual(code, 2)
         self.assertIn("nothing was tested", output)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -7,7 +7,6 @@ import pathlib
 import shutil
 import subprocess
 import sys
-import unittest
 from typing import Any
 
 from cases import FolderCase
@@ -114,7 +113,3 @@ class Bisections(FolderCase):
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):
                 mishandle.bisect(empty, **arguments, out=self.folder / "out")
         self.assertFalse((self.folder / "out").exists())
-
-
-if __name__ == "__main__":
-    unittest.main()

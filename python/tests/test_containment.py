@@ -5,9 +5,9 @@ from __future__ import annotations
 import pathlib
 import subprocess
 import sys
-import tempfile
 import textwrap
-import unittest
+
+from cases import FolderCase
 
 MODEL = """<mujoco><size memory="{memory}"/><worldbody>
 <body name="arm"><joint name="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 0.4"/></body>
@@ -27,13 +27,12 @@ formulas = { near = "always(angle <= 1)" }
 """
 
 
-def evaluated(folder: str, memory: str) -> subprocess.CompletedProcess[str]:
-    home = pathlib.Path(folder)
-    (home / "pendulum.xml").write_text(MODEL.format(memory=memory))
-    (home / "pendulum.toml").write_text(textwrap.dedent(TARGET))
+def evaluated(folder: pathlib.Path, memory: str) -> subprocess.CompletedProcess[str]:
+    (folder / "pendulum.xml").write_text(MODEL.format(memory=memory))
+    (folder / "pendulum.toml").write_text(textwrap.dedent(TARGET))
     # A file with the name of a library in the working directory must not run.
-    (home / "sys.py").write_text("raise SystemExit(9)")
-    (home / "mishandle.py").write_text("raise SystemExit(9)")
+    (folder / "sys.py").write_text("raise SystemExit(9)")
+    (folder / "mishandle.py").write_text("raise SystemExit(9)")
     code = (
         "import sys; sys.path.pop(0); import mishandle; from mishandle._native import run_command; "
     )
@@ -44,14 +43,12 @@ def evaluated(folder: str, memory: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-class ContainmentTest(unittest.TestCase):
+class ContainmentTest(FolderCase):
     def test_a_model_is_tried_by_a_process_of_this_interpreter(self) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            found = evaluated(folder, "1M")
-            self.assertEqual(found.returncode, 0, found.stderr)
+        found = evaluated(self.folder, "1M")
+        self.assertEqual(found.returncode, 0, found.stderr)
 
     def test_a_model_that_takes_all_memory_is_an_error(self) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            found = evaluated(folder, "2G")
-            self.assertEqual(found.returncode, 2, found.stderr)
-            self.assertIn("it has 2048 MiB", found.stderr)
+        found = evaluated(self.folder, "2G")
+        self.assertEqual(found.returncode, 2, found.stderr)
+        self.assertIn("it has 2048 MiB", found.stderr)

@@ -184,16 +184,3 @@ class Format(unittest.TestCase):
             )
             largest = max(largest, np.abs(expected).max())
         return largest
-
-    def test_a_changed_byte_is_refused(self):
-        header, tensors = self.read(ROOT / "controllers/ball-balancing/ppo.safetensors")
-        self.write(self.path, header, tensors)
-        data = bytearray(self.path.read_bytes())
-        data[-1] ^= 1
-        self.path.write_bytes(data)
-        with self.assertRaisesRegex(Exception, "checksum does not match"):
-            mishandle.load_controller(str(self.path))
-
-
-if __name__ == "__main__":
-    unittest.main()

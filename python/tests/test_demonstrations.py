@@ -24,8 +24,7 @@ class DataSets(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory()
-        root = pathlib.Path(cls.folder.name)
+        root = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
         words = [
             "record", "ball-balancing", "--controller", "ppo", "--relabel", "expert", "--space",
             "delay"
@@ -51,10 +50,6 @@ class DataSets(unittest.TestCase):
         # No pickle.
         with np.load(root / "npz" / "data.npz") as arrays:
             cls.arrays = dict(arrays)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.folder.cleanup()
 
     def column(self, name):
         return np.array(self.frames[name].to_pylist(), dtype=self.info["features"][name]["dtype"])
@@ -139,7 +134,3 @@ class DataSets(unittest.TestCase):
                     found[statistic], value.reshape(shape), rtol=1e-9, atol=1e-12,
                     err_msg=f"{name} {statistic}"
                 )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -100,7 +100,3 @@ class Examples(unittest.TestCase):
             with_table(page.replace("same bits", "other bits")),
             page.replace("same bits", "other bits")
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

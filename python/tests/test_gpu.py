@@ -686,7 +686,3 @@ class WithoutTheExtra(unittest.TestCase):
         code = "import sys; sys.modules['warp'] = None; import mishandle.gpu.batches"
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertIn("pip install '.[gpu]' in a clone", result.stderr)
-
-
-if __name__ == "__main__":
-    unittest.main()

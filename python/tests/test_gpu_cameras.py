@@ -144,7 +144,3 @@ class CamerasTest(unittest.TestCase):
                 cameras.render(states, scenarios, **keywords)
         with self.assertRaisesRegex(InvalidValueError, "states must have"):
             cameras.render(states[:, :5], [{}] * STATES)
-
-
-if __name__ == "__main__":
-    unittest.main()

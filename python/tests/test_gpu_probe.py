@@ -185,7 +185,3 @@ class Readings(unittest.TestCase):
         np.testing.assert_array_equal(
             np.delete(measured, np.s_[-probes.READINGS - 1 : -1], axis=1), without
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,6 @@
 """Guards: the same in Python as in the program, and policies in Python that are guarded."""
 
 import math
-import unittest
 
 from cases import FolderCase
 import gymnasium
@@ -142,7 +141,3 @@ class Guards(FolderCase):
                 Counting(0.0), Guard("x <= 9", "hold"), Counting(1.0), quantities=["x"], period=0.1,
                 steps=5
             )
-
-
-if __name__ == "__main__":
-    unittest.main()

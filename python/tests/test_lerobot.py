@@ -147,7 +147,3 @@ class Policies(unittest.TestCase):
     def test_a_policy_without_lerobot_says_what_to_install(self):
         with self.assertRaisesRegex(MissingPackageError, r"pip install '\.\[lerobot\]' in"):
             mishandle.lerobot.policy("checkpoints/last/pretrained_model")
-
-
-if __name__ == "__main__":
-    unittest.main()

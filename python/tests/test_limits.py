@@ -1,14 +1,13 @@
 """Tests of time limits and of the base of all exceptions."""
 
-import pathlib
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import unittest
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -175,7 +174,7 @@ class Timers(unittest.TestCase):
         self.assertEqual(len(fired), 2, "both timers fire")
 
 
-class Exceptions(unittest.TestCase):
+class Exceptions(FolderCase):
     def test_all_have_one_base_and_the_usual_one(self):
         for kind, usual in [
             (InvalidValueError, ValueError),
@@ -197,34 +196,21 @@ class Exceptions(unittest.TestCase):
             with self.assertRaises(MishandleError) as raised:
                 mistake()
             self.assertIsInstance(raised.exception, ValueError)
-        with tempfile.TemporaryDirectory() as folder:
-            path = pathlib.Path(folder) / "run.sqlite"
-            path.write_bytes(b"no database" * 100)
-            with self.assertRaises(MishandleError) as raised:
-                mishandle.open_run(path)
-            self.assertNotIsInstance(raised.exception, ValueError)
+        path = self.folder / "run.sqlite"
+        path.write_bytes(b"no database" * 100)
+        with self.assertRaises(MishandleError) as raised:
+            mishandle.open_run(path)
+        self.assertNotIsInstance(raised.exception, ValueError)
 
     def test_another_version_of_mujoco_is_refused_at_import(self):
-        with tempfile.TemporaryDirectory() as folder:
-            folder = pathlib.Path(folder)
-            (folder / "other.c").write_text(
-                'const char* mj_versionString(void) { return "3.3.0"; }\n'
-            )
-            subprocess.run(
-                ["cc", "-shared", "-fPIC", "-o", folder / "other.so", folder / "other.c"],
-                check=True
-            )
-            command = [
-                "env", f"LD_PRELOAD={folder / 'other.so'}", sys.executable, "-c", "import mishandle"
-            ]
-            found = subprocess.run(command, capture_output=True, text=True)
+        library, source = self.folder / "other.so", self.folder / "other.c"
+        source.write_text('const char* mj_versionString(void) { return "3.3.0"; }\n')
+        subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source], check=True)
+        command = ["env", f"LD_PRELOAD={library}", sys.executable, "-c", "import mishandle"]
+        found = subprocess.run(command, capture_output=True, text=True)
         self.assertNotEqual(found.returncode, 0)
         self.assertIn(
             "ImportError: mishandle needs MuJoCo 3.17.0, but the library that was loaded is "
             "MuJoCo 3.3.0",
             found.stderr
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -3,24 +3,18 @@ command."""
 
 import dataclasses
 import json
-import pathlib
 import subprocess
 import sys
-import tempfile
-import unittest
 
-from cases import FolderCase
 import mishandle
 import numpy as np
 import pandas
 import polars
 import pyarrow
 import pyarrow.parquet
-from mcap.writer import Writer as McapWriter
 from mishandle import results
 from mishandle.errors import InvalidValueError
-
-START = 1_764_000_000_123_456_789
+from test_logs import START, Files
 
 
 def command(*words):
@@ -43,7 +37,7 @@ def without_names(found):
     return [dataclasses.replace(verdict, log="") for verdict in found.verdicts]
 
 
-class Files(FolderCase):
+class Logs(Files):
     def csv(self, name, columns):
         path = self.folder / name
         pandas.DataFrame(columns).to_csv(path, index=False)
@@ -60,23 +54,8 @@ class Files(FolderCase):
         pyarrow.parquet.write_table(pyarrow.table(columns), paths[3])
         return paths
 
-    def mcap(self, messages, step=10_000_000):
-        path = self.folder / "state.mcap"
-        with open(path, "wb") as stream:
-            writer = McapWriter(stream)
-            writer.start()
-            schema = writer.register_schema("state", "jsonschema", b'{"type": "object"}')
-            channel = writer.register_channel("/arm/state", "json", schema)
-            other = writer.register_channel("/other", "json", schema)
-            for index, message in enumerate(messages):
-                stamp = START + index * step
-                writer.add_message(channel, stamp, json.dumps(message).encode(), stamp)
-                writer.add_message(other, stamp, b'{"x": 1}', stamp)
-            writer.finish()
-        return path
 
-
-class SameAnswers(Files):
+class SameAnswers(Logs):
     def test_each_format_and_columns_in_memory_have_the_verdict_of_the_command(self):
         generator = np.random.default_rng(5)
         jittered = np.round(np.cumsum(generator.uniform(0.05, 0.15, 80)), 3).tolist()
@@ -161,7 +140,7 @@ class SameAnswers(Files):
         self.assertEqual(bounds.robustness, 1.0)
 
 
-class Choices(Files):
+class Choices(Logs):
     def test_each_undecided_choice_names_the_argument(self):
         cases = [
             (
@@ -246,7 +225,7 @@ class Choices(Files):
         self.assertEqual((found.robustness, found.verdicts[0].missing_values), (0.0, 1))
 
 
-class Tables(Files):
+class Tables(Logs):
     def test_all_formats_give_the_columns_that_were_written(self):
         columns = {
             "time": [0.5, 0.75, 1.0], "q[0]": [1.0, -2.0, 3.5], "flag": [True, False, True],
@@ -266,15 +245,6 @@ class Tables(Files):
             if path.suffix != ".npz":
                 self.assertEqual(topic.left_out, {"name": "it has no numbers"})
             self.assertEqual((log.name, log.signals), (str(path), ["q[0]", "flag"]))
-
-    def test_epochs_keep_their_nanoseconds(self):
-        times = [START + step for step in (0, 1, 5)]
-        for path in self.files({"time": times, "x": [1.0, 2.0, 3.0]}):
-            with self.assertRaisesRegex(ValueError, r'time_unit="s"\|"ms"'):
-                mishandle.read_log(path)
-            self.assertEqual(
-                mishandle.read_log(path, time_unit="ns").topics[""].times.tolist(), times
-            )
 
     def test_a_table_without_times_has_none(self):
         log = mishandle.read_log(self.csv("x.csv", {"x": [1.0, 2.0], "y": [np.nan, 3.0]}))
@@ -314,11 +284,10 @@ class Tables(Files):
             mishandle.monitor("`hand/w` <= 1", topics, dense="hold")
 
 
-class SeveralLogs(Files):
+class SeveralLogs(Logs):
     def test_a_formula_without_its_signal_takes_no_verdict_from_the_others(self) -> None:
         columns = {"time": [0.0, 1.0], "force": [1.0, 3.0]}
-        file = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "log.csv"
-        file.write_text("time,force\n0,1\n1,3\n")
+        file = self.csv("log.csv", columns)
         formulas = {
             "soft": "always(force <= 2)", "other": "always(speed <= 1)",
             "odd": "always(sqrt(force - 2) <= 1)"
@@ -373,25 +342,7 @@ class SeveralLogs(Files):
             mishandle.monitor("always(y <= 2)", [])
 
     def test_episodes_of_a_data_set_are_logs(self):
-        (self.folder / "meta").mkdir()
-        (self.folder / "meta" / "info.json").write_text(
-            json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}})
-        )
-        (self.folder / "data" / "chunk-000").mkdir(parents=True)
-        lengths = (10, 25, 15)
-        columns = {
-            "action": np.concatenate([
-                np.full(length, float(number)) for number, length in enumerate(lengths)
-            ]),
-            "timestamp": np.concatenate([
-                (np.arange(length) / 30).astype(np.float32) for length in lengths
-            ]),
-            "frame_index": np.concatenate([np.arange(length) for length in lengths]),
-            "episode_index": np.repeat(range(3), lengths),
-        }
-        pyarrow.parquet.write_table(
-            pyarrow.table(columns), self.folder / "data" / "chunk-000" / "file-000.parquet"
-        )
+        self.data_set(lengths=(10, 25, 15))
         formula = "always[0:0.2s](action <= 1.5)"
         for log in (self.folder, mishandle.logs.read_logs(self.folder)):
             found = mishandle.monitor(formula, log)
@@ -405,9 +356,10 @@ class SeveralLogs(Files):
         )
 
 
-class Recordings(Files):
+class Recordings(Logs):
     def test_a_recording_is_a_log(self):
-        path = self.mcap([{"q": [0.1 * row], "mode": "run"} for row in range(10)])
+        rows = [{"q": [0.1 * row], "mode": "run"} for row in range(10)]
+        path = self.json_mcap({"/arm/state": rows, "/other": [{"x": 1}] * 10})
         formula = "always(`/arm/state/q[0]` <= 0.45)"
         for log in (path, mishandle.read_log(path), mishandle.read_log(path, ["/arm/state"])):
             [verdict] = (
@@ -427,7 +379,7 @@ class Recordings(Files):
                 mishandle.monitor("`/leg/q` <= 1", log)
 
     def test_a_field_that_a_message_lacks_is_a_missing_value(self):
-        path = self.mcap([{"q": 1.0}, {}, {"q": 3.0}])
+        path = self.json_mcap({"/arm/state": [{"q": 1.0}, {}, {"q": 3.0}]})
         formula = "always(`/arm/state/q` <= 2)"
         lacks = r'row 2: .* has no number; pass missing="hold"\|"drop"'
         with self.assertRaisesRegex(ValueError, lacks):
@@ -435,7 +387,3 @@ class Recordings(Files):
         self.assertEqual(
             mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1
         )
-
-
-if __name__ == "__main__":
-    unittest.main()

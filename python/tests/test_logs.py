@@ -3,8 +3,6 @@
 import json
 import random
 import struct
-import unittest
-from types import SimpleNamespace
 
 from cases import FolderCase
 import mishandle
@@ -98,20 +96,54 @@ class Files(FolderCase):
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
         return path
 
-    def json_mcap(self, messages, name="state.mcap"):
-        path = self.folder / name
+    def json_mcap(self, topics):
+        """One message of each topic every 10 ms."""
+        path = self.folder / "state.mcap"
         with open(path, "wb") as stream:
             writer = McapWriter(stream)
             writer.start()
             schema = writer.register_schema("state", "jsonschema", b'{"type": "object"}')
-            channel = writer.register_channel("/state", "json", schema)
-            for index, message in enumerate(messages):
-                writer.add_message(
-                    channel, START + index * 10**7, json.dumps(message).encode(),
-                    START + index * 10**7
-                )
+            for topic, messages in topics.items():
+                channel = writer.register_channel(topic, "json", schema)
+                for index, message in enumerate(messages):
+                    stamp = START + index * 10**7
+                    writer.add_message(channel, stamp, json.dumps(message).encode(), stamp)
             writer.finish()
         return path
+
+    def data_set(self, version="v3.0", fps=30, jitter=0.0, lengths=(40, 25)):
+        """Version 3 has the episodes of a chunk in one file, version 2 one file for each."""
+        info = {"codebase_version": version, "fps": fps, "features": {}}
+        (self.folder / "meta").mkdir(exist_ok=True)
+        (self.folder / "meta" / "info.json").write_text(json.dumps(info))
+        chunk = self.folder / "data" / "chunk-000"
+        chunk.mkdir(parents=True, exist_ok=True)
+        tables = []
+        for episode, length in enumerate(lengths):
+            frames = np.arange(length)
+            state = pyarrow.FixedSizeListArray.from_arrays(
+                pyarrow.array(np.arange(2.0 * length, dtype=np.float32)), 2
+            )
+            tables.append(
+                pyarrow.table({
+                    "observation.state": state,
+                    "action": pyarrow.array(
+                        [[float(episode)]] * length, pyarrow.list_(pyarrow.float32())
+                    ),
+                    "observation.image": pyarrow.array([{"bytes": b"png", "path": None}] * length),
+                    "timestamp": pyarrow.array(
+                        (frames / fps + jitter * (frames % 2)).astype(np.float32)
+                    ),
+                    "frame_index": pyarrow.array(frames),
+                    "episode_index": pyarrow.array(np.full(length, episode))
+                })
+            )
+        if version.startswith("v3"):
+            pyarrow.parquet.write_table(pyarrow.concat_tables(tables), chunk / "file-000.parquet")
+        else:
+            for episode, table in enumerate(tables):
+                pyarrow.parquet.write_table(table, chunk / f"episode_{episode:06d}.parquet")
+        return self.folder
 
 
 class Mcap(Files):
@@ -163,7 +195,7 @@ class Mcap(Files):
 
     def test_fields_that_messages_lack_are_nan(self):
         messages = [{"a": 1}, {"b": [2, {"c": True}]}, {"a": None, "text": "x"}, {"a": 4, "b": []}]
-        topic = mishandle.read_log(self.json_mcap(messages)).topics["/state"]
+        topic = mishandle.read_log(self.json_mcap({"/state": messages})).topics["/state"]
         nan = np.nan
         np.testing.assert_array_equal(topic.columns["a"], [1, nan, nan, 4])
         np.testing.assert_array_equal(topic.columns["b[0]"], [nan, 2, nan, nan])
@@ -187,7 +219,7 @@ class Mcap(Files):
         np.testing.assert_array_equal(log.topics["/value"].columns["number_value"], [np.nan, 0, 0])
 
     def test_long_arrays_and_unknown_encodings_are_named(self):
-        path = self.json_mcap([{"ranges": list(range(101)), "x": 1}])
+        path = self.json_mcap({"/state": [{"ranges": list(range(101)), "x": 1}]})
         topic = mishandle.read_log(path).topics["/state"]
         self.assertEqual((list(topic.columns), list(topic.left_out)), (["x"], ["ranges"]))
         with open(path, "wb") as stream:
@@ -204,16 +236,16 @@ class Mcap(Files):
             mishandle.read_log(path, ["/other"])
 
     def test_topics_that_would_fill_the_memory_are_not_read(self):
+        def read(*messages):
+            return mishandle.read_log(self.json_mcap({"/state": messages}))
+
         deep = 1
         for _ in range(50):
             deep = {"a": deep}
-        self.assertEqual(mishandle.read_log(self.json_mcap([deep])).topics["/state"].columns, {})
+        self.assertEqual(read(deep).topics["/state"].columns, {})
         many = [{f"key{index}_{part}": 1 for part in range(100)} for index in range(101)]
-        self.assertIn("10000 fields", mishandle.read_log(self.json_mcap(many)).not_read["/state"])
-        self.assertIn(
-            "two fields",
-            mishandle.read_log(self.json_mcap([{"a/b": 1, "a": {"b": 2}}])).not_read["/state"]
-        )
+        self.assertIn("10000 fields", read(*many).not_read["/state"])
+        self.assertIn("two fields", read({"a/b": 1, "a": {"b": 2}}).not_read["/state"])
 
 
 class DamagedMcap(Files):
@@ -360,40 +392,6 @@ class Bags(Files):
 
 
 class DataSets(Files):
-    def data_set(self, version="v3.0", fps=30, jitter=0.0, lengths=(40, 25)):
-        """Version 3 has the episodes of a chunk in one file, version 2 one file for each."""
-        info = {"codebase_version": version, "fps": fps, "features": {}}
-        (self.folder / "meta").mkdir(exist_ok=True)
-        (self.folder / "meta" / "info.json").write_text(json.dumps(info))
-        chunk = self.folder / "data" / "chunk-000"
-        chunk.mkdir(parents=True, exist_ok=True)
-        tables = []
-        for episode, length in enumerate(lengths):
-            frames = np.arange(length)
-            state = pyarrow.FixedSizeListArray.from_arrays(
-                pyarrow.array(np.arange(2.0 * length, dtype=np.float32)), 2
-            )
-            tables.append(
-                pyarrow.table({
-                    "observation.state": state,
-                    "action": pyarrow.array(
-                        [[float(episode)]] * length, pyarrow.list_(pyarrow.float32())
-                    ),
-                    "observation.image": pyarrow.array([{"bytes": b"png", "path": None}] * length),
-                    "timestamp": pyarrow.array(
-                        (frames / fps + jitter * (frames % 2)).astype(np.float32)
-                    ),
-                    "frame_index": pyarrow.array(frames),
-                    "episode_index": pyarrow.array(np.full(length, episode))
-                })
-            )
-        if version.startswith("v3"):
-            pyarrow.parquet.write_table(pyarrow.concat_tables(tables), chunk / "file-000.parquet")
-        else:
-            for episode, table in enumerate(tables):
-                pyarrow.parquet.write_table(table, chunk / f"episode_{episode:06d}.parquet")
-        return self.folder
-
     def test_both_versions_give_the_same_episodes(self):
         found = []
         for version in ("v2.1", "v3.0"):
@@ -435,7 +433,3 @@ class DataSets(Files):
         (path / "meta" / "info.json").write_text('{"codebase_version": "v1.6", "fps": 30}')
         with self.assertRaisesRegex(ValueError, "v2 and v3"):
             mishandle.logs.read_logs(path)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -6,7 +6,7 @@ import unittest
 
 import gymnasium
 import mishandle
-from mishandle.errors import InvalidStateError, InvalidValueError
+from mishandle.errors import InvalidValueError
 import numpy as np
 import onnx
 import onnxruntime
@@ -115,27 +115,6 @@ class WithoutTask(unittest.TestCase):
             Exception, "the ONNX model is for my-robot, not for point-reaching"
         ):
             mishandle.load_controller(self.path, task="point-reaching")
-
-    def test_a_chunk_of_actions_is_played_from_its_first_step(self):
-        weights = numbers(4, 6)
-        nodes = [
-            helper.make_node("MatMul", ["observation", "w"], ["all"]),
-            helper.make_node("Reshape", ["all", "shape"], ["action"]),
-        ]
-        made = model(
-            nodes, {"w": weights.astype(np.float32), "shape": np.array([-1, 3, 2])},
-            [("observation", ["N", 4])], [("action", ["N", 3, 2])], chunk='{"execute": 2}'
-        )
-        onnx.save(made, self.path)
-        policy = mishandle.load_controller(self.path)
-        self.assertEqual((policy.action_size, policy.is_recurrent), (2, True))
-        observations = numbers(5, 2, 4, seed=1)
-        for _ in range(2):
-            policy.reset()
-            found = np.array([policy(rows) for rows in observations])
-            for step in range(5):
-                chunk = (observations[step - step % 2] @ weights).reshape(2, 3, 2)
-                np.testing.assert_allclose(found[step], chunk[:, step % 2], atol=1e-5)
 
     def test_an_observation_of_another_length_is_an_error(self):
         linear(self.path, numbers(4, 1))
@@ -407,23 +386,6 @@ class Import(unittest.TestCase):
         ]
         self.check(model(nodes, weights))
 
-    def test_a_wrong_shape_names_both_shapes(self):
-        wide = {"w": numbers(27, 7)}
-        with self.assertRaisesRegex(
-            Exception, r"action `action` has the shape \[1, 7\], but the task has 9 numbers"
-        ):
-            self.load(
-                model(
-                    [helper.make_node("MatMul", ["observation", "w"], ["action"])], wide,
-                    outputs=[("action", ["N", 7])]
-                )
-            )
-        node = helper.make_node("MatMul", ["observation", "w"], ["action"])
-        with self.assertRaisesRegex(
-            Exception, r"observation `observation` has the shape \[N, 5\], but the task has 27"
-        ):
-            self.load(model([node], {"w": numbers(5, 9)}, inputs=[("observation", ["N", 5])]))
-
     def test_metadata_and_side_file(self):
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
         weights = {"w": numbers(27, 9)}
@@ -447,55 +409,11 @@ class Import(unittest.TestCase):
         entry.key, entry.value = key, "x"
         return made
 
-    def test_a_recurrent_policy_keeps_its_state(self):
-        size = 8
-        weights = {
-            "w": numbers(1, 4 * size, 27), "r": numbers(1, 4 * size, size, seed=1),
-            "v": numbers(size, 9, seed=2), "first": np.array([0])
-        }
-        nodes = [
-            helper.make_node("Unsqueeze", ["observation", "first"], ["x"]),
-            helper.make_node(
-                "LSTM", ["x", "w", "r", "", "", "h_in", "c_in"], ["", "h_out", "c_out"],
-                hidden_size=size
-            ),
-            helper.make_node("Squeeze", ["h_out", "first"], ["h"]),
-            helper.make_node("MatMul", ["h", "v"], ["action"]),
-        ]
-        state = [1, "N", size]
-        made = model(
-            nodes, weights, [("observation", ["N", 27]), ("h_in", state), ("c_in", state)],
-            [("action", ["N", 9]), ("h_out", state), ("c_out", state)],
-        )
-        onnx.checker.check_model(made)
-        # These names are those of Isaac Lab's exporter. A description says the same.
-        self.assertTrue(self.load(made).is_recurrent)
-        self.path.with_suffix(".onnx.json").write_text(
-            '{"state": [["h_in", "h_out"], ["c_in", "c_out"]]}'
-        )
-        ours = self.load(made)
-        self.assertTrue(ours.is_recurrent)
-        theirs = session(made.SerializeToString())
-        batches = np.random.default_rng(5).normal(size=(4, 3, 27)).astype(np.float32)
-        for _ in range(2):
-            ours.reset()
-            states = {
-                "h_in": np.zeros((1, 3, size), np.float32),
-                "c_in": np.zeros((1, 3, size), np.float32)
-            }
-            for observations in batches:
-                expected, hidden, cell = theirs.run(
-                    ["action", "h_out", "c_out"], {"observation": observations, **states}
-                )
-                states = {"h_in": hidden, "c_in": cell}
-                np.testing.assert_allclose(ours.act(observations), expected, atol=TOLERANCE)
-        with self.assertRaisesRegex(
-            InvalidStateError,
-            r"remembers 3 rows of observations, but 1 were given: call `reset\(\)`"
-        ):
-            ours(batches[0, 0])
-        ours.reset()
-        self.assertEqual(ours(batches[0, 0]).shape, (9,))
+    def test_a_recurrent_policy_is_known_by_the_names_of_its_state(self):
+        made = onnx.load(ROOT / "crates/interchange/tests/data/lstm.onnx")
+        del made.metadata_props[:]
+        onnx.save(made, self.path)
+        self.assertTrue(mishandle.load_controller(self.path).is_recurrent)
 
     def test_hostile_models_are_refused_before_they_take_memory(self):
         huge = np.array([1 << 31, 1 << 31])
@@ -579,7 +497,7 @@ class Import(unittest.TestCase):
         self.path.with_name("other.data").rename(weights)
         np.testing.assert_array_equal(load()(self.observations), plain(self.observations))
 
-    def test_subgraphs_and_damage_are_errors(self):
+    def test_subgraphs_are_errors(self):
         node = helper.make_node("MatMul", ["observation", "w"], ["action"])
         made = model([node], {"w": numbers(27, 9)})
         branch = helper.make_graph([helper.make_node("Identity", ["action"], ["a"])], "b", [], [])
@@ -588,33 +506,9 @@ class Import(unittest.TestCase):
         )
         with self.assertRaisesRegex(Exception, "subgraph"):
             self.load(made)
-        whole = model([node], {"w": numbers(27, 9)}).SerializeToString()
-        random = np.random.default_rng(5)
-        for _ in range(300):
-            data = bytearray(whole)
-            for _ in range(random.integers(1, 4)):
-                data[
-                    random.integers(len(data) if random.random() < 0.3 else 60)
-                ] = random.integers(256)
-            self.path.write_bytes(
-                data[: random.integers(len(data))] if random.random() < 0.2 else data
-            )
-            try:
-                mishandle.load_controller(str(self.path), task="point-reaching")
-            except Exception as error:
-                self.assertNotIn("panic", type(error).__name__.lower())
 
     def test_files_of_other_tools_say_what_to_do(self):
-        for name, data, advice in (
-            ("a.zip", b"PK\x03\x04 model", "mishandle controller import"),
-            ("a.pt", b"PK\x03\x04 model", "mishandle controller import"),
-            ("a.pkl", b"\x80\x04\x95\x10\0\0\0\0\0\0\0}.", "can run any code"),
-        ):
-            path = self.path.with_name(name)
-            path.write_bytes(data)
-            with self.assertRaisesRegex(Exception, advice):
-                mishandle.load_controller(str(path))
-
-
-if __name__ == "__main__":
-    unittest.main()
+        path = self.path.with_name("a.zip")
+        path.write_bytes(b"PK\x03\x04 model")
+        with self.assertRaisesRegex(Exception, "mishandle controller import .* in a shell"):
+            mishandle.load_controller(str(path))

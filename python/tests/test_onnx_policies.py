@@ -422,7 +422,3 @@ class Tasks(Case):
             mishandle.MishandleError, r"shape \[N, 3\], but observations have the shape \[27\]"
         ):
             mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import re
 import struct
-import unittest
 import zlib
 from typing import Any
 
@@ -165,7 +164,3 @@ class Pictures(FolderCase):
         self.assertEqual(set(found.tolist()), {50})
         odd = np.frombuffer(picture(np.full((1001, 333, 3), 7, np.uint8)), np.uint8)
         self.assertEqual(set(odd.tolist()), {7, 255})
-
-
-if __name__ == "__main__":
-    unittest.main()

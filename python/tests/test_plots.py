@@ -145,7 +145,3 @@ class Plots(unittest.TestCase):
         )
         advice = "pip install '.[plots]' in a clone of Mishandle"
         self.assertEqual(found.stdout, f"plots need matplotlib: {advice}\n")
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -7,7 +7,6 @@ import os
 import pathlib
 import subprocess
 import sys
-import unittest
 from typing import Any
 from unittest import mock
 
@@ -136,7 +135,3 @@ class Client(FolderCase):
         self.assertTrue(failed.end.startswith("crashed"), failed.end)
         self.assertIsNone(failed.robustness)
         self.assertGreater(passed.robustness, 0.0)
-
-
-if __name__ == "__main__":
-    unittest.main()

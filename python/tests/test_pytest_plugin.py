@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import textwrap
-import unittest
 import xml.etree.ElementTree
 from typing import Any
 
@@ -195,7 +194,3 @@ def test_noise():
     def test_the_package_does_not_import_pytest(self) -> None:
         code = "import sys, mishandle; sys.exit('pytest' in sys.modules)"
         self.assertEqual(subprocess.run([sys.executable, "-c", code], check=False).returncode, 0)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -168,7 +168,3 @@ class Reductions(unittest.TestCase):
         ):
             traces(vector, {"peak": Reduced("max", contact)})
         vector.close()
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import unittest
 from typing import Any
 
 from cases import FolderCase
@@ -84,7 +83,3 @@ class CheckTests(FolderCase):
         self.file.write_text(FILE.replace("clause", "claus"))
         with self.assertRaisesRegex(ValueError, "claus"):
             self.check(car)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -6,7 +6,6 @@ import math
 import pathlib
 import pickle
 import sys
-import tempfile
 import unittest
 import warnings
 
@@ -374,19 +373,17 @@ class Archive(FolderCase):
             ScenarioEnv(Still(), [SPEED], 3)
 
 
-class Example(unittest.TestCase):
+class Example(FolderCase):
     def test_a_policy_is_hardened_and_compared_on_other_seeds(self):
         folder = pathlib.Path(__file__).parents[1] / "examples"
         sys.path.insert(0, str(folder))
         self.addCleanup(sys.path.pop, 0)
         example = importlib.import_module("cart_pole_hardened")
-        with tempfile.TemporaryDirectory() as runs:
-            path = pathlib.Path(runs)
-            found = example.harden(path, iterations=3, candidates=8, episodes=3, evaluated=60)
-            seeds = [
-                set(mishandle.open_run(file).columns()["seed"])
-                for file in (path / "archive.sqlite", path / "space-after.sqlite")
-            ]
+        found = example.harden(self.folder, iterations=3, candidates=8, episodes=3, evaluated=60)
+        seeds = [
+            set(mishandle.open_run(file).columns()["seed"])
+            for file in (self.folder / "archive.sqlite", self.folder / "space-after.sqlite")
+        ]
         self.assertEqual(list(found), ["space", "nearly nominal"])
         self.assertEqual((found["space"].first.n, found["nearly nominal"].second.n), (60, 60))
         self.assertTrue(seeds[0].isdisjoint(seeds[1]))
@@ -462,7 +459,3 @@ class Mistakes(unittest.TestCase):
         )
         with self.assertRaisesRegex(InvalidValueError, "number 0 of the action is NaN"):
             env.step(np.array([np.nan]))
-
-
-if __name__ == "__main__":
-    unittest.main()

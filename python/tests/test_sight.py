@@ -1,10 +1,9 @@
 """Axes of images in observations, tasks whose observation has images, and recordings of them."""
 
-import os
 import pickle
-import tempfile
 import unittest
 
+from cases import FolderCase
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict
@@ -239,26 +238,23 @@ class Tasks(unittest.TestCase):
         self.assertLess(np.abs(dark - dark[0]).max(), 0.01)
 
 
-class Recordings(unittest.TestCase):
+class Recordings(FolderCase):
     def test_a_recording_has_the_images_of_the_environment_and_its_result(self):
         calls = []
-        with tempfile.TemporaryDirectory() as folder:
-            out = os.path.join(folder, "out")
-            found = mishandle.record(
-                "point-reaching", policy="expert", out=out, episodes=2, format="npz",
-                cameras=["over", "wrist"], size=(16, 12),
-                progress=lambda done, count: calls.append((done, count)),
-            )
-            with np.load(os.path.join(out, "data.npz")) as data:
-                images, states = data["observation.images.over"], data["observation.state"]
-                at = {
-                    name: float(data[f"scenario.{name}"][0])
-                    for name in ["target_x", "target_y", "target_z"]
-                }
-            with self.assertRaisesRegex(mishandle.MishandleError, "nothing exists"):
-                mishandle.record(
-                    "point-reaching", policy="expert", out=out, episodes=1, format="npz"
-                )
+        out = self.folder / "out"
+        found = mishandle.record(
+            "point-reaching", policy="expert", out=out, episodes=2, format="npz",
+            cameras=["over", "wrist"], size=(16, 12),
+            progress=lambda done, count: calls.append((done, count)),
+        )
+        with np.load(out / "data.npz") as data:
+            images, states = data["observation.images.over"], data["observation.state"]
+            at = {
+                name: float(data[f"scenario.{name}"][0])
+                for name in ["target_x", "target_y", "target_z"]
+            }
+        with self.assertRaisesRegex(mishandle.MishandleError, "nothing exists"):
+            mishandle.record("point-reaching", policy="expert", out=out, episodes=1, format="npz")
         self.assertEqual((found.episodes, found.frames, found.format), (2, 600, "npz"))
         self.assertEqual(calls[-1], (2, 2))
         env = mishandle.TaskEnv("point-reaching", cameras=["over"], image_size=(16, 12))
@@ -270,29 +266,21 @@ class Recordings(unittest.TestCase):
         def stop(done, count):
             raise RuntimeError("enough")
 
-        with tempfile.TemporaryDirectory() as folder:
-            with self.assertRaisesRegex(RuntimeError, "enough"):
-                mishandle.record(
-                    "point-reaching", policy="expert", out=os.path.join(folder, "out"), episodes=2,
-                    format="npz", progress=stop
-                )
-            self.assertEqual(os.listdir(folder), [])
-            for changed, message in [
-                ({"cameras": "over"}, "expected a list of names"),
-                ({"cameras": ["left"]}, "over, wrist"),
-                ({"size": (0, 8)}, "a width and a height from 1 to 1024"),
-                ({"format": "hdf5"}, "lerobot, npz"),
-                ({"policy": "experts"}, "expert"),
-            ]:
-                options = {
-                    "policy": "expert", "out": os.path.join(folder, "out"), "episodes": 1,
-                    "format": "npz", **changed
-                }
-                with self.assertRaisesRegex(mishandle.MishandleError, message):
-                    mishandle.record("point-reaching", **options)
-            with self.assertRaisesRegex(mishandle.MishandleError, "neither the name of a task"):
-                mishandle.record(Filmed(), out=os.path.join(folder, "out"))
-
-
-if __name__ == "__main__":
-    unittest.main()
+        out = self.folder / "out"
+        with self.assertRaisesRegex(RuntimeError, "enough"):
+            mishandle.record(
+                "point-reaching", policy="expert", out=out, episodes=2, format="npz", progress=stop
+            )
+        self.assertEqual(list(self.folder.iterdir()), [])
+        for changed, message in [
+            ({"cameras": "over"}, "expected a list of names"),
+            ({"cameras": ["left"]}, "over, wrist"),
+            ({"size": (0, 8)}, "a width and a height from 1 to 1024"),
+            ({"format": "hdf5"}, "lerobot, npz"),
+            ({"policy": "experts"}, "expert"),
+        ]:
+            options = {"policy": "expert", "out": out, "episodes": 1, "format": "npz", **changed}
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                mishandle.record("point-reaching", **options)
+        with self.assertRaisesRegex(mishandle.MishandleError, "neither the name of a task"):
+            mishandle.record(Filmed(), out=out)

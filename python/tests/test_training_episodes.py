@@ -225,7 +225,3 @@ class Fork(cases.ThreadsAndForks):
             "    os._exit(0 if env.reset().shape[0] == 2 else 1)\n" \
             "assert os.wait()[1] == 0"
         subprocess.run([sys.executable, "-c", program], check=True, timeout=600)
-
-
-if __name__ == "__main__":
-    unittest.main()

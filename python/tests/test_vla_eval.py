@@ -114,7 +114,3 @@ class VlaEval(unittest.TestCase):
                     Line(), "always(abs(place) <= 3)", [START],
                     policy=PolicyServer(url, time_limit=0.5), **OPTIONS
                 )
-
-
-if __name__ == "__main__":
-    unittest.main()

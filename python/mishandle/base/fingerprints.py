@@ -433,26 +433,26 @@ class _Walker:
             )
         ):
             self._gap(f"an object of {top}.{kind.__name__}")
-        elif _is_kind(kind, "torch", "Tensor"):
+        elif is_kind(kind, "torch", "Tensor"):
             self._tensor(value)
-        elif _is_kind(kind, "torch", "Module"):
+        elif is_kind(kind, "torch", "Module"):
             self._network(value)
         elif (
-            _is_kind(kind, "stable_baselines3", "BaseAlgorithm")
-            or _is_kind(kind, "sb3_contrib", "BaseAlgorithm")
+            is_kind(kind, "stable_baselines3", "BaseAlgorithm")
+            or is_kind(kind, "sb3_contrib", "BaseAlgorithm")
         ):
             self._later(".policy", value.policy)
             self._normalizer(value)
-        elif _is_kind(kind, "skrl", "Agent"):
+        elif is_kind(kind, "skrl", "Agent"):
             self._later(".policy", value.policy)
             self._later(
                 "._observation_preprocessor", getattr(value, "_observation_preprocessor", None)
             )
-        elif _is_kind(kind, "gymnasium", "AsyncVectorEnv"):
+        elif is_kind(kind, "gymnasium", "AsyncVectorEnv"):
             self._later(".env_fns", list(value.env_fns))
         elif inner is not None:
             self._later(":function", inner)
-        elif _is_kind(kind, "mujoco", "MjData"):
+        elif is_kind(kind, "mujoco", "MjData"):
             pass  # It is the state of a simulation.
         elif hasattr(kind, "__array__") and hasattr(kind, "dtype") and hasattr(kind, "shape"):
             self._array(np.asarray(value))
@@ -509,7 +509,7 @@ class _Walker:
 
     def _instance(self, value: Any, attributes: dict[str, Any]) -> None:
         kind = type(value)
-        if any(_is_kind(kind, "gymnasium", name) for name in ("Env", "VectorEnv", "Space")):
+        if any(is_kind(kind, "gymnasium", name) for name in ("Env", "VectorEnv", "Space")):
             # A reset seeds the generators.
             for name in ("_np_random", "np_random", "_np_random_seed", "_cached_spec"):
                 attributes.pop(name, None)
@@ -558,8 +558,7 @@ class _Walker:
         self._attributes(attributes)
 
     def _normalizer(self, value: Any) -> None:
-        find = getattr(value, "get_vec_normalize_env", None)
-        normalizer = find() if callable(find) else None
+        normalizer = vec_normalize(value)
         if normalizer is not None:
             for name in ("norm_obs", "obs_rms", "clip_obs", "epsilon"):
                 self._later(f".normalizer.{name}", getattr(normalizer, name, None))
@@ -574,7 +573,15 @@ def _digest(value: Any) -> str:
     return digest.hexdigest()
 
 
-def _is_kind(kind: type, top: str, name: str) -> bool:
+def vec_normalize(model: Any) -> Any:
+    """Returns the normalizer (`VecNormalize`) of the environment of a Stable-Baselines3 model;
+    `None` if it has none."""
+    find = getattr(model, "get_vec_normalize_env", None)
+    return find() if callable(find) else None
+
+
+def is_kind(kind: type, top: str, name: str) -> bool:
+    """Returns whether a class or one of its bases has this name and is of a package."""
     return any(
         base.__name__ == name and base.__module__.partition(".")[0] == top for base in kind.__mro__
     )

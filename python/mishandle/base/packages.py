@@ -1,16 +1,30 @@
-"""Which code is a library, and the versions of libraries."""
+"""Which code is a library, the versions of libraries, and packages that may be missing."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
 import os
 import platform
 import sys
 import sysconfig
+from collections.abc import Iterator
+
+from mishandle.errors import MissingPackageError
 
 UNKNOWN = "unknown"
 """Version of a package that states none."""
+
+
+@contextlib.contextmanager
+def needed(text: str, extra: str | None = None) -> Iterator[None]:
+    """Imports of optional packages: a missing one is an error with this text, which says how to
+    install it, or with the command that installs an extra."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingPackageError(text, extra) from error
 
 
 @functools.cache

@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 from mishandle.errors import InvalidTypeError, InvalidValueError
 
 
+def trace_of(given: Any) -> Any:
+    """Returns the trace of a simulation, such as those of ``simulate``; of a trace, itself."""
+    is_trace = isinstance(given, Mapping) or hasattr(given, "columns")
+    return given if is_trace else getattr(given, "trace", given)
+
+
 def columns_of(
     trace: Any, names: Sequence[str] | None = None,
     hint: Callable[[list[str]], str | None] | None = None
@@ -19,11 +25,7 @@ def columns_of(
     """Returns some or all columns of a dictionary of arrays or of a data frame. Beside those in
     ``names``, there may be columns that are no numbers, such as time stamps, and columns of the
     same name. ``hint`` is asked if columns are missing."""
-    # A simulation, such as those of `simulate`.
-    trace = (
-        getattr(trace, "trace", trace)
-        if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
-    )
+    trace = trace_of(trace)
     if isinstance(trace, Mapping):
         labels = list(trace)
     elif hasattr(trace, "columns"):

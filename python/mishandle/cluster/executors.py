@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from mishandle.base.fingerprints import code_hash
-from mishandle.errors import (
-    InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
-)
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidStateError, InvalidTypeError, InvalidValueError
 from mishandle.scenarios.requests import Request
 from mishandle.systems.interface import Outcome, System
 
@@ -86,10 +85,8 @@ class RayExecutor:
     ) -> None:
         if chunk is not None and chunk < 1:
             raise InvalidValueError(f"chunk is {chunk}; it must be at least 1")
-        try:
+        with needed("the executor `ray` needs Ray: pip install ray"):
             ray: Any = importlib.import_module("ray")
-        except ImportError as error:
-            raise MissingPackageError("the executor `ray` needs Ray: pip install ray") from error
         if not ray.is_initialized():
             check_address(address)
             ray.init(address=address, log_to_driver=False, logging_level="WARNING")

@@ -31,17 +31,9 @@ from numpy.typing import NDArray
 from mishandle._native import run_command
 from mishandle.gpu import batches as gpu
 from mishandle.gpu.batches import mujoco
+from mishandle.systems import task_environments
 
-TASKS = [
-    "point-reaching",
-    "cube-stacking",
-    "peg-in-hole",
-    "ball-balancing",
-    "ball-catching",
-    "ball-pushing",
-    "door-opening",
-    "cloth-placing",
-]
+TASKS = list(task_environments.TASKS.values())
 
 MOVE = 1e-7
 """Change of positions for the comparison of MuJoCo C with itself: about the precision of 32-bit

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError
 from mishandle.logs.columns import MAX_ELEMENTS
 
 Episode = tuple[int, NDArray[np.int64], dict[str, NDArray[np.float64]], dict[str, str]]
@@ -62,10 +63,8 @@ def _frames_per_second(folder: pathlib.Path) -> float:
 
 
 def _table(file: pathlib.Path) -> Any:
-    try:
+    with needed("LeRobot data sets need pyarrow", "logs"):
         import pyarrow.parquet
-    except ImportError as error:
-        raise MissingPackageError("LeRobot data sets need pyarrow", "logs") from error
     try:
         schema = pyarrow.parquet.read_schema(file)
         # Pictures are structures of bytes.

@@ -9,7 +9,8 @@ import pathlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from mishandle.errors import InvalidValueError, MishandleError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError, MishandleError
 from mishandle.logs.columns import Tables
 
 if TYPE_CHECKING:
@@ -91,28 +92,22 @@ def _json(data: bytes) -> Any:
 
 
 def _ros2(schema: Schema | None) -> Decode | None:
-    try:
+    with needed("ROS 2 messages need mcap-ros2-support", "logs"):
         from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise MissingPackageError("ROS 2 messages need mcap-ros2-support", "logs") from error
     return DecoderFactory().decoder_for("cdr", schema)
 
 
 def _protobuf(schema: Schema | None) -> Decode | None:
-    try:
+    with needed("Protobuf messages need mcap-protobuf-support", "logs"):
         from mcap_protobuf.decoder import DecoderFactory
-    except ImportError as error:
-        raise MissingPackageError("Protobuf messages need mcap-protobuf-support", "logs") from error
     return DecoderFactory().decoder_for("protobuf", schema)
 
 
 def _records(file: pathlib.Path) -> Iterator[McapRecord]:
     """Yields the records of the data in the order of the file, which a truncated file has, too."""
-    try:
+    with needed("MCAP files need mcap", "logs"):
         from mcap.records import Chunk, DataEnd
         from mcap.stream_reader import StreamReader, breakup_chunk
-    except ImportError as error:
-        raise MissingPackageError("MCAP files need mcap", "logs") from error
     with open(file, "rb") as stream:
         # No record is longer than the file.
         limit = os.fstat(stream.fileno()).st_size

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import pathlib
 
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError
 from mishandle.logs.columns import Tables
 
 
 def read(file: pathlib.Path, tables: Tables) -> None:
     """Reads the messages of a bag into tables."""
-    try:
+    with needed("bags of ROS need rosbags", "logs"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise MissingPackageError("bags of ROS need rosbags", "logs") from error
     try:
         # Bags of older versions contain no definitions of their types, which are mostly those of
         # ROS 2 Humble.

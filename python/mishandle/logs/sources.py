@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mishandle.base.keywords import check_options
-from mishandle.base.traces import columns_of
+from mishandle.base.traces import columns_of, trace_of
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs import lerobot_data
 from mishandle.logs.recordings import (
@@ -186,10 +186,7 @@ def _of_log(topic: Topic) -> Times | None:
 def _times(trace: Any, reading: Mapping[str, Any]) -> Times | None:
     """Returns the column with the times of columns in memory. A column `time` of text is none,
     unless it is named."""
-    trace = (
-        getattr(trace, "trace", trace)
-        if not isinstance(trace, Mapping) and not hasattr(trace, "columns") else trace
-    )
+    trace = trace_of(trace)
     stated = reading.get("time")
     labels = {
         str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)

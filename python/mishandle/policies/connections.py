@@ -10,9 +10,8 @@ from collections.abc import Generator, Mapping
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
-from mishandle.errors import (
-    InvalidValueError, MissingPackageError, PolicyServerError, TimeLimitExceeded
-)
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError, PolicyServerError, TimeLimitExceeded
 from mishandle.policies.messages import MAX_MESSAGE, MSGPACK_NUMPY, TEXT_KEYS, Encoding
 
 _RETRY = 0.2
@@ -87,12 +86,8 @@ class Connection:
                 time.sleep(_RETRY)
 
     def _opened(self, headers: Mapping[str, str]) -> Any:
-        try:
+        with needed("policy servers need websockets and msgpack: pip install websockets msgpack"):
             from websockets.sync.client import connect
-        except ImportError as error:
-            raise MissingPackageError(
-                "policy servers need websockets and msgpack: pip install websockets msgpack"
-            ) from error
         parts = urlsplit(self.url)
         port = parts.port or (443 if parts.scheme == "wss" else 80)
         opened = None

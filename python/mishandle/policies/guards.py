@@ -15,6 +15,7 @@ import numpy as np
 import mishandle._native as _native
 from mishandle.errors import InvalidTypeError, InvalidValueError, MishandleError
 from mishandle.logs.formulas import Formula
+from mishandle.policies.kinds import reset_policy
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,7 +182,7 @@ class Guarded:
         """Starts an episode."""
         self._monitor.reset()
         self.active, self.robustness = False, float("inf")
-        _reset(self.policy)
+        reset_policy(self.policy)
 
     def __call__(self, observation: Any) -> Any:
         """Returns the action of the policy, or of the fallback."""
@@ -193,7 +194,7 @@ class Guarded:
             self._quantities(observation), is_usable
         )
         if takes_over:
-            _reset(self.fallback)
+            reset_policy(self.fallback)
         return self.fallback(observation) if self.active else action
 
     def _quantities(self, observation: Any) -> list[float]:
@@ -206,9 +207,3 @@ class Guarded:
                 f"`quantities` returns no {missing[0]!r}, which the formula of the guard reads"
             )
         return [float(found[name]) for name in self._names]
-
-
-def _reset(policy: Any) -> None:
-    reset = getattr(policy, "reset", None)
-    if callable(reset):
-        reset()

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mishandle.base.fingerprints import fingerprint, walk
+from mishandle.base.fingerprints import fingerprint, is_kind, vec_normalize, walk
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.policies.controllers import Controller
 from mishandle.policies.onnx_files import model_files
@@ -64,7 +64,7 @@ def as_policy(
             isinstance(policy, (str, pathlib.Path, Controller)) or hasattr(policy, "predict")
             or _is_skrl(policy) or _is_lerobot(policy)
         )
-        if is_adapted or _is_torch(policy) or not callable(policy):
+        if is_adapted or is_kind(type(policy), "torch", "Module") or not callable(policy):
             raise InvalidTypeError(
                 f"an axis passes an argument to the policy, but a {type(policy).__name__} takes "
                 "observations only; wrap it in a function with this argument"
@@ -84,7 +84,7 @@ def as_policy(
         return _Predicting(policy)
     if _is_skrl(policy):
         return _Skrl(policy)
-    if _is_torch(policy):
+    if is_kind(type(policy), "torch", "Module"):
         return _Torch(policy)
     if callable(policy):
         return _Function(policy, batched)
@@ -118,20 +118,6 @@ def policy_hash(policy: Any) -> str:
     return fingerprint(found, found, {}).digest
 
 
-def _vec_normalize(model: Any) -> Any:
-    """Returns the normalizer (`VecNormalize`) of the environment of a Stable-Baselines3 model;
-    `None` if it has none."""
-    find = getattr(model, "get_vec_normalize_env", None)
-    return find() if callable(find) else None
-
-
-def _is_torch(policy: Any) -> bool:
-    return any(
-        base.__module__.startswith("torch.") and base.__name__ == "Module"
-        for base in type(policy).__mro__
-    )
-
-
 def _is_skrl(policy: Any) -> bool:
     return any(base.__module__.startswith("skrl.agents.") for base in type(policy).__mro__)
 
@@ -140,7 +126,8 @@ def _is_lerobot(policy: Any) -> bool:
     return type(policy).__module__ == "mishandle.lerobot"
 
 
-def _reset(policy: Any) -> None:
+def reset_policy(policy: Any) -> None:
+    """Starts an episode of a policy that has the method ``reset``."""
     reset = getattr(policy, "reset", None)
     if callable(reset):
         reset()
@@ -161,7 +148,7 @@ class _Function:
         self.arguments: list[dict[str, Value]] = []
 
     def reset(self, rows: int) -> None:
-        _reset(self._function)
+        reset_policy(self._function)
 
     def act(self, observations: Any, rows: int) -> Any:
         given = self.arguments or [{}] * len(observations)
@@ -177,7 +164,7 @@ class _Predicting:
     def __init__(self, model: Any) -> None:
         self._model = model
         # A policy that was trained with `VecNormalize` expects normalized observations.
-        self._normalizer = _vec_normalize(model)
+        self._normalizer = vec_normalize(model)
         self._states: Any = None
         self._starts = np.ones(1, dtype=bool)
 
@@ -203,7 +190,7 @@ class _Torch:
         self._module = module.eval()
 
     def reset(self, rows: int) -> None:
-        _reset(self._module)
+        reset_policy(self._module)
 
     def act(self, observations: Any, rows: int) -> Any:
         import torch

@@ -9,7 +9,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.errors import MissingPackageError
+from mishandle.base.packages import needed
 
 MAX_MESSAGE = 2**26
 """Largest message from a server, in bytes."""
@@ -111,10 +111,6 @@ def _dtype(name: Any) -> np.dtype[Any]:
 
 
 def _msgpack() -> Any:
-    try:
+    with needed("policy servers need msgpack and websockets: pip install msgpack websockets"):
         import msgpack
-    except ImportError as error:
-        raise MissingPackageError(
-            "policy servers need msgpack and websockets: pip install msgpack websockets"
-        ) from error
     return msgpack

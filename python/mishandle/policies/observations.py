@@ -9,7 +9,8 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.scenarios.axes import Axis, Value, follower, parse_path
 
 Source = Union[str, Callable[[Any], Any]]
@@ -146,10 +147,8 @@ def resize_with_pad(picture: NDArray[np.uint8], height: int, width: int) -> NDAr
     """
     if picture.shape[:2] == (height, width):
         return picture
-    try:
+    with needed("Resized pictures need Pillow: pip install pillow"):
         from PIL import Image
-    except ImportError as error:
-        raise MissingPackageError("Resized pictures need Pillow: pip install pillow") from error
     ratio = max(picture.shape[0] / height, picture.shape[1] / width)
     # A picture of extreme proportions keeps a row of pixels.
     rows, columns = (max(int(size / ratio), 1) for size in picture.shape[:2])

@@ -14,7 +14,8 @@ from gymnasium import spaces
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError
 from mishandle.policies.onnx_files import contents
 
 _GUIDE = "(docs/guide/onnx.md)"
@@ -140,12 +141,8 @@ class OnnxPolicy:
             )
         if not path.is_file():
             raise InvalidValueError(f"there is no file {path}")
-        try:
+        with needed("ONNX policies need ONNX Runtime: pip install onnxruntime"):
             import onnxruntime
-        except ImportError as error:
-            raise MissingPackageError(
-                "ONNX policies need ONNX Runtime: pip install onnxruntime"
-            ) from error
         try:
             found = contents(path.read_bytes())
         except InvalidValueError as error:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.base.files import PathLike
-from mishandle.errors import InvalidValueError, MissingPackageError
+from mishandle.base.packages import needed
+from mishandle.errors import InvalidValueError
 from mishandle.logs.online import OnlineMonitor
 from mishandle.runs.run_files import HasPath
 
@@ -99,12 +100,9 @@ def to_rerun(
 
 
 def _packages() -> tuple[Any, Any]:
-    try:
+    with needed("recordings for Rerun need rerun-sdk and mujoco", "rerun"):
         import mujoco
         import rerun
-    except ImportError as error:
-        needs = "recordings for Rerun need rerun-sdk and mujoco"
-        raise MissingPackageError(needs, "rerun") from error
     return rerun, mujoco
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.scenarios.axes import parse_path
+from mishandle.scenarios.axes import follower, parse_path
 
 _CONSTANTS = ("body_", "jnt_", "dof_", "qpos", "site_", "tendon_", "wrap_", "actuator_", "eq_")
 """First letters of the fields of a MuJoCo model of which other fields are computed."""
@@ -81,10 +81,7 @@ def _place(start: Any, path: str) -> tuple[Any, Any, bool]:
     environment.
     """
     *parents, (name, indexes) = parse_path(path)
-    for parent, parent_indexes in parents:
-        start = start[parent] if isinstance(start, Mapping) else getattr(start, parent)
-        for index in parent_indexes:
-            start = start[index]
+    start = follower(parents)(start)
     is_item = isinstance(start, MutableMapping)
     found = start[name] if isinstance(start, Mapping) else getattr(start, name)
     if not indexes:
@@ -122,10 +119,8 @@ def _setter(holder: Any, key: Any, is_item: bool) -> Callable[[], None]:
 def _model_of(start: Any, path: str) -> tuple[Any, str] | None:
     """Returns the MuJoCo model on a path, and the name of its field that follows."""
     segments = parse_path(path)
-    for (name, indexes), (field, _) in zip(segments, segments[1:]):
-        start = start[name] if isinstance(start, Mapping) else getattr(start, name)
-        for index in indexes:
-            start = start[index]
+    for segment, (field, _) in zip(segments, segments[1:]):
+        start = follower([segment])(start)
         # robosuite wraps the model.
         for model in (start, getattr(start, "_model", None)):
             if (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from gymnasium import spaces as gymnasium_spaces
 
 import mishandle._native as _native
 from mishandle.errors import InvalidValueError
+from mishandle.scenarios.values import replaced, spaces_in
 
 _LARGEST = 1024
 """The largest width and height of an image."""
@@ -34,7 +35,7 @@ class Image:
         return "_".join(str(each) for each in self.path) or "image"
 
 
-def images_of(space: Any, path: tuple[str | int, ...] = ()) -> tuple[Image, ...]:
+def images_of(space: Any) -> tuple[Image, ...]:
     """Returns the images in the observations of a space: arrays of bytes of the shape (height,
     width, 3).
 
@@ -42,23 +43,11 @@ def images_of(space: Any, path: tuple[str | int, ...] = ()) -> tuple[Image, ...]
     >>> images_of(gymnasium_spaces.Dict({"speed": gymnasium_spaces.Box(0.0, 1.0), "front": camera}))
     (Image(path=('front',), width=64, height=48),)
     """
-    if isinstance(space, gymnasium_spaces.Dict):
-        return tuple(
-            image for name, part in space.spaces.items() for image in images_of(part, (*path, name))
-        )
-    if isinstance(space, gymnasium_spaces.Tuple):
-        return tuple(
-            image for place, part in enumerate(space.spaces)
-            for image in images_of(part, (*path, place))
-        )
-    if (
-        not isinstance(space, gymnasium_spaces.Box) or space.dtype != np.uint8
-        or len(space.shape) != _CHANNELS
-    ):
-        return ()
-    height, width, channels = space.shape
-    is_image = channels == _CHANNELS and 1 <= width <= _LARGEST and 1 <= height <= _LARGEST
-    return (Image(path, width, height),) if is_image else ()
+    return tuple(
+        Image(path, width=part.shape[1], height=part.shape[0]) for path, part in spaces_in(space)
+        if isinstance(part, gymnasium_spaces.Box) and part.dtype == np.uint8
+        and part.shape[2:] == (_CHANNELS,) and 1 <= min(part.shape) and max(part.shape) <= _LARGEST
+    )
 
 
 @dataclass(frozen=True)
@@ -90,7 +79,7 @@ class SeenImages:
         ]
         self._active.observe(step, taken)
         for image, seen in zip(self._images, taken):
-            observation = _replaced(image.path, observation, seen)
+            observation = replaced(observation, image.path, lambda _: seen)
         return observation
 
 
@@ -105,12 +94,3 @@ def _at(observation: Any, image: Image) -> Any:
             f"the image `{image.name}` has the shape {np.shape(value)}; its space has {expected}"
         )
     return value
-
-
-def _replaced(path: Sequence[str | int], value: Any, image: Any) -> Any:
-    if not path:
-        return image
-    made = _replaced(path[1:], value[path[0]], image)
-    if isinstance(value, Mapping):
-        return {**value, path[0]: made}
-    return tuple(made if place == path[0] else each for place, each in enumerate(value))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.scenarios.arguments import is_real
 from mishandle.scenarios.values import Part, leaves, parts_of
 
 Channels = Mapping[str, Union[int, Sequence[int]]]
@@ -260,10 +261,7 @@ def _range(side: Side, name: str, given: object) -> tuple[float, float]:
     pair = given.tolist() if isinstance(given, np.ndarray) else given
     if isinstance(pair, (tuple, list)) and len(pair) == 2:
         low, high = pair
-        are_real = all(
-            isinstance(value, numbers.Real) and not isinstance(value, bool) for value in pair
-        )
-        if are_real and math.isfinite(low) and math.isfinite(high) and low < high:
+        if all(map(is_real, pair)) and math.isfinite(low) and math.isfinite(high) and low < high:
             return float(low), float(high)
     raise InvalidValueError(
         f"the range of `{name}` in `{side.ranges}` is {given!r}; expected two finite numbers, the "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,25 +34,30 @@ class Part:
         return slice(self.first, self.first + self.size)
 
 
-def leaves(
+def spaces_in(
     space: Any, path: tuple[str | int, ...] = ()
 ) -> Iterator[tuple[tuple[str | int, ...], Any]]:
-    """Yields the path and the space of each array in the values of a space."""
+    """Yields the path and the space of each part of a space that is no Dict or Tuple."""
     if isinstance(space, gymnasium_spaces.Dict):
         for name, part in space.spaces.items():
-            yield from leaves(part, (*path, name))
+            yield from spaces_in(part, (*path, name))
     elif isinstance(space, gymnasium_spaces.Tuple):
         for place, part in enumerate(space.spaces):
-            yield from leaves(part, (*path, place))
-    elif isinstance(
-        space, (gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete)
-    ):
-        yield path, space
+            yield from spaces_in(part, (*path, place))
     else:
-        raise InvalidTypeError(
-            f"faults of a {type(space).__name__} are not known: only of Box, Discrete, "
-            "MultiDiscrete, and a Dict or Tuple of them"
-        )
+        yield path, space
+
+
+def leaves(space: Any) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    """Yields the path and the space of each array in the values of a space."""
+    kinds = gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete
+    for path, part in spaces_in(space):
+        if not isinstance(part, kinds):
+            raise InvalidTypeError(
+                f"faults of a {type(part).__name__} are not known: only of Box, Discrete, "
+                "MultiDiscrete, and a Dict or Tuple of them"
+            )
+        yield path, part
 
 
 def parts_of(space: Any) -> tuple[Part, ...]:
@@ -122,24 +127,26 @@ def with_changes(
     # The fastest comparison of short arrays. Equal NaNs are equal.
     if before.tobytes() == after.tobytes():
         return value
-    if len(parts) == 1:
-        return _replaced(parts[0], parts[0].path, value, before, after)
     for part in parts:
         old, new = before[part.numbers], after[part.numbers]
         if old.tobytes() != new.tobytes():
-            value = _replaced(part, part.path, value, old, new)
+            value = replaced(value, part.path, lambda found: _changed(part, found, old, new))
     return value
 
 
-def _replaced(
-    part: Part, path: tuple[str | int, ...], value: Any, before: NDArray[np.float64],
-    after: NDArray[np.float64]
+def replaced(value: Any, path: Sequence[str | int], change: Callable[[Any], Any]) -> Any:
+    """Returns a value with a change of its part at a path. It shares the other parts."""
+    if not path:
+        return change(value)
+    made = replaced(value[path[0]], path[1:], change)
+    if isinstance(value, Mapping):
+        return {**value, path[0]: made}
+    return tuple(made if place == path[0] else each for place, each in enumerate(value))
+
+
+def _changed(
+    part: Part, value: Any, before: NDArray[np.float64], after: NDArray[np.float64]
 ) -> Any:
-    if path:
-        made = _replaced(part, path[1:], value[path[0]], before, after)
-        if isinstance(value, Mapping):
-            return {**value, path[0]: made}
-        return tuple(made if place == path[0] else each for place, each in enumerate(value))
     array: NDArray[Any] = np.array(value, order="C")
     if array.dtype.kind != part.kind:
         # Whole numbers as an action of real numbers can become fractions.

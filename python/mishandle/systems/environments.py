@@ -474,17 +474,11 @@ def _values(
     if first == "obs" and len(segments) == len(indexes) == 1:
         [place] = indexes
         return lambda environment, observation, info, reward: observation[place]
-    if first in ("obs", "info"):
-        follow = follower(segments[1:])
-
-        def read(environment: Any, observation: Any, info: Mapping[str, Any], reward: float) -> Any:
-            start = observation if first == "obs" else info
-            for index in indexes:
-                start = start[index]
-            return follow(start)
-
-        return read
     follow = follower(segments)
+    if first == "obs":
+        return lambda environment, observation, info, reward: follow({"obs": observation})
+    if first == "info":
+        return lambda environment, observation, info, reward: follow({"info": info})
     return lambda environment, observation, info, reward: follow(environment)
 
 

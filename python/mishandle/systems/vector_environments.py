@@ -4,7 +4,8 @@ native ones."""
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -286,11 +287,16 @@ class VectorSystem(PolicySystem):
         if self.recording is not None:
             self.recording.add(sample, lambda: self._environment.render()[0])
 
-    def _timed(self, clock: Time, rows: int) -> Any:
-        """Limits a call to the rest of the time of ``rows`` simulations together."""
-        return _Timed(
-            clock, None if self.time_limit is None else clock.left(self.time_limit) * rows, rows
-        )
+    @contextmanager
+    def _timed(self, clock: Time, rows: int) -> Iterator[None]:
+        """Limits a block to the rest of the time of ``rows`` simulations together, and adds its
+        time to their clock."""
+        started = time.perf_counter()
+        try:
+            with limited(None if self.time_limit is None else clock.left(self.time_limit) * rows):
+                yield
+        finally:
+            clock.spent += (time.perf_counter() - started) / rows
 
     def _reset(self, requests: Sequence[Request]) -> tuple[Any, list[Mapping[str, Any]]]:
         """Resets each row to its scenario; returns the observations and the ``info`` of each row's
@@ -340,23 +346,6 @@ class VectorSystem(PolicySystem):
             if self._mode is AutoresetMode.DISABLED and last.any():
                 observations, _ = self._environment.reset(options={"reset_mask": last})
         return observations, infos, ended
-
-
-class _Timed:
-    """Limits a block, and adds its time to a clock."""
-
-    def __init__(self, clock: Time, seconds: float | None, rows: int) -> None:
-        self._clock = clock
-        self._limit = limited(seconds)
-        self._rows = rows
-
-    def __enter__(self) -> None:
-        self._started = time.perf_counter()
-        self._limit.__enter__()
-
-    def __exit__(self, *exception: Any) -> bool | None:
-        self._clock.spent += (time.perf_counter() - self._started) / self._rows
-        return self._limit.__exit__(*exception)
 
 
 class _Rollout:
