@@ -1,6 +1,6 @@
 //! The compiler: a formula to state formulas and a list of instructions over numbered buffers.
 
-use crate::clock::{Clock, Interval, Window};
+use crate::clock::{Clock, Window};
 use crate::error::MonitorError;
 use crate::extremum;
 use crate::formula::{Formula, Node};
