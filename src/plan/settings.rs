@@ -1,22 +1,16 @@
-//! Settings: keys that are not part of a question. No run file contains them, and no result depends
-//! on them.
+//! Settings: keys that are not part of a question. No run file contains them, and no simulation of
+//! a question depends on them.
 
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::declare::plan_table;
-use super::keys;
+use super::keys::{self, Within};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
 /// file.
 pub(super) const OF_PERSONS: [&str; 2] = ["engine.skip-check", "engine.any-build"];
-
-/// Largest number of runs at the same time.
-const MAX_JOBS: u32 = 1024;
-
-/// Largest number of repeats of a counterexample.
-const MAX_REPEATS: u32 = 10_000_000;
 
 /// The tables of a plan that are not part of its question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -48,7 +42,7 @@ plan_table! {
         pub ray: Option<String> = None, "a string, such as \"auto\"";
         /// Number of runs at the same time. Several keep all cores busy when searches propose few
         /// simulations at a time.
-        pub jobs: u32 = 1, "an integer from 1 to 1024";
+        pub jobs: u32 = 1, "an integer from 1 to 1024" => Within<1, 1024>;
         /// New path of a run's controller, if the file was moved.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub controller: Option<String> = None, "a string: the path of the file";
@@ -63,7 +57,7 @@ plan_table! {
     pub struct ReportSettings in "report" {
         /// Simulations of each counterexample of a random target with other seeds, which measure
         /// how often it fails; at most as many in total as the run has. 0 skips this.
-        pub repeats: u32 = 100, "an integer from 0 to 10000000";
+        pub repeats: u32 = 100, "an integer from 0 to 10000000" => Within<0, 10_000_000>;
     }
 }
 
@@ -87,7 +81,12 @@ impl Settings {
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
-        [EngineSettings::described(), ReportSettings::described(), SizePlan::described()].concat()
+        [
+            EngineSettings::described(),
+            ReportSettings::described(),
+            SizePlan::described(),
+        ]
+        .concat()
     }
 
     /// Returns whether a key is one of settings, not of a question.
@@ -98,28 +97,16 @@ impl Settings {
     /// Takes the tables of settings out of the table of a plan.
     ///
     /// # Errors
-    /// If a value is out of its range.
+    /// If a value has another type.
     pub fn take(table: &mut Table) -> Result<Settings, MishandleError> {
         let own =
             Settings::TABLES.iter().filter_map(|name| Some(((*name).to_string(), table.remove(*name)?)));
         let own: Table = own.collect();
         let text = own.to_string();
-        let settings: Settings = Value::Table(own).try_into().map_err(|error: toml::de::Error| {
-            MishandleError::PlanSyntax { line: 1, found: text, message: error.message().to_string() }
-        })?;
-        for (key, found, allowed) in [
-            ("report.repeats", settings.report.repeats, 0..=MAX_REPEATS),
-            ("engine.jobs", settings.engine.jobs, 1..=MAX_JOBS),
-        ] {
-            if !allowed.contains(&found) {
-                let expected = keys::find(key).map_or("", |key| key.allowed).to_string();
-                return Err(MishandleError::KeyValue {
-                    key: key.to_string(),
-                    found: found.to_string(),
-                    expected,
-                });
-            }
-        }
-        Ok(settings)
+        Value::Table(own).try_into().map_err(|error: toml::de::Error| MishandleError::PlanSyntax {
+            line: 1,
+            found: text,
+            message: error.message().to_string(),
+        })
     }
 }
