@@ -81,6 +81,11 @@ fn accepts(words: &[&str]) -> bool {
     exit_code(&[words, &["--help"]].concat()) == 0
 }
 
+/// Returns whether a plan or settings have a key.
+fn has_key(name: &str) -> bool {
+    mishandle::plan::keys().iter().any(|key| key.name == name)
+}
+
 /// Returns whether the Python package exports a name.
 fn exports(name: &str) -> bool {
     include_str!("../python/mishandle/__init__.py").contains(&format!("    \"{name}\",\n"))
@@ -468,8 +473,8 @@ fn the_cells_about_training_are_true() {
                 [
                     "own networks on the CPU",
                     holds(
-                        "of PPO on an NVIDIA GPU, too (`--device gpu`)",
-                        accepts(&["train", "--device", "gpu"]),
+                        "of PPO on an NVIDIA GPU, too (`-k train.device=gpu`)",
+                        accepts(&["train", "-k", "train.device=gpu"]) && has_key("train.device"),
                     ),
                 ]
                 .join("; "),

@@ -13,6 +13,7 @@ mod read;
 mod risk;
 pub(crate) mod search_options;
 mod settings;
+mod train;
 mod until;
 
 use std::collections::BTreeMap;
@@ -37,6 +38,7 @@ pub use read::table;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
 pub use settings::{EngineSettings, ReportSettings, Settings, SizePlan};
+pub use train::TrainPlan;
 pub use until::{ComparePlan, Measure, Until};
 
 /// Device of a plan that every front end has.

@@ -6,6 +6,7 @@ use toml::{Table, Value};
 
 use super::declare::plan_table;
 use super::keys::{self, Within};
+use super::TrainPlan;
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -22,6 +23,8 @@ pub struct Settings {
     pub report: ReportSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
+    /// A training run.
+    pub train: TrainPlan,
 }
 
 plan_table! {
@@ -77,7 +80,7 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 3] = ["engine", "report", "size"];
+    const TABLES: [&str; 4] = ["engine", "report", "size", "train"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -85,6 +88,7 @@ impl Settings {
             EngineSettings::described(),
             ReportSettings::described(),
             SizePlan::described(),
+            TrainPlan::described(),
         ]
         .concat()
     }

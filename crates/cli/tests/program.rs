@@ -900,7 +900,7 @@ fn a_dry_run_prints_the_settings_and_trains_nothing() {
     bench.write("all.toml", settings);
     let again = train("--settings all.toml");
     assert_eq!((&again["settings"], &again["task_hash"]), (&facts["settings"], &facts["task_hash"]));
-    assert_ne!(train("--settings a.toml --reward original")["task_hash"], facts["task_hash"]);
+    assert_ne!(train("--settings a.toml -k train.reward=original")["task_hash"], facts["task_hash"]);
     bench.refuses(
         "train point-reaching --settings a.toml --dry-run --algorithm sad",
         &["did you mean `sac`?"],

@@ -6,8 +6,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
-use mishandle::plan::StartRegion;
-use mishandle::train::{TrainObserver, TrainPlan};
+use mishandle::plan::{StartRegion, TrainPlan};
+use mishandle::train::TrainObserver;
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle_studies::zoo::{
     BenchmarkTask, ControllerUnderTest, CornersRecord, EstimateRecord, EvaluationRecord, FalsificationRecord,
