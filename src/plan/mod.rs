@@ -29,7 +29,7 @@ use declare::plan_table;
 
 pub use edit::{Values, axis_setting, set, set_value};
 pub use grid::{GridRun, grid, read_grid};
-pub use guard::GuardPlan;
+pub use guard::{GuardPlan, TuneSettings};
 pub use harden::HardenPlan;
 pub use keys::{Key, keys};
 pub use metamorphic::{MetamorphicPlan, RelationPlan};

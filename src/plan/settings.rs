@@ -6,7 +6,7 @@ use toml::{Table, Value};
 
 use super::declare::plan_table;
 use super::keys::{self, Within};
-use super::TrainPlan;
+use super::{TrainPlan, TuneSettings};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -23,6 +23,8 @@ pub struct Settings {
     pub report: ReportSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
+    /// How the threshold of a guard is chosen.
+    pub tune: TuneSettings,
     /// A training run.
     pub train: TrainPlan,
 }
@@ -80,7 +82,7 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 4] = ["engine", "report", "size", "train"];
+    const TABLES: [&str; 5] = ["engine", "report", "size", "tune", "train"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -88,6 +90,7 @@ impl Settings {
             EngineSettings::described(),
             ReportSettings::described(),
             SizePlan::described(),
+            TuneSettings::described(),
             TrainPlan::described(),
         ]
         .concat()

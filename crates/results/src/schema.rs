@@ -60,7 +60,7 @@ impl Document {
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),
-            Document::object::<GuardTuning>("guard tune"),
+            Document::object::<GuardTuning>("guard"),
             Document::object::<Controller>("controller"),
             Document::object::<ControllerExport>("controller export"),
             Document::object::<ControllerImport>("controller import"),

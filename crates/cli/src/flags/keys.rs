@@ -25,7 +25,7 @@ const TABLES: [(&str, &[&str]); 21] = [
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
     ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
-    ("guard", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+    ("guard", &[TOP, "axes", "requirements", "guard", "evaluate", "tune"]),
     ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
     ("train", &["target", "space", "seed", "axes", "guard", "train"]),
     (
