@@ -82,6 +82,27 @@ impl<'de, const LOW: u64, const HIGH: u64> Deserialize<'de> for Within<LOW, HIGH
     }
 }
 
+/// The type of a number from 0 to 1.
+pub(super) struct Share;
+
+impl<'de> Deserialize<'de> for Share {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let share = f64::deserialize(deserializer)?;
+        if (0.0..=1.0).contains(&share) { Ok(Share) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
+/// The type of the width and the height of an image, pixels.
+pub(super) struct ImageSize;
+
+impl<'de> Deserialize<'de> for ImageSize {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let sides = <[u16; 2]>::deserialize(deserializer)?;
+        let is_allowed = sides.iter().all(|side| (1..=1024).contains(side));
+        if is_allowed { Ok(ImageSize) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
 /// Returns the key of a field of a type, without what identifies it.
 pub(super) fn key<T: DeserializeOwned>(allowed: &'static str) -> Key {
     Key { name: String::new(), doc: "", default: None, allowed, reads: reads::<T> }

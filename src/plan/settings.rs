@@ -6,7 +6,7 @@ use toml::{Table, Value};
 
 use super::declare::plan_table;
 use super::keys::{self, Within};
-use super::{TrainPlan, TuneSettings};
+use super::{RecordSettings, TrainPlan, TuneSettings};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -27,6 +27,8 @@ pub struct Settings {
     pub tune: TuneSettings,
     /// A training run.
     pub train: TrainPlan,
+    /// How demonstrations are recorded.
+    pub record: RecordSettings,
 }
 
 plan_table! {
@@ -82,7 +84,7 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 5] = ["engine", "report", "size", "tune", "train"];
+    const TABLES: [&str; 6] = ["engine", "report", "size", "tune", "train", "record"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -92,6 +94,7 @@ impl Settings {
             SizePlan::described(),
             TuneSettings::described(),
             TrainPlan::described(),
+            RecordSettings::described(),
         ]
         .concat()
     }

@@ -26,7 +26,7 @@ const TABLES: [(&str, &[&str]); 21] = [
     ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
     ("guard", &[TOP, "axes", "requirements", "guard", "evaluate", "tune"]),
-    ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+    ("record", &[TOP, "axes", "requirements", "guard", "evaluate", "record"]),
     ("train", &["target", "space", "seed", "axes", "guard", "train"]),
     (
         "run",
