@@ -2,6 +2,7 @@
 //!
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
+mod check;
 mod declare;
 mod edit;
 mod grid;
@@ -28,6 +29,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 use declare::plan_table;
 
+pub use check::CheckSettings;
 pub use edit::{Values, axis_setting, set, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::{GuardPlan, TuneSettings};

@@ -6,7 +6,7 @@ use toml::{Table, Value};
 
 use super::declare::plan_table;
 use super::keys::{self, Within};
-use super::{RecordSettings, TrainPlan, TuneSettings};
+use super::{CheckSettings, RecordSettings, TrainPlan, TuneSettings};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -23,6 +23,8 @@ pub struct Settings {
     pub report: ReportSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
+    /// How the requirements of a file are checked.
+    pub check: CheckSettings,
     /// How the threshold of a guard is chosen.
     pub tune: TuneSettings,
     /// A training run.
@@ -84,7 +86,7 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 6] = ["engine", "report", "size", "tune", "train", "record"];
+    const TABLES: [&str; 7] = ["engine", "report", "size", "check", "tune", "train", "record"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -92,6 +94,7 @@ impl Settings {
             EngineSettings::described(),
             ReportSettings::described(),
             SizePlan::described(),
+            CheckSettings::described(),
             TuneSettings::described(),
             TrainPlan::described(),
             RecordSettings::described(),

@@ -21,7 +21,7 @@ const TABLES: [(&str, &[&str]); 21] = [
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
-    ("check", &[TOP, "axes", "guard"]),
+    ("check", &[TOP, "axes", "guard", "check"]),
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
     ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
