@@ -375,10 +375,10 @@ fn the_cells_about_evaluation_are_true() {
     let shipped = format!("shipped controllers, which see in {} tasks", number(seeing.count()));
     let policies = [
         shipped.as_str(),
-        holds("controller files and ONNX models", accepts(&["controller", "export", "a", "--onnx", "b"])),
+        holds("controller files and ONNX models", accepts(&["controller", "a", "--out", "b"])),
         holds(
             "imports from Stable-Baselines3, skrl and PyTorch",
-            accepts(&["controller", "import", "model.zip", "--task", "t", "--out", "o"]),
+            accepts(&["controller", "model.zip", "--task", "t", "--out", "o"]),
         ),
         holds("LeRobot (`mishandle.lerobot`)", exports("lerobot") && installs("lerobot>=")),
         holds(

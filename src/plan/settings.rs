@@ -31,6 +31,8 @@ pub struct Settings {
     pub train: TrainPlan,
     /// How demonstrations are recorded.
     pub record: RecordSettings,
+    /// Facts that the file of an imported policy lacks.
+    pub import: ImportSettings,
 }
 
 plan_table! {
@@ -84,9 +86,34 @@ plan_table! {
     }
 }
 
+plan_table! {
+    /// Facts that the file of an imported policy lacks: the table `[import]`.
+    pub struct ImportSettings in "import" {
+        /// Activation of the hidden layers. `None`: that of the file, if it says so.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub activation: Option<String> = None, ACTIVATION;
+        /// Activation of the last layer. `None`: that of the algorithm, if the file shows it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub output_activation: Option<String> = None, ACTIVATION;
+        /// JSON file with the statistics that normalize observations (mean, variance, epsilon,
+        /// clip), or `none` if observations were not normalized. `None`: the statistics in the
+        /// file.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub normalizer: Option<String> = None, "a string: the path of a file, or \"none\"";
+    }
+}
+
+impl ImportSettings {
+    /// Normalizer of a policy whose observations were not normalized.
+    pub const NO_NORMALIZER: &str = "none";
+}
+
+/// Allowed activations.
+const ACTIVATION: &str = "\"elu\", \"relu\", \"tanh\", \"silu\", \"gelu\", \"leaky_relu\" or \"identity\"";
+
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 7] = ["engine", "report", "size", "check", "tune", "train", "record"];
+    const TABLES: [&str; 8] = ["engine", "report", "size", "check", "tune", "train", "record", "import"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -98,6 +125,7 @@ impl Settings {
             TuneSettings::described(),
             TrainPlan::described(),
             RecordSettings::described(),
+            ImportSettings::described(),
         ]
         .concat()
     }

@@ -62,8 +62,8 @@ impl Document {
             Document::object::<TrainingPlan>("train --dry-run"),
             Document::object::<GuardTuning>("guard"),
             Document::object::<Controller>("controller"),
-            Document::object::<ControllerExport>("controller export"),
-            Document::object::<ControllerImport>("controller import"),
+            Document::object::<ControllerExport>("controller --out"),
+            Document::object::<ControllerImport>("controller --task"),
         ]
     }
 

@@ -16,7 +16,7 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 21] = [
+const TABLES: [(&str, &[&str]); 22] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
@@ -28,6 +28,7 @@ const TABLES: [(&str, &[&str]); 21] = [
     ("guard", &[TOP, "axes", "requirements", "guard", "evaluate", "tune"]),
     ("record", &[TOP, "axes", "requirements", "guard", "evaluate", "record"]),
     ("train", &["target", "space", "seed", "axes", "guard", "train"]),
+    ("controller", &["import"]),
     (
         "run",
         &[
