@@ -399,7 +399,8 @@ fn the_cells_about_evaluation_are_true() {
         holds(
             "folders with hashes and a signature of `ssh-keygen` (`mishandle evidence --key`), verified with a replay of a random share",
             accepts(&["evidence", "run", "--out", "folder", "--key", "key"])
-                && accepts(&["evidence", "verify", "folder", "--replay", "0.05"]),
+                && accepts(&["evidence", "--verify", "folder", "-k", "evidence.replay=0.05"])
+                && has_key("evidence.replay"),
         ),
     ];
     let cameras = quoted(CAMERA_NAMES, ", ");

@@ -41,7 +41,7 @@ pub use read::table;
 pub use record::RecordSettings;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
-pub use settings::{EngineSettings, ImportSettings, ReportSettings, Settings, SizePlan};
+pub use settings::{EngineSettings, EvidenceSettings, ImportSettings, ReportSettings, Settings, SizePlan};
 pub use train::TrainPlan;
 pub use until::{ComparePlan, Measure, Until};
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::declare::plan_table;
-use super::keys::{self, Within};
+use super::keys::{self, Share, Within};
 use super::{CheckSettings, RecordSettings, TrainPlan, TuneSettings};
 use crate::error::MishandleError;
 
@@ -33,6 +33,8 @@ pub struct Settings {
     pub record: RecordSettings,
     /// Facts that the file of an imported policy lacks.
     pub import: ImportSettings,
+    /// How a folder of evidence is verified.
+    pub evidence: EvidenceSettings,
 }
 
 plan_table! {
@@ -111,9 +113,18 @@ impl ImportSettings {
 /// Allowed activations.
 const ACTIVATION: &str = "\"elu\", \"relu\", \"tanh\", \"silu\", \"gelu\", \"leaky_relu\" or \"identity\"";
 
+plan_table! {
+    /// How a folder of evidence is verified: the table `[evidence]`.
+    pub struct EvidenceSettings in "evidence" {
+        /// Share of the simulations of each run to replay, at least one; 0 replays none.
+        pub replay: f64 = 0.05, keys::SHARE => Share;
+    }
+}
+
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 8] = ["engine", "report", "size", "check", "tune", "train", "record", "import"];
+    const TABLES: [&str; 9] =
+        ["engine", "report", "size", "check", "tune", "train", "record", "import", "evidence"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
@@ -126,6 +137,7 @@ impl Settings {
             TrainPlan::described(),
             RecordSettings::described(),
             ImportSettings::described(),
+            EvidenceSettings::described(),
         ]
         .concat()
     }

@@ -146,7 +146,7 @@ fn a_check_is_evidence_that_others_verify() {
     bench.check(&format!("{CHECK} --out checked -k check.allow-inapplicable=true"), 0);
     bench.check("evidence checked --out ev", 0);
     std::fs::remove_dir_all(bench.path("checked")).unwrap();
-    let found = bench.json("evidence verify ev --replay 0.05 --json", 0);
+    let found = bench.json("evidence --verify ev -k evidence.replay=0.05 --json", 0);
     assert_eq!(found["checks"][0]["verdicts"], 4);
     // Of R-0, whose rate is below its limit, and of R-2.
     assert_eq!(found["checks"][0]["replayed"], 2);
@@ -198,7 +198,7 @@ fn a_check_is_evidence_that_others_verify() {
     );
     replace("ev/SHA256SUMS", &before.0, &now);
     replace("ev/SHA256SUMS", &before.1, &sums("manifest.json"));
-    let found = bench.json("evidence verify ev --replay 0 --json", 1);
+    let found = bench.json("evidence --verify ev -k evidence.replay=0 --json", 1);
     let problems = found["problems"].to_string();
     assert!(problems.contains("the runs give another result") && problems.contains("R-2"), "{problems}");
     bench.refuses("evidence ev --out other", &["without a finished check"]);

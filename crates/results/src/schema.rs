@@ -54,7 +54,7 @@ impl Document {
             Document::object::<Exports>("counterexamples export"),
             Document::object::<Regression>("regress"),
             Document::object::<Evidence>("evidence"),
-            Document::object::<EvidenceVerification>("evidence verify"),
+            Document::object::<EvidenceVerification>("evidence --verify"),
             Document::object::<Bisection>("bisect"),
             Document::object::<Demonstrations>("record"),
             Document::object::<Training>("train"),

@@ -54,7 +54,7 @@ const TABLES: [(&str, &[&str]); 22] = [
     ("render", &["engine"]),
     ("report", &["engine"]),
     ("counterexamples", &["engine"]),
-    ("evidence", &["engine"]),
+    ("evidence", &["engine", "evidence"]),
     ("export", &["engine"]),
     ("list", &["preset"]),
 ];
