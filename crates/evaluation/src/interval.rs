@@ -35,6 +35,12 @@ pub fn bound_without_failures(n: u64) -> f64 {
     -(0.05_f64.ln() / n as f64).exp_m1()
 }
 
+/// Returns the estimate of the rate of the opposite event.
+pub fn complement(rate: Estimate) -> Estimate {
+    let opposite = |rate: Option<f64>| rate.map(|rate| 1.0 - rate);
+    Estimate { value: opposite(rate.value), low: opposite(rate.high), high: opposite(rate.low), n: rate.n }
+}
+
 /// Returns the rate `successes` / `n` with its Wilson score interval.
 ///
 /// ```text
