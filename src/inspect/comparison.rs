@@ -139,7 +139,7 @@ impl Rates {
     }
 }
 
-/// What the random pairs that count say, at 16 bytes a pair for each mean.
+/// Counts of the random pairs, at 16 bytes a pair for each mean.
 #[derive(Default)]
 struct Counted {
     pairs: u64,

@@ -113,8 +113,8 @@ impl Corners {
         Some(Request { trial: Corners::TRIAL, number, ..Request::new(scenario, seed) })
     }
 
-    /// Counts no simulation yet, for the formulas in `roles`. `is_reachable` returns whether success
-    /// is possible from a point, `None` if this is unknown.
+    /// Counts no simulation yet, for the formulas in `roles`. `is_reachable` returns whether
+    /// success is possible from a point, `None` if this is unknown.
     pub fn counter(
         &self,
         roles: FormulaRoles,

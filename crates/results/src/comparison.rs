@@ -50,7 +50,8 @@ pub struct Comparison {
     pub completion_step: Option<PairedMeans>,
     /// Conclusion from the success rates, in a sentence.
     pub verdict: String,
-    /// Simulations in which A succeeds and B does not, at most 10,000; exit code 1 if there are any.
+    /// Simulations in which A succeeds and B does not, at most 10,000; exit code 1 if there are
+    /// any.
     pub new_failures: Vec<ComparedPair>,
     /// Number of further ones; missing if there are none.
     #[serde(skip_serializing_if = "is_zero")]
