@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::picture::CameraSettings;
-use mishandle::plan::{EvaluatePlan, GuardPlan};
-use mishandle::record::{ArchiveSettings, RecordSettings};
+use mishandle::plan::{EvaluatePlan, GuardPlan, RecordSettings};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
@@ -37,7 +35,7 @@ pub fn record(
     requirements: BTreeMap<String, String>,
     seed: u64,
     episodes: u64,
-    format: &str,
+    format: String,
     relabel: Option<String>,
     cameras: Vec<String>,
     size: [u16; 2],
@@ -56,11 +54,13 @@ pub fn record(
         ..task_plan(target, controller, preset, space, axes, noise)
     };
     let settings = RecordSettings {
-        format: mishandle::record::format(format).map_err(raised)?,
+        format,
         relabel,
-        cameras: (!cameras.is_empty()).then_some(CameraSettings { names: cameras, size }),
-        only_successful,
-        archive: archive.map(|path| ArchiveSettings { path, share: archive_share }),
+        camera: cameras,
+        size,
+        archive,
+        archive_share,
+        successful: only_successful,
     };
     let mut exception = None;
     let watch = |done: u64| {

@@ -510,5 +510,5 @@ class Import(unittest.TestCase):
     def test_files_of_other_tools_say_what_to_do(self):
         path = self.path.with_name("a.zip")
         path.write_bytes(b"PK\x03\x04 model")
-        with self.assertRaisesRegex(Exception, "mishandle controller import .* in a shell"):
+        with self.assertRaisesRegex(Exception, "mishandle controller FILE --task TASK"):
             mishandle.load_controller(str(path))
