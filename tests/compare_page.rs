@@ -81,6 +81,11 @@ fn accepts(words: &[&str]) -> bool {
     exit_code(&[words, &["--help"]].concat()) == 0
 }
 
+/// Returns whether a key of plans has this name.
+fn has_key(name: &str) -> bool {
+    mishandle::plan::keys().iter().any(|key| key.name == name)
+}
+
 /// Returns whether the Python package exports a name.
 fn exports(name: &str) -> bool {
     include_str!("../python/mishandle/__init__.py").contains(&format!("    \"{name}\",\n"))
@@ -173,7 +178,7 @@ fn the_cells_about_monitors_are_true() {
                 "trace shorter than the formula",
                 format!(
                     "cut windows; {}",
-                    holds("an error with `--strict-horizon`", accepts(&["monitor", "--strict-horizon"]))
+                    holds("an error with `log.strict-horizon`", has_key("log.strict-horizon"))
                 ),
             ),
             (

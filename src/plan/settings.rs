@@ -1,11 +1,13 @@
-//! Settings: keys that are not part of a question. No run file contains them, and no result depends
-//! on them.
+//! Settings: keys that are not part of a question. No run file contains them, and no simulation
+//! depends on them.
 
+use mishandle_requirements::MAX_POINTS;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::declare::plan_table;
-use super::keys;
+use super::keys::{self, wrong};
+use super::{FormulaSettings, LogSettings, MonitorSettings};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -18,12 +20,24 @@ const MAX_JOBS: u32 = 1024;
 /// Largest number of repeats of a counterexample.
 const MAX_REPEATS: u32 = 10_000_000;
 
+/// Longest time for which a file that is still written need not grow, seconds.
+const MAX_IDLE: f64 = 1e9;
+
+/// Largest number of simulations of a run file from which parameters are mined.
+const MAX_SIMULATIONS: u64 = 1_000_000_000;
+
 /// The tables of a plan that are not part of its question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct Settings {
     /// How run files are opened and written.
     pub engine: EngineSettings,
+    /// How a formula is explained and mined.
+    pub formula: FormulaSettings,
+    /// How a log is read.
+    pub log: LogSettings,
+    /// Contents of verdicts on logs, and how a log is followed.
+    pub monitor: MonitorSettings,
     /// Parts of answers beyond the simulations of their runs.
     pub report: ReportSettings,
     /// How the number of simulations of a question is computed before them.
@@ -83,11 +97,19 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 3] = ["engine", "report", "size"];
+    const TABLES: [&str; 6] = ["engine", "formula", "log", "monitor", "report", "size"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
-        [EngineSettings::described(), ReportSettings::described(), SizePlan::described()].concat()
+        [
+            EngineSettings::described(),
+            FormulaSettings::described(),
+            LogSettings::described(),
+            MonitorSettings::described(),
+            ReportSettings::described(),
+            SizePlan::described(),
+        ]
+        .concat()
     }
 
     /// Returns whether a key is one of settings, not of a question.
@@ -103,23 +125,38 @@ impl Settings {
         let own =
             Settings::TABLES.iter().filter_map(|name| Some(((*name).to_string(), table.remove(*name)?)));
         let own: Table = own.collect();
-        let text = own.to_string();
+        let stated = own.clone();
         let settings: Settings = Value::Table(own).try_into().map_err(|error: toml::de::Error| {
-            MishandleError::PlanSyntax { line: 1, found: text, message: error.message().to_string() }
+            let found = stated.to_string();
+            MishandleError::PlanSyntax { line: 1, found, message: error.message().to_string() }
         })?;
-        for (key, found, allowed) in [
-            ("report.repeats", settings.report.repeats, 0..=MAX_REPEATS),
-            ("engine.jobs", settings.engine.jobs, 1..=MAX_JOBS),
-        ] {
-            if !allowed.contains(&found) {
-                let expected = keys::find(key).map_or("", |key| key.allowed).to_string();
-                return Err(MishandleError::KeyValue {
-                    key: key.to_string(),
-                    found: found.to_string(),
-                    expected,
-                });
-            }
+        settings.log.options()?;
+        let wrong_value = settings.wrong().and_then(|key| {
+            let (table, name) = key.split_once('.')?;
+            Some((key, stated.get(table)?.get(name)?.to_string()))
+        });
+        match wrong_value {
+            Some((key, found)) => Err(wrong(key, &found)),
+            None => Ok(settings),
         }
-        Ok(settings)
+    }
+
+    /// Returns a key whose value is out of its range.
+    fn wrong(&self) -> Option<&'static str> {
+        let Settings { engine, formula, log, monitor, report, .. } = self;
+        let is_duration = |secs: Option<f64>| secs.is_none_or(|secs| secs > 0.0 && secs.is_finite());
+        let is_right = [
+            ("report.repeats", report.repeats <= MAX_REPEATS),
+            ("engine.jobs", (1..=MAX_JOBS).contains(&engine.jobs)),
+            ("log.period", is_duration(log.period)),
+            ("log.tolerance", is_duration(log.tolerance)),
+            ("monitor.lateness", is_duration(monitor.lateness)),
+            ("monitor.idle", monitor.idle.is_none_or(|secs| (0.0..=MAX_IDLE).contains(&secs))),
+            ("formula.episode", is_duration(formula.episode)),
+            ("formula.share", formula.share > 0.0 && formula.share <= 1.0),
+            ("formula.points", (2..=MAX_POINTS).contains(&(formula.points as usize))),
+            ("formula.simulations", (1..=MAX_SIMULATIONS).contains(&formula.simulations)),
+        ];
+        is_right.into_iter().find_map(|(key, is_right)| (!is_right).then_some(key))
     }
 }

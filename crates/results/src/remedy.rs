@@ -28,20 +28,25 @@ keys! {
     LOG_MISSING = "log.missing",
     LOG_DUPLICATES = "log.duplicates",
     LOG_SORT = "log.sort",
-    LOG_LATENESS = "log.lateness",
-    LOG_TOPIC = "log.topic",
+    LOG_TOPICS = "log.topics",
     LOG_DELIMITER = "log.delimiter",
     LOG_DECIMAL = "log.decimal",
     LOG_UNIT = "log.unit",
     LOG_STRICT_HORIZON = "log.strict-horizon",
+    LATENESS = "monitor.lateness",
     NORMALIZER = "controller.normalizer",
     ACTIVATION = "controller.activation",
     OUTPUT_ACTIVATION = "controller.output-activation",
-    PARAMETER = "formula.set",
+    PARAMETER = "formula.parameter",
     RESOLUTION = "formula.resolution",
 }
 
 impl Key {
+    /// Returns the name.
+    pub fn name(self) -> &'static str {
+        self.0
+    }
+
     /// Returns the name without the table.
     pub fn word(self) -> &'static str {
         self.0.rsplit_once('.').map_or(self.0, |(_, word)| word)

@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
     pub command: Option<String>,
     /// TOML file with [[requirement]] tables (docs/guide/check.md)
-    #[arg(long, alias = "formulas", value_name = "FILE")]
+    #[arg(long, value_name = "FILE")]
     pub requirements: PathBuf,
     /// Folder of the runs, the counterexamples and the reports
     #[arg(long, value_name = "FOLDER")]

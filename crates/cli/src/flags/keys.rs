@@ -16,7 +16,7 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 20] = [
+const TABLES: [(&str, &[&str]); 22] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
@@ -50,7 +50,9 @@ const TABLES: [(&str, &[&str]); 20] = [
     ("replay", &["engine"]),
     ("view", &["engine"]),
     ("render", &["engine"]),
-    ("report", &["engine"]),
+    ("report", &["log", "engine"]),
+    ("monitor", &["log", "monitor"]),
+    ("formula", &["log", "formula"]),
     ("counterexamples", &["engine"]),
     ("evidence", &["engine"]),
     ("export", &["engine"]),
@@ -79,6 +81,15 @@ pub struct Keys {
     /// Read a plan (TOML); flags and keys override it
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
+}
+
+impl Keys {
+    /// Returns the settings of a command that asks no question of a plan, and what states them.
+    pub fn settings(&self, command: &str) -> Result<(Settings, Planned)> {
+        let mut planned = Planned::new(self)?;
+        planned.assign(&self.keys, command, Values::One)?;
+        Ok((Settings::take(&mut planned.table)?, planned))
+    }
 }
 
 /// Flag of commands that read no plan, but have settings.
