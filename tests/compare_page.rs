@@ -178,7 +178,7 @@ fn the_cells_about_monitors_are_true() {
                 "trace shorter than the formula",
                 format!(
                     "cut windows; {}",
-                    holds("an error with `--strict-horizon`", accepts(&["monitor", "--strict-horizon"]))
+                    holds("an error with `log.strict-horizon`", has_key("log.strict-horizon"))
                 ),
             ),
             (

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use crate::scratch::Scratch;
 
 /// The period of the command line, s. A log with a column `time` may have another one.
-const PERIOD: &str = "0.1";
+const PERIOD: &str = "log.period=0.1";
 
 /// Checks the laws:
 /// - every log ends with one of the documented exit codes;
@@ -16,7 +16,7 @@ pub fn check(bytes: &[u8]) {
     let path = scratch.file("log.csv", bytes);
     let path = path.to_str().expect("a path in UTF-8");
     let formula = "always(x >= 0)";
-    let arguments = ["mishandle", "monitor", "--period", PERIOD, "--formula", formula, path];
+    let arguments = ["mishandle", "monitor", "-k", PERIOD, "--formula", formula, path];
     let found = mishandle_cli::run_with(arguments.map(Into::into));
     assert!((0..3).any(|code| found == ExitCode::from(code)), "{found:?}");
     if let Some(minimum) = plain_minimum(bytes) {

@@ -8,22 +8,22 @@ use crate::scratch::Scratch;
 /// Flags of the command; the first byte of an input picks one set.
 const FLAGS: [&[&str]; 8] = [
     &[],
-    &["--missing", "drop", "--duplicates", "last", "--sort"],
-    &["--resample", "hold", "--period", "0.1", "--missing", "hold"],
-    &["--resample", "linear", "--period", "0.1", "--tolerance", "5", "--missing", "drop"],
-    &["--dense", "hold", "--missing", "drop"],
-    &["--dense", "linear", "--duplicates", "first"],
-    &["--topic-column", "topic", "--dense", "hold"],
-    &["--time", "t", "--time-unit", "ns", "--utc-offset", "Z"],
+    &["-klog.missing=drop", "-klog.duplicates=last", "-klog.sort=true"],
+    &["-klog.resample=hold", "-klog.period=0.1", "-klog.missing=hold"],
+    &["-klog.resample=linear", "-klog.period=0.1", "-klog.tolerance=5", "-klog.missing=drop"],
+    &["-klog.dense=hold", "-klog.missing=drop"],
+    &["-klog.dense=linear", "-klog.duplicates=first"],
+    &["-klog.topic-column=topic", "-klog.dense=hold"],
+    &["-klog.time=t", "-klog.time-unit=ns", "-klog.utc-offset=Z"],
 ];
 
 /// Formats; the second byte picks one.
 const FORMATS: [&[&str]; 5] = [
     &[],
-    &["--format", "csv"],
-    &["--format", "jsonl"],
-    &["--format", "numpy"],
-    &["--format", "parquet"],
+    &["-klog.format=csv"],
+    &["-klog.format=jsonl"],
+    &["-klog.format=numpy"],
+    &["-klog.format=parquet"],
 ];
 
 /// Checks the law: every log ends with one of the documented exit codes, with every set of flags.

@@ -11,10 +11,7 @@ struct Python;
 
 impl Dialect for Python {
     fn key(&self, key: Key) -> String {
-        match key {
-            Key::LOG_TOPIC => "topics".to_owned(),
-            key => key.word().replace('-', "_"),
-        }
+        key.word().replace('-', "_")
     }
 
     fn setting(&self, key: Key, value: &Choice) -> String {

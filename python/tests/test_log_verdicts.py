@@ -270,8 +270,8 @@ class Tables(Logs):
         files = {name: self.csv(f"{name}.csv", columns) for name, columns in topics.items()}
         frames = {name: pandas.DataFrame(columns) for name, columns in topics.items()}
         expected = command(
-            "--formula", formula, "--dense", "hold",
-            *[f"--topic={name}={path}" for name, path in files.items()]
+            "--formula", formula, "-k", "log.dense=hold",
+            *[f"-klog.topics.{name}={path}" for name, path in files.items()]
         )
         for each in (log, log.topics, topics, files, frames):
             found = mishandle.monitor(formula, each, dense="hold")

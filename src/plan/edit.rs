@@ -5,14 +5,16 @@ use serde::Deserialize;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table, Value};
 
-use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys};
+use super::keys::{
+    AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, RESOLUTION, TOPICS, find, keys,
+};
 use super::read::may_be_list;
 use super::search_options::{TomlValue, search_option_value};
 use super::{AxisSetting, FalsifyPlan};
 use crate::error::MishandleError;
 
 /// Tables whose keys are chosen by the user: their entries are the keys to set.
-const MAPS: [&str; 5] = [RELATIONS, DISTRIBUTIONS, OPTIONS, REQUIREMENTS, AXES];
+const MAPS: [&str; 7] = [RELATIONS, DISTRIBUTIONS, OPTIONS, REQUIREMENTS, AXES, TOPICS, RESOLUTION];
 
 /// Whether a list of values makes a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,6 +56,7 @@ pub fn set(table: &mut Table, key: &str, text: &str, values: Values) -> Result<(
             let value = TomlValue::from(search_option_value(search, name, text));
             Value::try_from(value).ok()
         }
+        Some((RESOLUTION, _)) => text.trim().parse().ok().map(Value::Float),
         Some(_) => Some(Value::String(text.to_string())),
         None => value_of(place.key, text, values),
     };
@@ -98,6 +101,7 @@ impl<'a> Place<'a> {
         let expected = match self.entry() {
             Some((AXES, _)) => "a number, a range such as 0.2:0.3, an interval such as [0, 1), or a category",
             Some((OPTIONS, _)) => super::read::OPTION,
+            Some((RESOLUTION, _)) => "a number, such as 0.1",
             _ => self.key.allowed,
         };
         let found = super::read::shortened(found);

@@ -13,6 +13,7 @@ use super::{
     ComparePlan, EvaluatePlan, FalsifyPlan, GuardPlan, HardenPlan, MarginPlan, MetamorphicPlan, Plan,
     RiskPlan, ScreeningPlan, Settings,
 };
+use crate::error::MishandleError;
 
 /// Table whose keys are the options of any search.
 pub(super) const OPTIONS: &str = "falsify.options";
@@ -25,6 +26,12 @@ pub(super) const REQUIREMENTS: &str = "requirements";
 
 /// Table whose keys are names of axes, and whose values are distributions.
 pub(super) const DISTRIBUTIONS: &str = "risk.distributions";
+
+/// Table whose keys are names of topics, and whose values are files.
+pub(super) const TOPICS: &str = "log.topics";
+
+/// Table whose keys are names of parameters, and whose values are steps.
+pub(super) const RESOLUTION: &str = "formula.resolution";
 
 /// Table whose keys are names of relations, each of which is a table.
 pub(super) const RELATIONS: &str = "metamorphic.relations";
@@ -92,6 +99,16 @@ impl<'de> Deserialize<'de> for Share {
     }
 }
 
+/// The type of a time above 0, seconds.
+pub(super) struct Seconds;
+
+impl<'de> Deserialize<'de> for Seconds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let secs = f64::deserialize(deserializer)?;
+        if secs > 0.0 && secs.is_finite() { Ok(Seconds) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
 /// The type of the width and the height of an image, pixels.
 pub(super) struct ImageSize;
 
@@ -144,6 +161,12 @@ pub(super) fn plan_keys() -> &'static [Key] {
 /// Returns the key with a name.
 pub(super) fn find(name: &str) -> Option<&'static Key> {
     keys().iter().find(|key| key.name == name)
+}
+
+/// Returns the error of a value that a key does not allow.
+pub(super) fn wrong(name: &str, found: &str) -> MishandleError {
+    let expected = find(name).map_or("", |key| key.allowed).to_string();
+    MishandleError::KeyValue { key: name.to_string(), found: found.to_string(), expected }
 }
 
 /// Returns the keys of a plan outside of its tables.

@@ -6,7 +6,9 @@ use toml::{Table, Value};
 
 use super::declare::plan_table;
 use super::keys::{self, Share, Within};
-use super::{CheckSettings, RecordSettings, TrainPlan, TuneSettings};
+use super::{
+    CheckSettings, FormulaSettings, LogSettings, MonitorSettings, RecordSettings, TrainPlan, TuneSettings,
+};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
@@ -19,6 +21,12 @@ pub(super) const OF_PERSONS: [&str; 2] = ["engine.skip-check", "engine.any-build
 pub struct Settings {
     /// How run files are opened and written.
     pub engine: EngineSettings,
+    /// How a formula is explained and mined.
+    pub formula: FormulaSettings,
+    /// How a log is read.
+    pub log: LogSettings,
+    /// Contents of verdicts on logs, and how a log is followed.
+    pub monitor: MonitorSettings,
     /// Parts of answers beyond the simulations of their runs.
     pub report: ReportSettings,
     /// How the number of simulations of a question is computed before them.
@@ -123,13 +131,18 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 9] =
-        ["engine", "report", "size", "check", "tune", "train", "record", "import", "evidence"];
+    const TABLES: [&str; 12] = [
+        "engine", "formula", "log", "monitor", "report", "size", "check", "tune", "train", "record", "import",
+        "evidence",
+    ];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
         [
             EngineSettings::described(),
+            FormulaSettings::described(),
+            LogSettings::described(),
+            MonitorSettings::described(),
             ReportSettings::described(),
             SizePlan::described(),
             CheckSettings::described(),
@@ -150,16 +163,19 @@ impl Settings {
     /// Takes the tables of settings out of the table of a plan.
     ///
     /// # Errors
-    /// If a value has another type.
+    /// If a value has another type, or the settings of a log contradict each other.
     pub fn take(table: &mut Table) -> Result<Settings, MishandleError> {
         let own =
             Settings::TABLES.iter().filter_map(|name| Some(((*name).to_string(), table.remove(*name)?)));
         let own: Table = own.collect();
         let text = own.to_string();
-        Value::Table(own).try_into().map_err(|error: toml::de::Error| MishandleError::PlanSyntax {
-            line: 1,
-            found: text,
-            message: error.message().to_string(),
-        })
+        let settings: Settings =
+            Value::Table(own).try_into().map_err(|error: toml::de::Error| MishandleError::PlanSyntax {
+                line: 1,
+                found: text,
+                message: error.message().to_string(),
+            })?;
+        settings.log.options()?;
+        Ok(settings)
     }
 }

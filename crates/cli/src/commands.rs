@@ -18,7 +18,6 @@ mod init;
 mod list;
 mod man;
 mod margin;
-mod mine;
 mod monitor;
 mod record;
 mod regress;
@@ -45,10 +44,7 @@ pub use regress::junit;
 pub const GROUPS: [(&str, &[&str]); 6] = [
     ("Find failures", &["falsify", "margin", "run"]),
     ("Measure", &["evaluate", "check", "risk", "compare", "bisect"]),
-    (
-        "Understand",
-        &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula", "mine"],
-    ),
+    ("Understand", &["explain", "simulate", "replay", "render", "view", "report", "monitor", "formula"]),
     ("Keep", &["runs", "counterexamples", "regress", "evidence", "export"]),
     ("Train", &["record", "train", "harden", "guard", "controller"]),
     ("Set up", &["list", "init", "completions", "man", "help"]),
@@ -73,7 +69,6 @@ pub enum Command {
     Report(report::Arguments),
     Monitor(monitor::Arguments),
     Formula(formula::Arguments),
-    Mine(mine::Arguments),
     Runs(runs::Arguments),
     Counterexamples(counterexamples::Arguments),
     Regress(regress::Arguments),
@@ -110,7 +105,6 @@ pub fn run(command: &Command, gpu: Option<&Device>, program: fn() -> clap::Comma
         Command::Report(arguments) => report::run(arguments),
         Command::Monitor(arguments) => monitor::run(arguments),
         Command::Formula(arguments) => formula::run(arguments),
-        Command::Mine(arguments) => mine::run(arguments),
         Command::Runs(arguments) => runs::run(arguments),
         Command::Counterexamples(arguments) => counterexamples::run(arguments),
         Command::Regress(arguments) => regress::run(arguments),

@@ -1,7 +1,6 @@
 //! Flags: groups that commands share, and the parsing of their values.
 
 mod keys;
-mod log;
 mod log_question;
 pub mod numbers;
 mod plan;
@@ -12,7 +11,6 @@ mod subject;
 use std::ops::RangeInclusive;
 
 pub use keys::{Assignment, KeyParser, Keys, Planned, SettingKeys, settings, tables};
-pub use log::{FollowFlags, LogFlags};
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::planned;
 pub use recorded::{Recorded, TraceFile, check_flags, is_file};

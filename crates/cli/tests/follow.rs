@@ -44,8 +44,9 @@ impl Following {
 #[test]
 fn a_violation_ends_the_program_while_the_pipe_is_open() {
     let bench = Bench::new();
-    let mut following =
-        Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' -"));
+    let mut following = Following::start(
+        bench.command("monitor --follow -k monitor.bounds=true --formula 'always(d <= 2)' -"),
+    );
     following.write("time,d\n0,0\n");
     let line = following.line();
     assert_eq!(
@@ -78,7 +79,7 @@ fn the_end_of_a_pipe_has_the_verdict_of_the_complete_log() {
     for formula in
         ["always(d >= 1 implies eventually[0:1](d <= 0.5))", "always[0:9](d >= 0)", "eventually(d >= 4)"]
     {
-        for flags in ["", "--strict-horizon"] {
+        for flags in ["", "-k log.strict-horizon=true"] {
             let whole = bench.run(&format!("monitor --json {flags} --formula '{formula}' log.csv"));
             let mut following =
                 Following::start(bench.command(&format!("monitor --follow {flags} --formula '{formula}' -")));
@@ -111,7 +112,7 @@ fn lines_of_several_requirements_carry_their_names() {
         let shown = |line: Value| format!("{} {} {}", line["name"], line["violated"], line["samples"]);
         out.lines().map(|text| shown(line(text)).replace('"', "")).collect()
     };
-    let follow = "monitor --follow --formulas set.toml --period 0.1 --idle 0.1";
+    let follow = "monitor --follow --requirements set.toml -k log.period=0.1 -k monitor.idle=0.1";
     let out = bench.check(&format!("{follow} log.csv"), 1);
     assert_eq!(names(&out), ["starts false 2", "soft true 3", "hard true 4"]);
     // A warning does not end it.
@@ -120,7 +121,7 @@ fn lines_of_several_requirements_carry_their_names() {
         names(&bench.check(&format!("{follow} log.csv"), 0)),
         ["soft true 2", "starts false 2", "hard false 4"]
     );
-    let more = "--requirement 'low=f <= -1' --keep-going";
+    let more = "--requirement 'low=f <= -1' -k monitor.keep-going=true";
     let out = bench.check(&format!("{follow} {more} log.csv"), 1);
     assert_eq!(names(&out), ["low true 1", "soft true 2", "starts false 2", "hard false 4"]);
     bench.refuses(&format!("{follow} log.csv log.csv"), &["--follow reads one log"]);
@@ -133,18 +134,22 @@ fn lines_of_several_requirements_carry_their_names() {
         assert!(message.contains("requirement other") && message.contains(reason), "{message}");
         assert!(message.contains("without a verdict: 1 requirement"), "{message}");
     }
-    bench.refuses("monitor --follow --formulas set.toml log.csv", &["--period"]);
+    bench.refuses("monitor --follow --requirements set.toml log.csv", &["-k log.period=SECONDS"]);
     bench.refuses("monitor --follow --json --formula f>=0 log.csv", &["--json"]);
-    bench.refuses("monitor --idle 1 --formula f>=0 log.csv", &["--follow"]);
-    bench.refuses("monitor --follow --sort --formula f>=0 log.csv", &["--lateness"]);
+    bench.refuses("monitor -k monitor.idle=1 --formula f>=0 log.csv", &["--follow"]);
+    bench.refuses(
+        "monitor --follow -k log.sort=true --formula f>=0 log.csv",
+        &["-k monitor.lateness=SECONDS"],
+    );
 }
 
 #[test]
 fn a_file_is_read_as_it_grows() {
     let bench = Bench::new();
     bench.write("log.jsonl", "{\"time\":0,\"d\":0}\n{\"time\":1,");
-    let mut following =
-        Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' log.jsonl"));
+    let mut following = Following::start(
+        bench.command("monitor --follow -k monitor.bounds=true --formula 'always(d <= 2)' log.jsonl"),
+    );
     assert_eq!(following.line()["samples"], 1);
     let mut file = OpenOptions::new().append(true).open(bench.path("log.jsonl")).unwrap();
     file.write_all(b"\"d\":1}\n").unwrap();
@@ -169,8 +174,9 @@ fn a_file_that_is_replaced_or_cut_is_an_error() {
     for (change, message) in changes {
         let bench = Bench::new();
         bench.write("log.csv", "d\n0\n");
-        let mut following =
-            Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' log.csv"));
+        let mut following = Following::start(
+            bench.command("monitor --follow -k monitor.bounds=true --formula 'always(d <= 2)' log.csv"),
+        );
         following.line();
         change(&bench);
         let (code, error) = following.end();
@@ -182,8 +188,9 @@ fn a_file_that_is_replaced_or_cut_is_an_error() {
 fn a_signal_ends_it_with_the_answer_so_far() {
     for name in ["INT", "TERM"] {
         let bench = Bench::new();
-        let mut following =
-            Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' -"));
+        let mut following = Following::start(
+            bench.command("monitor --follow -k monitor.bounds=true --formula 'always(d <= 2)' -"),
+        );
         following.write("d\n0\n");
         following.line();
         signal(&following.child, name);
@@ -199,8 +206,9 @@ fn a_signal_ends_it_with_the_answer_so_far() {
 #[test]
 fn a_closed_stdout_ends_it() {
     let bench = Bench::new();
-    let mut following =
-        Following::start(bench.command("monitor --follow --bounds --formula 'always(d <= 2)' -"));
+    let mut following = Following::start(
+        bench.command("monitor --follow -k monitor.bounds=true --formula 'always(d <= 2)' -"),
+    );
     following.write("d\n0\n");
     following.line();
     let Following { mut child, lines } = following;
@@ -217,8 +225,8 @@ fn what_is_no_log_is_an_error() {
         ("", "the file is empty"),
         ("time,d\n0,1\n1,nan\n", "line 3: `d` is `nan`"),
         ("time,d\n0,1\n1\n", "line 3 has 1 cell"),
-        ("time,d\n0,1\n0,1\n", "--duplicates"),
-        ("time,d\n1,1\n0,1\n", "--lateness"),
+        ("time,d\n0,1\n0,1\n", "-k log.duplicates=first|last"),
+        ("time,d\n1,1\n0,1\n", "-k monitor.lateness=SECONDS"),
         ("time,e\n1,1\n0,1\n", "signal `d` is not in the trace"),
     ] {
         let mut following = Following::start(bench.command("monitor --follow --formula 'always(d <= 2)' -"));
@@ -241,7 +249,7 @@ fn what_is_no_log_is_an_error() {
 #[test]
 fn a_row_is_as_late_in_one_read_as_in_several() {
     let bench = Bench::new();
-    let question = "monitor --follow --topic-column topic --resample hold --period 1 --lateness 1 \
+    let question = "monitor --follow -k log.topic-column=topic -k log.resample=hold -k log.period=1 -k monitor.lateness=1 \
                     --formula 'always(`a/v` + `b/v` <= 5)' -";
     let first = "topic,time,v\na,0,1\nb,0,1\na,1,1\na,2.5,1\n";
     let rest = "b,1,9\n";

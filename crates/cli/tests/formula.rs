@@ -47,11 +47,11 @@ fn a_formula_is_drawn_over_a_log() {
         .map(|span| (span["first"].as_u64().expect("a sample"), span["last"].as_u64().expect("a sample")))
         .collect();
     assert_eq!(spans, [(2, 2)]);
-    let shown = bench.check("formula 'always(closed >= 1 implies force >= 5)' rig.csv --svg a.svg", 0);
+    let shown = bench.check("formula 'always(closed >= 1 implies force >= 5)' rig.csv --out a.svg", 0);
     assert!(shown.contains("rig.csv: violated, robustness -0 (its sign is the verdict)"), "{shown}");
     let svg = std::fs::read_to_string(bench.path("a.svg")).expect("the drawing");
     assert!(svg.contains("1: always(closed &gt;= 1 implies force &gt;= 5)"), "{svg}");
-    bench.refuses("formula 'force >= 5' rig.csv --svg a.svg", &["a.svg exists already"]);
+    bench.refuses("formula 'force >= 5' rig.csv --out a.svg", &["a.svg exists already"]);
     bench.refuses("formula 'foce >= 5' rig.csv", &["did you mean `force`?"]);
 }
 
@@ -63,9 +63,9 @@ fn warnings_give_an_exit_code_only_if_strict() {
     assert!(shown.contains("(always (p >= 1)) implies (q >= 1)"), "{shown}");
     bench.check("formula 'always p >= 1 implies q >= 1' --strict", 1);
     bench.check("formula 'always[0:2s](p >= 1)' --strict", 0);
-    let found = bench.json("formula 'always[0:2s](p >= 1)' --episode 1 --json", 0);
+    let found = bench.json("formula 'always[0:2s](p >= 1)' -k formula.episode=1 --json", 0);
     assert_eq!(found["traps"][0]["name"], "horizon-beyond-episode");
-    let found = bench.json("formula 'always[0:2s](p >= 1)' --period 0.3 --json", 0);
+    let found = bench.json("formula 'always[0:2s](p >= 1)' -k log.period=0.3 --json", 0);
     assert_eq!(found["traps"][0]["name"], "bound-between-samples");
 }
 
@@ -87,7 +87,7 @@ fn names_of_a_target_and_of_a_file_are_formulas() {
         "set.toml",
         "[[requirement]]\nname = \"equal\"\nformula = \"always(force <= torque)\"\n\n[units]\nforce = \"N\"\ntorque = \"N m\"\n",
     );
-    let found = bench.json("formula equal --formulas set.toml --json", 0);
+    let found = bench.json("formula equal --requirements set.toml --json", 0);
     assert_eq!(found["traps"][0]["name"], "unit-mismatch");
 }
 
@@ -99,14 +99,14 @@ fn patterns_make_formulas() {
         all["patterns"].as_array().expect("patterns").iter().any(|pattern| pattern["name"] == "response")
     );
     let found = bench.json(
-        "formula --pattern hold-for --set 'p=closed >= 1' --set 'q=force < 20' --set duration=2s --json",
+        "formula --pattern hold-for --parameter 'p=closed >= 1' --parameter 'q=force < 20' --parameter duration=2s --json",
         0,
     );
     assert_eq!(
         found["formula"],
         "always(s_prev not(closed >= 1) and closed >= 1 implies always[0s:2s](force < 20))"
     );
-    bench.refuses("formula --pattern hold-for --set 'p=closed >= 1'", &["needs the parameter `q`"]);
+    bench.refuses("formula --pattern hold-for --parameter 'p=closed >= 1'", &["needs the parameter `q`"]);
     bench.refuses("formula --pattern holdfor", &["did you mean `hold-for`?"]);
 }
 
@@ -115,10 +115,8 @@ fn parameters_are_mined_from_logs_and_runs() {
     let bench = Bench::new();
     bench.write("a.csv", LOG);
     bench.write("b.csv", "time,force,closed\n0,0,0\n0.5,1,0\n1,2,0\n");
-    let found = bench.json(
-        "mine --formula 'always(force <= limit)' --parameter limit=0:50 a.csv b.csv --json --csv p.csv",
-        0,
-    );
+    let found = bench
+        .json("formula 'always(force <= limit)' --parameter limit=0:50 a.csv b.csv --json --out p.csv", 0);
     assert_eq!(
         (&found["points"][0]["values"][0], &found["points"][0]["decisive"]),
         (&7.5.into(), &"a.csv".into())
@@ -133,23 +131,19 @@ fn parameters_are_mined_from_logs_and_runs() {
     // The mined formula holds, and a tighter one does not.
     bench.check("monitor --formula 'always(force <= 7.5)' a.csv b.csv", 0);
     bench.check("monitor --formula 'always(force <= 7.499999)' a.csv b.csv", 1);
-    let time = bench.json("mine --formula 'eventually[0:T](force >= 4)' --parameter T=0:2s a.csv --json", 0);
+    let time = bench.json("formula 'eventually[0:T](force >= 4)' --parameter T=0:2s a.csv --json", 0);
     assert_eq!(time["points"][0]["formula"], "eventually[0s:1s](force >= 4)");
-    let shown = bench.check("mine --formula 'always(force <= limit)' --parameter limit=0:5 a.csv", 1);
+    let shown = bench.check("formula 'always(force <= limit)' --parameter limit=0:5 a.csv", 1);
     assert!(shown.contains("Nothing was mined"), "{shown}");
-    bench.refuses(
-        "mine --formula 'always(force <= closed)' --parameter closed=0:5 a.csv",
-        &["is also a signal"],
-    );
-    bench.refuses("mine --formula 'always(force <= limit' --parameter limit=0:5 a.csv", &["column 22", "^"]);
+    bench.refuses("formula 'always(force <= closed)' --parameter closed=0:5 a.csv", &["is also a signal"]);
+    bench.refuses("formula 'always(force <= limit' --parameter limit=0:5 a.csv", &["column 22", "^"]);
     bench.check("evaluate toy/car-following --episodes 3 --out run.sqlite", 0);
-    let gap =
-        bench.json("mine --formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite --json", 0);
+    let gap = bench.json("formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite --json", 0);
     // The three random episodes, without the corners and the center of the initial box.
     assert_eq!((&gap["outcome"], &gap["traces"]), (&"found".into(), &3.into()));
-    let left_out = bench.run("mine --formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite");
+    let left_out = bench.run("formula 'always(gap >= least)' --parameter least=-100:100 run.sqlite");
     assert!(text(&left_out.stderr).contains("left out: corners"), "{}", text(&left_out.stderr));
-    bench.refuses("mine --formula 'always(force <= F)' --parameter F=0:5 a.csv", &["`F` is an operator"]);
+    bench.refuses("formula 'always(force <= F)' --parameter F=0:5 a.csv", &["`F` is an operator"]);
 }
 
 #[test]
@@ -158,8 +152,12 @@ fn errors_of_empty_questions_name_what_is_missing() {
     for (arguments, part) in [
         ("formula ''", "expected a signal"),
         ("formula", "required"),
-        ("mine --formula 'x <= c' --parameter c=0:1", "there is no log"),
-        ("mine --formula 'x <= c' --parameter c=1 a.csv", "limit=0:50"),
+        ("formula 'x <= c' --parameter c=0:1", "there is no log"),
+        ("formula 'x <= c' --parameter c=1 a.csv", "0:50 or 0:5s"),
+        ("formula 'x <= c' --parameter c=0:1 --strict a.csv", "--strict is for"),
+        ("formula 'x <= c' --parameter c=0:1 --out p.svg a.csv", "a .csv file"),
+        ("formula 'x <= 1' --out p.csv", "a .svg file"),
+        ("formula 'x <= c' --parameter c=0:1 -k formula.resolution.d=0.1 a.csv", "no --parameter declares d"),
     ] {
         let found = bench.run(arguments);
         assert_eq!(found.status.code(), Some(2), "{arguments}");

@@ -30,6 +30,8 @@ fn every_key_can_be_set() {
             "axes" => ("axes.x".to_string(), "0.2:0.3".to_string()),
             "requirements" => ("requirements.near".to_string(), "always(x <= 1)".to_string()),
             "falsify.options" => ("falsify.options.xatol".to_string(), "1e-6".to_string()),
+            "log.topics" => ("log.topics.arm".to_string(), "arm.csv".to_string()),
+            "formula.resolution" => ("formula.resolution.limit".to_string(), "0.1".to_string()),
             "risk.distributions" => ("risk.distributions.x".to_string(), "normal:1:0.1".to_string()),
             "metamorphic.relations" => {
                 ("metamorphic.relations.shift.change.x".to_string(), "+0.02".to_string())

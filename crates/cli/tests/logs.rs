@@ -26,7 +26,7 @@ fn a_set_of_requirements_on_several_logs_gives_a_table_worst_first() {
     bench.write("loud.csv", "time,force\n0,2\n0.5,1.5\n1,1.5\n");
     bench.write("bad.csv", "time,force\n0,2\n0.5,3\n1,0\n");
     let found = bench.json(
-        "monitor --formulas set.toml good.csv loud.csv bad.csv --json --junit v.xml --markdown v.md",
+        "monitor --requirements set.toml good.csv loud.csv bad.csv --json --junit v.xml --markdown v.md",
         1,
     );
     let order: Vec<String> = found["verdicts"]
@@ -50,9 +50,9 @@ fn a_set_of_requirements_on_several_logs_gives_a_table_worst_first() {
     let markdown = std::fs::read_to_string(bench.path("v.md")).expect("the Markdown file");
     assert_eq!(markdown.lines().count(), 8, "{markdown}");
     // A warning alone gives no exit code, and files are not overwritten.
-    bench.check("monitor --formulas set.toml good.csv loud.csv", 0);
-    bench.refuses("monitor --formulas set.toml good.csv --junit v.xml", &["v.xml exists already"]);
-    bench.refuses("monitor --formulas set.toml good.csv --junit good.csv --force", &["good.csv"]);
+    bench.check("monitor --requirements set.toml good.csv loud.csv", 0);
+    bench.refuses("monitor --requirements set.toml good.csv --junit v.xml", &["v.xml exists already"]);
+    bench.refuses("monitor --requirements set.toml good.csv --junit good.csv --force", &["good.csv"]);
 }
 
 #[test]
@@ -70,11 +70,11 @@ fn mistakes_in_a_set_of_requirements_are_named() {
         ("", "has no [[requirement]]"),
     ] {
         bench.write("set.toml", set);
-        bench.refuses("monitor --formulas set.toml d.csv", &[part]);
+        bench.refuses("monitor --requirements set.toml d.csv", &[part]);
     }
     let twice = "[[requirement]]\nname = \"a\"\nformula = \"d > 0\"\n".repeat(2);
     bench.write("set.toml", &twice);
-    bench.refuses("monitor --formulas set.toml d.csv", &["two requirements are named `a`"]);
+    bench.refuses("monitor --requirements set.toml d.csv", &["two requirements are named `a`"]);
 }
 
 #[test]
@@ -82,15 +82,22 @@ fn topics_of_several_files_are_one_log() {
     let bench = Bench::new();
     bench.write("arm.csv", "time,q\n0,0.1\n0.5,0.2\n1,0.3\n");
     bench.write("hand.csv", "time,force\n0,1\n0.3,5\n0.7,2\n1,1\n");
-    let topics = "--topic arm=arm.csv --topic /hand=hand.csv";
+    let topics = "-k log.topics.arm=arm.csv -k log.topics./hand=hand.csv";
     let formula = "--formula 'always(`/hand/force` <= 4 or `arm/q` <= 0.25)'";
-    bench.refuses(&format!("monitor {formula} {topics}"), &["have different times; pass --resample"]);
-    let found = bench.json(&format!("monitor {formula} {topics} --dense hold --json"), 0);
+    bench.refuses(
+        &format!("monitor {formula} {topics}"),
+        &["have different times; pass -k log.resample=hold|linear"],
+    );
+    let found = bench.json(&format!("monitor {formula} {topics} -k log.dense=hold --json"), 0);
     assert!((found["robustness"].as_f64().expect("a number") - 0.05).abs() < 1e-12, "{found}");
-    let found =
-        bench.json(&format!("monitor {formula} {topics} --resample hold --period 0.1 --json --values"), 0);
+    let found = bench.json(
+        &format!(
+            "monitor {formula} {topics} -k log.resample=hold -k log.period=0.1 --json -k monitor.values=true"
+        ),
+        0,
+    );
     assert_eq!(found["robustness_times"].as_array().expect("times").len(), 11);
-    bench.refuses(&format!("monitor {formula} {topics} arm.csv"), &["--topic names the files of one log"]);
+    bench.refuses(&format!("monitor {formula} {topics} arm.csv"), &["log.topics names the files of one log"]);
     bench.refuses("monitor --formula 'x > 0'", &["there is no log: name a file, or several topics"]);
 }
 
@@ -114,7 +121,7 @@ fn a_log_is_explained_with_times_of_the_log_and_units() {
     let bench = Bench::new();
     bench.write("set.toml", REQUIREMENTS);
     bench.write("bad.csv", "time,force\n10,2\n10.5,3\n11,0\n");
-    let found = bench.check("explain --formulas set.toml --log bad.csv", 1);
+    let found = bench.check("monitor --explain --requirements set.toml bad.csv", 1);
     for part in [
         "bad.csv, gentle\nformula always(force <= 2)\nrobustness -1 at time 0: violated",
         "From 10.5 s (sample 1) on, nothing can satisfy the formula.",
@@ -123,7 +130,7 @@ fn a_log_is_explained_with_times_of_the_log_and_units() {
     ] {
         assert!(found.contains(part), "{part}\n{found}");
     }
-    let document = bench.json("explain --formulas set.toml --log bad.csv --json", 1);
+    let document = bench.json("monitor --explain --requirements set.toml bad.csv --json", 1);
     let first = &document["explanations"][0];
     assert_eq!(first["predicate"]["time"], 10.5);
     assert_eq!(first["signals"]["columns"][0]["unit"], "N");
@@ -136,7 +143,7 @@ fn a_page_about_logs_has_a_section_for_each_verdict_and_escapes_names() {
     bench.write("set.toml", REQUIREMENTS);
     bench.write("<b>.csv", "time,force\n0,2\n0.5,3\n1,0\n");
     bench.write("good.csv", "time,force\n0,1\n0.5,0\n1,0\n");
-    bench.check("report --formulas set.toml --log good.csv <b>.csv --out page.html", 0);
+    bench.check("report --requirements set.toml --log good.csv <b>.csv --out page.html", 0);
     let page = std::fs::read_to_string(bench.path("page.html")).unwrap();
     assert_eq!(page.matches("<section class=\"run\"").count(), 4);
     assert_eq!(page.matches("<svg").count(), 4);
@@ -144,7 +151,7 @@ fn a_page_about_logs_has_a_section_for_each_verdict_and_escapes_names() {
     assert!(page.contains("force (N)") && page.contains("The gripper must not crush the part"));
     let order = ["gentle on &lt;b&gt;.csv", "gentle on good.csv"].map(|name| page.find(name).expect(name));
     assert!(order[0] < order[1]);
-    bench.check("report --formulas set.toml --log good.csv --dense hold --out dense.html", 0);
+    bench.check("report --requirements set.toml --log good.csv -k log.dense=hold --out dense.html", 0);
     assert!(std::fs::read_to_string(bench.path("dense.html")).unwrap().contains("decides at"));
 }
 
@@ -153,18 +160,29 @@ fn flags_of_runs_and_logs_do_not_mix() {
     let bench = Bench::new();
     bench.write("a.csv", "time,force\n0,1\n1,0\n");
     for (arguments, message) in [
-        ("explain --log a.csv --formula force<=1 --trial 2", "cannot be used with '--trial"),
-        ("explain run.sqlite --formula force<=1", "cannot be used with '--formula"),
+        ("report run.sqlite --formula force<=1 --out p.html", "cannot be used with '--formula"),
         ("report run.sqlite --log a.csv --out p.html", "cannot be used with '--log"),
         ("report --log a.csv --out p.html", "there is no formula"),
         ("report --log a.csv --formula force<=1 --out a.csv", "--out"),
-        ("explain --log a.csv --formula force<=1 --dense hold", "pass --resample instead of --dense"),
-        ("explain --log a.csv --formula force<=1 --strict-horizon", "leave out --strict-horizon"),
+        ("report --formula force<=1 --out p.html", "there is no log"),
+        ("monitor --explain a.csv --formula force<=1 -k log.dense=hold", "instead of log.dense"),
+        (
+            "monitor --explain a.csv --formula force<=1 -k log.strict-horizon=true",
+            "leave out log.strict-horizon",
+        ),
+        ("monitor --explain a.csv --formula force<=1 --junit v.xml", "cannot be used with '--junit"),
+        ("monitor a.csv --formula force<=1 -k monitor.values=true", "pass --json"),
+        ("monitor a.csv --formula force<=1 -k log.dense=hold -k log.resample=hold", "log.resample is set"),
+        ("monitor a.csv --formula force<=1 -k log.utc-offset=east", "an offset such as"),
+        ("monitor a.csv --formula force<=1 -k log.delimiter=;;", "one character"),
+        ("monitor a.csv --formula force<=1 -k log.missing=keep", "\"error\", \"hold\" or \"drop\""),
+        ("monitor a.csv --formula force<=1 -k formula.share=0.5", "does not read; it reads log, monitor"),
     ] {
         bench.refuses(arguments, &[message]);
     }
     bench.write("set.toml", "[[requirement]]\nname = 'a'\nformula = 'force <= 1'\n[units]\nspeed = 'm/s'\n");
-    bench.refuses("monitor --formulas set.toml a.csv", &["[units] names `speed`, which no formula reads"]);
+    bench
+        .refuses("monitor --requirements set.toml a.csv", &["[units] names `speed`, which no formula reads"]);
 }
 
 #[test]
@@ -189,8 +207,11 @@ fn json_lines_are_known_by_their_first_bytes_and_may_have_the_numbers_of_python(
     let lines = "{\"time\": 0, \"force\": 1, \"text\": \"a \\\"NaN\"}\n{\"time\": 1, \"force\": NaN}\n\
                  {\"time\": 2, \"force\": -Infinity}\n{\"time\": 3, \"force\": 3}\n";
     bench.write("log.csv", lines);
-    bench.refuses("monitor --formula always(force<=2) log.csv", &["line 2: `force`", "--missing hold|drop"]);
-    let found = bench.check("monitor --formula always(force<=2) log.csv --missing hold", 1);
+    bench.refuses(
+        "monitor --formula always(force<=2) log.csv",
+        &["line 2: `force`", "-k log.missing=hold|drop"],
+    );
+    let found = bench.check("monitor --formula always(force<=2) log.csv -k log.missing=hold", 1);
     assert!(found.contains("violated at 3 s"), "{found}");
 }
 
@@ -198,14 +219,17 @@ fn json_lines_are_known_by_their_first_bytes_and_may_have_the_numbers_of_python(
 fn numbers_that_look_like_another_unit_of_time_need_the_flag() {
     let bench = Bench::new();
     bench.write("px4.csv", "timestamp,v\n165852000,0\n165872000,3\n165892000,0\n");
-    let question = "monitor --formula always[0:0.04s](v<=1) --time timestamp";
-    bench.refuses(&format!("{question} px4.csv"), &["steps by 20000 on average", "--time-unit"]);
-    bench.check(&format!("{question} --time-unit us px4.csv"), 1);
+    let question = "monitor --formula always[0:0.04s](v<=1) -k log.time=timestamp";
+    bench.refuses(&format!("{question} px4.csv"), &["steps by 20000 on average", "-k log.time-unit="]);
+    bench.check(&format!("{question} -k log.time-unit=us px4.csv"), 1);
     bench.write("days.csv", "t,v\n738000.5,0\n738000.50001,3\n738000.50002,0\n");
-    bench.refuses("monitor --formula always(v<=1) --time t days.csv", &["looks like days", "--time-unit"]);
+    bench.refuses(
+        "monitor --formula always(v<=1) -k log.time=t days.csv",
+        &["looks like days", "-k log.time-unit="],
+    );
     bench.write("slow.csv", "t,v\n0,0\n60,3\n120,0\n");
-    bench.refuses("monitor --formula always(v<=1) --time t slow.csv", &["--time-unit"]);
-    bench.check("monitor --formula always(v<=1) --time t --time-unit s slow.csv", 1);
+    bench.refuses("monitor --formula always(v<=1) -k log.time=t slow.csv", &["-k log.time-unit="]);
+    bench.check("monitor --formula always(v<=1) -k log.time=t -k log.time-unit=s slow.csv", 1);
 }
 
 #[test]
@@ -235,7 +259,7 @@ fn a_requirement_without_a_verdict_leaves_those_of_the_others() {
     // The name of a formula of a target, and the square root of -4.
     for (name, formula) in [("R-1", "success"), ("root", "always(sqrt(force - 5) <= 9)")] {
         bench.write("set.toml", &(requirement(name, formula, "error") + &judged));
-        let output = bench.run("monitor --formulas set.toml log.csv --markdown v.md --force");
+        let output = bench.run("monitor --requirements set.toml log.csv --markdown v.md --force");
         assert_eq!(output.status.code(), Some(2));
         assert!(text(&output.stdout).contains("violated"), "{}", text(&output.stdout));
         let messages = text(&output.stderr);
@@ -250,7 +274,7 @@ fn a_requirement_without_a_verdict_leaves_those_of_the_others() {
 fn parts_that_fail_at_the_same_time_count_once() {
     let bench = Bench::new();
     bench.write("ab.csv", "time,a,b\n0,0,0\n1,2,2\n2,2,2\n3,0,0\n");
-    let found = bench.check("monitor --formula always(a<=1and(b<=1)) ab.csv ab.csv --dense hold", 1);
+    let found = bench.check("monitor --formula always(a<=1and(b<=1)) ab.csv ab.csv -k log.dense=hold", 1);
     assert!(found.contains("  2 s  "), "{found}");
 }
 
@@ -268,16 +292,16 @@ fn a_truth_value_alone_is_noted() {
 fn a_row_does_not_move_to_an_earlier_time_for_lack_of_digits() {
     let bench = Bench::new();
     bench.write("snap.csv", "time,x\n0,0\n0.05,9\n0.1,0\n1,0\n2,0\n3,0\n");
-    let question = "monitor --formula always(x<=5) --resample hold --period 0.5";
+    let question = "monitor --formula always(x<=5) -k log.resample=hold -k log.period=0.5";
     assert!(bench.check(&format!("{question} snap.csv"), 0).contains("robustness 5"));
-    bench.check(&format!("{question} --follow --idle 0.1 snap.csv"), 0);
+    bench.check(&format!("{question} --follow -k monitor.idle=0.1 snap.csv"), 0);
 }
 
 #[test]
 fn a_step_as_long_as_the_tolerance_is_bridged() {
     let bench = Bench::new();
     bench.write("tol.csv", "time,x\n0,0\n0.1,0\n0.2,0\n0.3,0\n0.4,0\n");
-    bench.check("monitor --formula always(x<=5) --dense hold --tolerance 0.1 tol.csv", 0);
+    bench.check("monitor --formula always(x<=5) -k log.dense=hold -k log.tolerance=0.1 tol.csv", 0);
 }
 
 #[test]
@@ -285,11 +309,11 @@ fn outputs_do_not_replace_the_requirements_or_each_other() {
     let bench = Bench::new();
     bench.write("set.toml", REQUIREMENTS);
     bench.write("a.csv", "time,force\n0,1\n0.5,0\n");
-    let question = "monitor --formulas set.toml a.csv --force";
+    let question = "monitor --requirements set.toml a.csv --force";
     bench.refuses(&format!("{question} --junit set.toml"), &["the same file as the input set.toml"]);
     bench.refuses(&format!("{question} --junit v --markdown v"), &["name the same file"]);
     bench.refuses(
-        "report --formulas set.toml --log a.csv --force --out set.toml",
+        "report --requirements set.toml --log a.csv --force --out set.toml",
         &["same file as the input"],
     );
     assert_eq!(std::fs::read_to_string(bench.path("set.toml")).unwrap(), REQUIREMENTS);
@@ -301,7 +325,25 @@ fn topics_whose_clocks_differ_by_months_are_no_log() {
     bench.write("a.csv", "time,v\n0,1\n1,2\n");
     bench.write("b.csv", "time,v\n1700000000,1\n1700000001,2\n");
     bench.refuses(
-        "monitor --formula always(`a/v`+`b/v`<=5) --topic a=a.csv --topic b=b.csv --dense hold",
+        "monitor --formula always(`a/v`+`b/v`<=5) -k log.topics.a=a.csv -k log.topics.b=b.csv -k log.dense=hold",
         &["do not count from the same instant"],
     );
+}
+
+#[test]
+fn a_plan_states_how_logs_are_read() {
+    let bench = Bench::new();
+    bench.write("a.csv", "t;force\n0;1\n0,2;3\n0,3;1\n");
+    bench.write(
+        "rig.toml",
+        "target = \"toy/sphere-2d\"\n[log]\ntime = \"t\"\ndecimal = \"comma\"\ndense = \"hold\"\n[monitor]\nbounds = true\n",
+    );
+    let found = bench.check("monitor --formula always(force<=2) --plan rig.toml a.csv", 1);
+    assert!(found.contains("violated from 0.2 s to 0.3 s"), "{found}");
+    bench.check("report --formula always(force<=2) --plan rig.toml --log a.csv --out page.html", 0);
+    bench.write("topics.toml", "[log]\ndense = \"hold\"\n[log.topics]\narm = \"arm.csv\"\n");
+    bench.write("arm.csv", "time,q\n0,1\n1,3\n");
+    bench.check("monitor --formula always(`arm/q`<=2) --plan topics.toml", 1);
+    bench.write("wrong.toml", "[log]\nperiod = 0\n");
+    bench.refuses("monitor --formula q<=2 --plan wrong.toml arm.csv", &["`log.period` is 0", "above 0"]);
 }

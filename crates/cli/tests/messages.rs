@@ -47,7 +47,6 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
             "--at",
             "expected a number in the unit of the axis".to_string(),
         ),
-        ("monitor --formula d>0 a.csv", "--period", "expected a number of seconds above 0".to_string()),
         ("train point-reaching", "--steps", integer(1, 1_000_000_000_000)),
     ] {
         check(
@@ -78,11 +77,11 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
             &[flag, value, "out of range", "a number from 0 to 10"],
         );
     }
-    for period in ["0", "-1", "inf", "nan"] {
+    for period in ["0", "-1", "inf", "nan", "many"] {
         check(
             &bench,
-            &format!("monitor --formula d>0 a.csv --period {period}"),
-            &[period, "out of range", "above 0"],
+            &format!("monitor --formula d>0 a.csv -k log.period={period}"),
+            &[&format!("`log.period` is {period}; it must be a number of seconds above 0")],
         );
     }
 }
@@ -125,7 +124,7 @@ fn a_wrong_line_of_a_csv_file_is_named_by_its_number_in_the_file() {
         ("d,e\n1,2\n\n\nx,1\n", "line 5: `d` is `x`; it must be a number such as 0.25"),
         ("d,e\r\n1,2\r\n\r\nx,1\r\n", "line 4: `d` is `x`"),
         ("d;e\n0,5;1\n1.5;1\n", "line 3: `1.5` has a decimal point, the numbers before have a comma"),
-        ("e,f;d\n0,5;1\n", "by commas or by semicolons; pass --delimiter"),
+        ("e,f;d\n0,5;1\n", "by commas or by semicolons; pass -k log.delimiter="),
     ] {
         bench.write("d.csv", csv);
         check(&bench, "monitor --formula d>0 d.csv", &["trace d.csv: ", part]);
@@ -217,10 +216,10 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     bench.write("none.csv", &format!("step,d\n{rows}"));
     bench.write("one.csv", "time,d\n0,1\n");
     bench.write("time.csv", &format!("time,d\n{rows}"));
-    let asks = ["needs the time between two samples", "--period SECONDS"];
+    let asks = ["needs the time between two samples", "-k log.period=SECONDS"];
     for arguments in [
         "--formula always[0:1s](d>0) none.csv",
-        "--formula always[0:1](d>0) --unit s none.csv",
+        "--formula always[0:1](d>0) -k log.unit=s none.csv",
         "--formula historically[20ms:inf](d>0) none.csv",
         "--formula always[0:1s](d>0) one.csv",
     ] {
@@ -229,16 +228,16 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     for name in ["Time", "timestamp", "t", "__time", "header.stamp", "elapsed_s", "time [s]", "sec"] {
         bench.write("named.csv", &format!("{name},d\n{rows}"));
         let quoted = if name.contains('[') { format!("'{name}'") } else { name.to_string() };
-        let parts = [asks[0], asks[1], &format!("--time {quoted}")];
+        let parts = [asks[0], asks[1], &format!("-k log.time={quoted}")];
         check(&bench, "monitor --formula always[0:1s](d>0) named.csv", &parts);
         // d is 5, 5, 2 within 1 s.
-        let named = format!("monitor --formula 'always[0:1s](d>=2)' named.csv --time '{name}'");
+        let named = format!("monitor --formula 'always[0:1s](d>=2)' named.csv -k 'log.time={name}'");
         assert_eq!(bench.json(&format!("{named} --json"), 0)["robustness"], 0.0);
     }
     for arguments in [
         "--formula always[0:1s](d>=2) time.csv",
-        "--formula always[0:1](d>=2) time.csv --unit s",
-        "--formula always[0:1s](d>=2) none.csv --period 0.5",
+        "--formula always[0:1](d>=2) time.csv -k log.unit=s",
+        "--formula always[0:1s](d>=2) none.csv -k log.period=0.5",
         "--formula always[0:2](d>=2) none.csv",
         "--formula historically[0s:inf](d>=5) none.csv",
     ] {
@@ -246,15 +245,15 @@ fn a_bound_in_seconds_needs_the_time_between_two_samples() {
     }
     check(
         &bench,
-        "monitor --formula d>0 time.csv --time tme",
+        "monitor --formula d>0 time.csv -k log.time=tme",
         &["the time column is `tme`", "did you mean `time`?"],
     );
     let milliseconds = "monitor --formula always[0:1s](d>0) ms.csv";
     bench.write("ms.csv", "time,d\n0,1\n500,1\n1000,1\n");
-    check(&bench, milliseconds, &["steps by 500 on average", "--time-unit s|ms|us|ns"]);
+    check(&bench, milliseconds, &["steps by 500 on average", "-k log.time-unit=s|ms|us|ns"]);
     check(
         &bench,
-        &format!("{milliseconds} --time-unit s"),
+        &format!("{milliseconds} -k log.time-unit=s"),
         &["0.002 steps of 500 s", "those of the times, in seconds"],
     );
     // No time is claimed that is not known.
@@ -313,10 +312,10 @@ fn headers_and_numbers_in_messages_are_short_and_harmless() {
     for arguments in [
         "--formula 'd * d > 0' d.csv",
         "--formula 'always[1e300:1e301](d > 0)' d.csv",
-        "--formula 'always[0:1s](d > 0)' d.csv --period 1e-300",
+        "--formula 'always[0:1s](d > 0)' d.csv -k log.period=1e-300",
         "--formula 'd > 0' cell.csv",
         "--formula 'd > 0' time.csv",
-        "--formula 'd > 0' time.csv --period 1e-300",
+        "--formula 'd > 0' time.csv -k log.period=1e-300",
     ] {
         let err = message(&bench, &format!("monitor {arguments}"));
         let longest = err.split(|c: char| !c.is_ascii_digit()).map(str::len).max().unwrap();

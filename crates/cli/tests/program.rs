@@ -287,14 +287,16 @@ fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
     let bench = Bench::new();
     bench.write("d.csv", "time,d\n0.0,0.2\n0.1,0.3\n0.2,0.1\n");
     // 0.35 - d = 0.15, 0.05, 0.25
-    let found = bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json --values", 0);
+    let found =
+        bench.json("monitor --formula 'always[0:2](d <= 0.35)' d.csv --json -k monitor.values=true", 0);
     let rho = found["robustness"].as_f64().unwrap();
     let signal = found["robustness_signal"].as_array().unwrap();
     assert!((rho - 0.05).abs() < 1e-12);
     assert_eq!(signal.len(), 3);
     bench.check("monitor --formula 'always[0:2](d <= 0.25)' d.csv", 1);
     // 0.2 s are two samples of 0.1 s, also with RTAMT's default unit.
-    for formula in ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' --unit s"]
+    for formula in
+        ["--formula 'always[0:0.2s](d <= 0.35)'", "--formula 'always[0:0.2](d <= 0.35)' -k log.unit=s"]
     {
         let found = bench.json(&format!("monitor {formula} d.csv --json"), 0);
         assert!((found["robustness"].as_f64().unwrap() - 0.05).abs() < 1e-12, "{formula}");
@@ -314,7 +316,8 @@ fn strict_horizon_accepts_no_window_that_is_cut_under_an_unbounded_operator() {
         let document = bench.json(&format!("{command} --json"), cut.1);
         assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(cut.0), &"cut".into()));
         assert_eq!(document["cuts_windows"], true);
-        let document = bench.json(&format!("{command} --strict-horizon --json --values"), whole.1);
+        let document = bench
+            .json(&format!("{command} -k log.strict-horizon=true --json -k monitor.values=true"), whole.1);
         assert_eq!((document["robustness"].as_f64(), &document["windows"]), (Some(whole.0), &"whole".into()));
         assert_eq!(document["robustness_signal"].as_array().unwrap().len(), 2);
         assert_eq!(document["cuts_windows"], false);
@@ -322,7 +325,7 @@ fn strict_horizon_accepts_no_window_that_is_cut_under_an_unbounded_operator() {
     let note = text(&bench.run(late).stderr);
     assert!(note.contains("cut there, as in RTAMT"), "{note}");
     bench.refuses(
-        "monitor --formula 'eventually(always[0:4](x >= 4))' late.csv --strict-horizon",
+        "monitor --formula 'eventually(always[0:4](x >= 4))' late.csv -k log.strict-horizon=true",
         &["needs 5 samples", "only 4"],
     );
 }
@@ -336,18 +339,24 @@ fn errors_of_monitor_name_cause_and_position() {
     bench.write("uneven.csv", "time,d\n0,1\n0.1,1\n0.3,1\n");
     bench.refuses("monitor --formula 'always[0:2](d <= )' d.csv", &["column 18", "^"]);
     bench.refuses("monitor --formula 'x > 1' d.csv", &["signal `x` is not in the trace", "d, e"]);
-    bench.refuses("monitor --formula 'e > 0' d.csv", &["line 3: `e` is `nan`", "--missing"]);
+    bench.refuses("monitor --formula 'e > 0' d.csv", &["line 3: `e` is `nan`", "-k log.missing=hold|drop"]);
     bench.refuses("monitor --formula 'd > 0' text.csv", &["line 3", "`d` is `abc`"]);
     bench.refuses("monitor --formula 'd > 0' twice.csv", &["two columns are named `d`: 1 and 2"]);
     bench.refuses("monitor --formula 'd > 0' uneven.csv", &["evenly spaced", "0.15"]);
     bench.refuses("monitor --formula 'd > 0' missing.csv", &["missing.csv", "No such file"]);
-    bench.refuses("monitor --formula 'always[0:9](d > 0)' d.csv --strict-horizon", &["needs 10 samples"]);
-    bench.refuses("monitor --formula 'once[1:2](d > 0)' d.csv --strict-horizon", &["depends on no sample"]);
+    bench.refuses(
+        "monitor --formula 'always[0:9](d > 0)' d.csv -k log.strict-horizon=true",
+        &["needs 10 samples"],
+    );
+    bench.refuses(
+        "monitor --formula 'once[1:2](d > 0)' d.csv -k log.strict-horizon=true",
+        &["depends on no sample"],
+    );
     // 2^64 and just below: the horizon neither overflows nor counts as unbounded.
     for bound in ["18446744073709551616", "18446744073709549568", "1e300"] {
         let formula = format!("always[0:{bound}](d > 0)");
         bench.refuses(
-            &format!("monitor --formula '{formula}' d.csv --strict-horizon"),
+            &format!("monitor --formula '{formula}' d.csv -k log.strict-horizon=true"),
             &["more than any trace has"],
         );
     }
@@ -355,7 +364,7 @@ fn errors_of_monitor_name_cause_and_position() {
     bench.refuses("monitor --formula 'dd > 1' d.csv", &["hint: did you mean `d`?"]);
     let chained = text(&bench.run("monitor --formula '0.2 <= d <= 0.3' d.csv").stderr);
     assert!(chained.contains("comparisons do not chain"), "{chained}");
-    bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv --period 1", &["0.5 s", "1 s"]);
+    bench.refuses("monitor --formula 'always[0:0.5s](d > 0)' d.csv -k log.period=1", &["0.5 s", "1 s"]);
 }
 
 #[test]

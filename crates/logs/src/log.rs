@@ -270,7 +270,7 @@ impl OpenLog {
     pub(crate) fn split_sinks(&self, signals: Option<&[&str]>, topic_column: &str) -> Result<Sinks> {
         let [(_, table)] = &self.tables[..] else {
             return Err(undecided(
-                [Remedy::Unset(Key::LOG_TOPIC)],
+                [Remedy::Unset(Key::LOG_TOPICS)],
                 "a column names the topics of one file only",
             ));
         };

@@ -2,15 +2,18 @@
 
 use mishandle_results::{Key, Remedy};
 use mishandle_stl::Interpolation;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, dense, resample, state_period, undecided};
 
 /// The format of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Format {
     /// Comma-separated values, also with semicolons, tabs or spaces.
     Csv,
     /// One JSON object per line.
+    #[serde(rename = "jsonl")]
     JsonLines,
     /// NumPy's `.npz` and `.npy`.
     Numpy,
@@ -19,17 +22,22 @@ pub enum Format {
 }
 
 /// A unit of numbers that are times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Unit {
     /// Days, as in date cells of Excel and MATLAB.
+    #[serde(rename = "d")]
     Days,
     /// Seconds.
+    #[serde(rename = "s")]
     Seconds,
     /// Milliseconds.
+    #[serde(rename = "ms")]
     Milliseconds,
     /// Microseconds.
+    #[serde(rename = "us")]
     Microseconds,
     /// Nanoseconds.
+    #[serde(rename = "ns")]
     Nanoseconds,
 }
 
@@ -68,7 +76,8 @@ pub enum Sampling {
 }
 
 /// The treatment of cells without a finite number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Missing {
     /// It is an error.
     #[default]
@@ -80,7 +89,8 @@ pub enum Missing {
 }
 
 /// The treatment of rows that have the same time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Duplicates {
     /// They are an error.
     #[default]

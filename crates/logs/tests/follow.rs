@@ -441,7 +441,7 @@ fn a_sample_waits_for_all_topics_or_for_the_lateness() {
                     Err(error) => break error,
                 }
             };
-            assert!(names(&error, Key::LOG_LATENESS), "{error}");
+            assert!(names(&error, Key::LATENESS), "{error}");
         } else {
             assert_eq!(next(&mut follow).0, Next::Waiting);
             hand.write_all(b"2.25,9\n").expect("written");
@@ -473,7 +473,7 @@ fn rows_that_are_sorted_wait_for_the_lateness() {
     assert_eq!(next(&mut follow).0, Next::Waiting);
     writer.write_all(b"0.4,1\n").expect("written");
     let error = follow.next(Duration::from_secs(20)).expect_err("too late");
-    assert!(names(&error, Key::LOG_LATENESS), "{error}");
+    assert!(names(&error, Key::LATENESS), "{error}");
 }
 
 #[test]

@@ -12,15 +12,16 @@ pub struct Monitor {
     /// `>` and `!=` do not.
     pub violated: bool,
     /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with
-    /// `--strict-horizon`.
+    /// `log.strict-horizon`.
     pub windows: String,
     /// Whether `robustness` depends on a window that is cut.
     pub cuts_windows: bool,
-    /// Robustness at each sample, with `--values`; with `--strict-horizon` at the first samples,
-    /// those whose windows are inside the trace. With `--dense`, at each breakpoint.
+    /// Robustness at each sample, with `monitor.values`; with `log.strict-horizon` at the first
+    /// samples, whose windows are inside the trace. With `log.dense`, at each breakpoint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub robustness_signal: Option<Vec<Number>>,
-    /// The times of `robustness_signal` in seconds, with `--values`, if the log has times.
+    /// The times of `robustness_signal` in seconds, with `monitor.values`, if the log has
+    /// times.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub robustness_times: Option<Vec<Number>>,
     /// Each named requirement; missing without one. Without `--formula`, the other keys are those
@@ -54,9 +55,9 @@ pub struct LogVerdict {
     pub violated: bool,
     /// Whether the robustness depends on a window that is cut.
     pub cuts_windows: bool,
-    /// Number of samples; `null` with `--dense`.
+    /// Number of samples; `null` with `log.dense`.
     pub samples: Option<u64>,
-    /// Number of missing values that `--missing` held or left out.
+    /// Number of missing values that `log.missing` held or left out.
     pub missing_values: u64,
     /// Instant of 0 s in nanoseconds, if times in this document are differences from it; `null` if
     /// they are those of the log.
@@ -91,7 +92,7 @@ pub struct LogViolation {
     pub end: Option<Number>,
     /// `end` minus `start`: 0 for a single sample.
     pub duration: Option<Number>,
-    /// First sample, from 0; `null` with `--dense`.
+    /// First sample, from 0; `null` with `log.dense`.
     pub start_sample: Option<u64>,
     /// Last sample.
     pub end_sample: Option<u64>,
@@ -109,7 +110,7 @@ pub struct WorstPart {
     pub robustness: Number,
     /// Its time in seconds; `null` if the log has no times and no period.
     pub time: Option<Number>,
-    /// Its sample, from 0; `null` with `--dense`.
+    /// Its sample, from 0; `null` with `log.dense`.
     pub sample: Option<u64>,
 }
 
@@ -121,7 +122,7 @@ pub struct LogPredicate {
     pub formula: String,
     /// The time in seconds; `null` if the log has no times and no period.
     pub time: Option<Number>,
-    /// The sample, from 0; `null` with `--dense`.
+    /// The sample, from 0; `null` with `log.dense`.
     pub sample: Option<u64>,
     /// Values of the two sides.
     pub values: [Number; 2],
@@ -135,7 +136,7 @@ pub struct LogPredicate {
 pub struct MonitorChange {
     /// `verdict`: no continuation changes the verdict. `end`: the samples have ended before that,
     /// and the verdict is that of `monitor` without `--follow`. `interrupted`: a signal ended the
-    /// command. `bounds`, with `--bounds`: the bounds have changed.
+    /// command. `bounds`, with `monitor.bounds`: the bounds have changed.
     pub event: String,
     /// Name of the requirement; `null` for that of `--formula`.
     pub name: Option<String>,

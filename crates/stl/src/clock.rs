@@ -6,14 +6,19 @@ use std::fmt;
 
 /// A unit of time that may follow an interval bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum TimeUnit {
     /// `s`
+    #[cfg_attr(feature = "serde", serde(rename = "s"))]
     Seconds,
     /// `ms`
+    #[cfg_attr(feature = "serde", serde(rename = "ms"))]
     Milliseconds,
     /// `us`
+    #[cfg_attr(feature = "serde", serde(rename = "us"))]
     Microseconds,
     /// `ns`
+    #[cfg_attr(feature = "serde", serde(rename = "ns"))]
     Nanoseconds,
 }
 

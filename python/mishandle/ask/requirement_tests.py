@@ -445,7 +445,7 @@ class Test:
             write_text(log, "\n".join(rows) + "\n")
             return (
                 svg
-                if _command("formula", opened.formula, os.fspath(log), "--svg", os.fspath(svg))
+                if _command("formula", opened.formula, os.fspath(log), "--out", os.fspath(svg))
                 and svg.is_file()
                 else None
             )

@@ -33,8 +33,8 @@ class FormulaDescription(results.FormulaDescription):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Mining(results.Mining):
-    """The tightest values of parameters, as the document of ``mishandle mine --json``; ``str``
-    gives its text."""
+    """The tightest values of parameters, as the document of ``mishandle formula --parameter
+    --json``; ``str`` gives its text."""
 
     text: str = ""
 

@@ -133,7 +133,7 @@ def _parsed(formulas: Formulas) -> list[tuple[str | None, Formula]]:
         named = [(None, formulas)]
     elif isinstance(formulas, os.PathLike):
         raise InvalidTypeError(
-            "formulas are texts; `mishandle monitor --formulas` reads a file of requirements"
+            "formulas are texts; `mishandle monitor --requirements` reads a file of requirements"
         )
     else:
         named = [(None, formula) for formula in formulas]

@@ -5,40 +5,30 @@ use clap::Args;
 use mishandle::inspect::ExplainedSimulation;
 use mishandle::plan::EngineSettings;
 use mishandle::resolve::ResolvedPlan;
-use mishandle::results::{AxesAtNominal, EvaluatedCount, LogExplanations, Masking};
+use mishandle::results::{AxesAtNominal, EvaluatedCount, Masking};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, counterexample, log_question};
+use crate::run::{self, counterexample};
 use crate::show::progress::Bar;
 use crate::show::{escape, explanation, output, simulation};
 
-/// Flags about a run, which mean nothing for a log.
-const OF_RUNS: [&str; 5] = ["trial", "simulation", "keys", "masking", "axes"];
-
-/// Explain a recorded simulation or a log: when, where and by which predicate a formula is violated
+/// Explain a recorded simulation: when, where and by which predicate a formula is violated
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle explain runs/RUN.sqlite                      the first counterexample
   mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
   mishandle explain runs/RUN.sqlite --masking            which conjuncts hide others
   mishandle explain failure.json                         an exported counterexample
-  mishandle explain --log rig.csv --formula 'always(force <= 2)'
 
 A counterexample of any target is explained from its recorded trace. Other simulations have none and
 are replayed. A failure is simulated again with each axis alone at its nominal value, to say which
-one removes it. docs/guide/logs.md describes logs.")]
-#[command(mut_arg("file", |file| file
-    .required(false)
-    .required_unless_present_any(["paths", "topic"])
-    .conflicts_with_all(flags::OF_LOGS)))]
-#[command(mut_arg("paths", |paths| paths.conflicts_with_all(OF_RUNS)))]
-#[command(mut_arg("topic", |topic| topic.conflicts_with_all(OF_RUNS)))]
+one removes it. `mishandle monitor --explain` explains logs.")]
 pub struct Arguments {
     #[command(flatten)]
-    pub recorded: Option<flags::Recorded>,
+    pub recorded: flags::Recorded,
     /// Explain the whole run: how often each conjunct sets the robustness, and how often each one
     /// fails, over at most N simulations, which are simulated again; violated ones first [default
     /// of N: 500]
@@ -54,15 +44,13 @@ pub struct Arguments {
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
-    #[command(flatten)]
-    pub logs: flags::Logs,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let Some(recorded) = &command.recorded else { return logs(command) };
+    let recorded = &command.recorded;
     let engine = recorded.engine("explain")?;
     if flags::is_file(&recorded.file) {
-        return counterexample(command, recorded, &engine);
+        return counterexample(command, &engine);
     }
     let file = run::read(&recorded.file, engine.skip_check)?;
     if let Some(limit) = command.masking {
@@ -110,28 +98,6 @@ fn axes_at_nominal(
         output::message("interrupted: the failure is not shown with each axis at nominal");
     }
     Ok(found)
-}
-
-/// Explains the verdicts of formulas on logs, worst first.
-fn logs(command: &Arguments) -> Result<ExitStatus> {
-    let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
-    let mut found = Vec::new();
-    let without = log_question::ask(&command.logs.question, &sources, |asked| {
-        found.push(asked.explanation()?);
-        Ok(())
-    })?;
-    mishandle_logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
-    let fails = found.iter().any(|(explained, _)| explained.verdict.fails());
-    if command.json {
-        let explanations = found.into_iter().map(|(explained, _)| explained).collect();
-        output::json(&LogExplanations { explanations })?;
-    } else {
-        let texts: Vec<String> =
-            found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
-        output::line(&texts.join("\n\n\n"))?;
-    }
-    log_question::check_all(without, sources.len())?;
-    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
 /// Prints which conjuncts set the robustness of a run and which ones fail.
@@ -208,11 +174,8 @@ fn count_text(count: EvaluatedCount, kind: &str) -> String {
 }
 
 /// Simulates an exported counterexample and explains it.
-fn counterexample(
-    command: &Arguments,
-    recorded: &flags::Recorded,
-    engine: &EngineSettings,
-) -> Result<ExitStatus> {
+fn counterexample(command: &Arguments, engine: &EngineSettings) -> Result<ExitStatus> {
+    let recorded = &command.recorded;
     flags::check_flags(recorded.trial, recorded.simulation)?;
     let (file, replayed) = counterexample::replay(&recorded.file, engine.moved())?;
     let header = &replayed.header;

@@ -2,40 +2,41 @@ mod follow;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::results::LogVerdict;
+use mishandle::results::{LogExplanations, LogVerdict};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{FollowFlags, LogQuestion};
-use crate::run::log_question;
-use crate::show::{log_verdicts, output};
+use crate::flags::{Keys, LogQuestion};
+use crate::run::log_question::{self, Question};
+use crate::show::{explanation, log_verdicts, output};
 
 /// Compute the robustness of temporal logic formulas on recorded logs
 #[derive(Debug, Args)]
 #[command(
     after_help = "A log is a CSV file (also with semicolons, tabs or spaces), JSON lines, a NumPy .npz or
 .npy file, or a Parquet file. A signal is a column. The optional column `time` (seconds, or dates
-with a zone) determines the sampling period; --time names another one. Columns that no formula
+with a zone) determines the sampling period; log.time names another one. Columns that no formula
 reads may hold anything. In a formula, the name of a column that is not a plain word stands in
 backquotes: `/joint[0]/position`. In a shell, a formula with backquotes stands in single quotes.
 
-Several files are several logs: the answer is a table of verdicts, worst first. --topic reads
-several files as one log.
+Several files are several logs: the answer is a table of verdicts, worst first. log.topics
+reads several files as one log.
 
 Windows that extend past the end of the trace are cut there, as in RTAMT. A cut window can
-satisfy a formula that the whole window would violate. --strict-horizon uses whole windows
+satisfy a formula that the whole window would violate. log.strict-horizon uses whole windows
 only, as verdicts about episodes do: a window without an end (`eventually p`) then ends at
 the last sample at which p's own windows are inside the trace, and a formula whose windows
 do not fit into the trace is an error.
 
 Examples:
   mishandle monitor --formula 'always[0:2](d <= 0.3)' trace.csv             bounds count samples
-  mishandle monitor --formula 'always[0:2s](d <= 0.3)' --period 0.1 trace.csv
-  mishandle monitor --formula 'always[0:2](d <= 0.3)' --period 0.1 --unit s trace.csv  as in RTAMT
-  mishandle monitor --formulas requirements.toml --junit verdicts.xml logs/*.parquet
-  mishandle monitor --formula 'always(`arm/q` <= 2)' --topic arm=arm.csv --dense hold
+  mishandle monitor --formula 'always[0:2s](d <= 0.3)' -k log.period=0.1 trace.csv
+  mishandle monitor --formula 'always[0:2](d <= 0.3)' -k log.period=0.1 -k log.unit=s trace.csv
+  mishandle monitor --requirements requirements.toml --junit verdicts.xml logs/*.parquet
+  mishandle monitor --explain --formula 'always(force <= 2)' rig.csv        what decides, and when
+  mishandle monitor --formula 'always(`arm/q` <= 2)' -k log.topics.arm=arm.csv -k log.dense=hold
   mishandle monitor --follow --formula 'always(force <= 20)' /tmp/forces.fifo
 
 --follow reads a log that is still written, row by row: a pipe, or a file that grows. Each change of
@@ -53,9 +54,10 @@ pub struct Arguments {
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
-    /// With --json: print the robustness at each sample
-    #[arg(long, requires = "json")]
-    pub values: bool,
+    /// Explain each verdict instead: the chain from the formula to the predicate that decides, and
+    /// the signals around that instant
+    #[arg(long, conflicts_with_all = ["junit", "markdown"])]
+    pub explain: bool,
     /// File to create with the verdicts as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
@@ -66,42 +68,55 @@ pub struct Arguments {
     #[arg(long)]
     pub force: bool,
     /// Read a log that is still written and print changes as JSON lines; ends with the verdict
-    #[arg(long, help_heading = "Following a log", conflicts_with_all = ["json", "values", "junit", "markdown", "dense"])]
+    #[arg(long, conflicts_with_all = ["json", "explain", "junit", "markdown"])]
     pub follow: bool,
     #[command(flatten)]
-    pub following: FollowFlags,
+    pub keys: Keys,
     #[command(flatten)]
     pub question: LogQuestion,
 }
 
+/// Keys that only a log has that is still written.
+const OF_FOLLOWED: [&str; 4] = ["monitor.bounds", "monitor.keep-going", "monitor.lateness", "monitor.idle"];
+
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let sources = log_question::sources(&command.question, &command.logs)?;
-    ensure!(!command.values || sources.len() == 1, "--values prints the values of one log; name one");
-    let inputs = || log_question::inputs(&command.question, &sources);
+    let (settings, planned) = command.keys.settings("monitor")?;
+    if let Some(key) = OF_FOLLOWED.iter().find(|key| !command.follow && planned.has_stated(key)) {
+        bail!("{key} is for a log that is still written: pass --follow");
+    }
+    let is_in_vain = !command.json || command.explain;
+    if settings.monitor.values && is_in_vain && planned.has_stated("monitor.values") {
+        bail!("monitor.values adds to the document of --json: pass --json, without --explain");
+    }
+    let has_values = settings.monitor.values && !is_in_vain;
+    let question = Question::new(&command.question, &settings.log, &command.logs)?;
+    let sources = &question.sources;
+    ensure!(!has_values || sources.len() == 1, "monitor.values prints the values of one log; name one");
     for (flag, path) in [("--junit", &command.junit), ("--markdown", &command.markdown)] {
         let Some(path) = path else { continue };
-        output::refuse_inputs(path, flag, inputs())?;
+        output::refuse_inputs(path, flag, question.inputs())?;
     }
     if let (Some(junit), Some(markdown)) = (&command.junit, &command.markdown) {
         ensure!(junit != markdown, "--junit and --markdown name the same file {}", junit.display());
     }
     if command.follow {
-        ensure!(sources.len() == 1, "--follow reads one log; --topic NAME=FILE reads several files as one");
-        let requested = log_question::requested(&command.question, &sources)?;
-        return follow::run(&sources[0], &requested, command);
+        ensure!(sources.len() == 1, "--follow reads one log; log.topics reads several files as one");
+        return follow::run(&question, &settings);
+    }
+    if command.explain {
+        return explain(&question, command.json);
     }
     let mut verdicts = Vec::new();
     let mut values = None;
-    let without = log_question::ask(&command.question, &sources, |asked| {
-        if command.values && values.is_none() {
+    let without = question.ask(|asked| {
+        if has_values && values.is_none() {
             let samples = &asked.log.samples;
             values = Some(samples.robustness_signal(&asked.requirement.formula, &asked.evaluation)?);
         }
         verdicts.push(asked.verdict);
         Ok(())
     })?;
-    let strict_horizon = command.question.strict_horizon;
-    let found = mishandle_logs::document(verdicts, sources.len(), strict_horizon, values);
+    let found = mishandle_logs::document(verdicts, sources.len(), settings.log.strict_horizon, values);
     let verdicts = &found.verdicts;
     let is_one_log = sources.len() == 1;
     if let Some(path) = &command.junit {
@@ -116,7 +131,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         let samples = cut.samples.map(|samples| format!(", which has {}", plural(samples, "sample")));
         format!(
             "note: a window extends past the end of the trace{}; it is cut there, as in RTAMT; samples after the end could \
-             change the value (--strict-horizon uses whole windows only)",
+             change the value (log.strict-horizon uses whole windows only)",
             samples.unwrap_or_default()
         )
     });
@@ -133,5 +148,26 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message(&note);
     }
     log_question::check_all(without, sources.len())?;
+    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Explains the verdicts, worst first.
+fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
+    let mut found = Vec::new();
+    let without = question.ask(|asked| {
+        found.push(asked.explanation()?);
+        Ok(())
+    })?;
+    mishandle_logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
+    let fails = found.iter().any(|(explained, _)| explained.verdict.fails());
+    if is_json {
+        let explanations = found.into_iter().map(|(explained, _)| explained).collect();
+        output::json(&LogExplanations { explanations })?;
+    } else {
+        let texts: Vec<String> =
+            found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
+        output::line(&texts.join("\n\n\n"))?;
+    }
+    log_question::check_all(without, question.sources.len())?;
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
 }

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::harden::is_hardening;
+use mishandle::plan::LogSettings;
 use mishandle::results::{Bisection, Check};
 use mishandle::train::Curve;
 use mishandle_report::{
@@ -13,7 +14,8 @@ use mishandle_text::{path_text, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
-use crate::run::{self, log_question, pages};
+use crate::run::log_question::{self, Question};
+use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
 
@@ -40,7 +42,7 @@ docs/guide/logs.md describes logs.")]
 pub struct Arguments {
     /// Run files, the folder of a campaign, of a check, of a bisection or of a hardening, or the
     /// .csv file of `mishandle train --csv`
-    #[arg(value_name = "RUN", required_unless_present_any = ["paths", "topic"])]
+    #[arg(value_name = "RUN", required_unless_present_any = flags::OF_LOGS)]
     pub runs: Vec<PathBuf>,
     /// HTML file to create; for a campaign, a folder for the index and a page for each run
     #[arg(long, value_name = "FILE", required_unless_present = "markdown")]
@@ -76,17 +78,18 @@ pub struct Arguments {
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     #[command(flatten)]
-    pub keys: flags::SettingKeys,
+    pub keys: flags::Keys,
     #[command(flatten)]
     pub logs: flags::Logs,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
+    let (settings, _) = command.keys.settings("report")?;
     if command.runs.is_empty() {
-        return write_logs(command);
+        return write_logs(command, &settings.log);
     }
     run::set_threads(command.threads)?;
-    let engine = command.keys.settings("report")?.engine;
+    let engine = settings.engine;
     let controller = engine.controller.as_deref().map(Path::new);
     let files = [("--out", &command.out), ("--markdown", &command.markdown)];
     for (flag, file) in files {
@@ -242,13 +245,13 @@ fn write_curve(path: &Path, command: &Arguments) -> Result<ExitStatus> {
 }
 
 /// Writes the page about verdicts on logs.
-fn write_logs(command: &Arguments) -> Result<ExitStatus> {
-    let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
+fn write_logs(command: &Arguments, log: &LogSettings) -> Result<ExitStatus> {
+    let question = Question::new(&command.logs.question, log, &command.logs.paths)?;
     let out = page_file(command)?;
-    output::refuse_inputs(out, "--out", log_question::inputs(&command.logs.question, &sources))?;
+    output::refuse_inputs(out, "--out", question.inputs())?;
     drop(output::create(out, command.force)?);
     let mut sections = Vec::new();
-    let without = log_question::ask(&command.logs.question, &sources, |asked| {
+    let without = question.ask(|asked| {
         // Dense time and logs without times have verdicts and charts, but no decisive sample.
         let explained = asked.explanation().ok();
         let decision = explained.as_ref().map(|(explained, _)| &explained.decision);
@@ -263,7 +266,7 @@ fn write_logs(command: &Arguments) -> Result<ExitStatus> {
     })?;
     mishandle_logs::worst_first(&mut sections, LogSection::verdict);
     let status = write(&log_page(&sections), command)?;
-    log_question::check_all(without, sources.len())?;
+    log_question::check_all(without, question.sources.len())?;
     Ok(status)
 }
 

@@ -52,7 +52,9 @@ const TABLES: [(&str, &[&str]); 22] = [
     ("replay", &["engine"]),
     ("view", &["engine"]),
     ("render", &["engine"]),
-    ("report", &["engine"]),
+    ("report", &["log", "engine"]),
+    ("monitor", &["log", "monitor"]),
+    ("formula", &["log", "formula"]),
     ("counterexamples", &["engine"]),
     ("evidence", &["engine", "evidence"]),
     ("export", &["engine"]),
@@ -81,6 +83,15 @@ pub struct Keys {
     /// Read a plan (TOML); flags and keys override it
     #[arg(long, value_name = "FILE")]
     pub plan: Option<PathBuf>,
+}
+
+impl Keys {
+    /// Returns the settings of a command that asks no question of a plan, and what states them.
+    pub fn settings(&self, command: &str) -> Result<(Settings, Planned)> {
+        let mut planned = Planned::new(self)?;
+        planned.assign(&self.keys, command, Values::One)?;
+        Ok((Settings::take(&mut planned.table)?, planned))
+    }
 }
 
 /// Flag of commands that read no plan, but have settings.

@@ -4,13 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{LogFlags, named_formula};
+use super::named_formula;
 
-/// Flags and groups of flags that mean nothing for a run.
-pub const OF_LOGS: [&str; 7] =
-    ["paths", "formula", "requirement", "formulas", "unit", "strict_horizon", "LogFlags"];
+/// Flags that mean nothing for a run.
+pub const OF_LOGS: [&str; 4] = ["paths", "formula", "requirement", "requirements"];
 
-/// Formulas, and how the logs are read.
+/// Formulas on logs.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Formulas")]
 pub struct LogQuestion {
@@ -22,23 +21,16 @@ pub struct LogQuestion {
     pub requirement: Vec<(String, String)>,
     /// TOML file with [[requirement]] tables: name, formula, text, severity, clause, unit
     /// (docs/guide/check.md)
-    #[arg(long, alias = "requirements", value_name = "FILE")]
-    pub formulas: Option<PathBuf>,
-    /// Unit of interval bounds without a unit: s, ms, us or ns [default: such bounds count samples]
-    #[arg(long)]
-    pub unit: Option<String>,
-    /// Use only windows inside the trace, instead of cutting them at its end as RTAMT does
-    #[arg(long)]
-    pub strict_horizon: bool,
-    #[command(flatten)]
-    pub log: LogFlags,
+    #[arg(long, value_name = "FILE")]
+    pub requirements: Option<PathBuf>,
 }
 
 /// Logs as an alternative to runs.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Logs instead of runs")]
 pub struct Logs {
-    /// Files with a log each, as for `mishandle monitor`, whose flags for formulas and logs apply
+    /// Files with a log each, as for `mishandle monitor`, whose flags for formulas and keys of the
+    /// table `log` apply
     #[arg(long = "log", value_name = "LOG", num_args = 1..)]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]

@@ -1,11 +1,12 @@
 //! Verdicts of requirements on recorded logs.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::inspect::{common_unit, explain_trace};
+use mishandle::plan::LogSettings;
 use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
 use mishandle_logs::{Evaluation, LogError, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
@@ -51,11 +52,23 @@ pub fn requirement_file(path: &Path) -> Result<(RequirementFile, String)> {
     Ok((file, text))
 }
 
-/// Reads the unit of bounds that have none.
-pub fn time_unit(text: &str, flag: &str) -> Result<TimeUnit> {
-    let known = TimeUnit::ALL.map(TimeUnit::symbol);
-    mishandle_requirements::time_unit(text)
-        .with_context(|| format!("{flag} is `{text}`; it must be one of {}", known.join(", ")))
+/// Returns the files of each log: one for each path, or all topics together.
+pub fn sources(log: &LogSettings, paths: &[PathBuf]) -> Result<Vec<Vec<Source>>> {
+    let sources: Vec<Vec<Source>> = if log.topics.is_empty() {
+        paths.iter().map(|path| vec![Source { topic: None, path: path.clone() }]).collect()
+    } else {
+        ensure!(paths.is_empty(), "log.topics names the files of one log; leave out {}", paths[0].display());
+        let source =
+            |(name, path): (&String, &String)| Source { topic: Some(name.clone()), path: path.into() };
+        vec![log.topics.iter().map(source).collect()]
+    };
+    ensure!(
+        !sources.is_empty(),
+        "there is no log: name a file, or several topics with -k log.topics.NAME=FILE"
+    );
+    let count = sources.iter().flatten().filter(|source| source.path.as_os_str() == "-").count();
+    ensure!(count <= 1, "stdin (-) can be read once");
+    Ok(sources)
 }
 
 /// Parses the formulas, with hints about the names in the first log.
@@ -192,16 +205,16 @@ pub fn explanation(
 ) -> Result<(LogExplanation, f64)> {
     let Signals::Even { trace, period, start, .. } = &log.samples.signals else {
         bail!(
-            "samples are explained: pass --resample instead of --dense; `mishandle monitor` and `mishandle report --log` \
-             read dense time"
+            "samples are explained: pass -k log.resample=hold|linear instead of log.dense; without --explain, \
+             `mishandle monitor` reads dense time"
         );
     };
     ensure!(
         !evaluation.strict_horizon,
-        "windows are cut at the end of the trace in an explanation: leave out --strict-horizon"
+        "windows are cut at the end of the trace in an explanation: leave out log.strict-horizon"
     );
     let period = period.context(
-        "the log has no times: pass the column with the times as --time COLUMN, or --period SECONDS",
+        "the log has no times: pass the column with the times as -k log.time=COLUMN, or -k log.period=SECONDS",
     )?;
     let formula = &requirement.formula;
     let clock = log.samples.clock(formula, evaluation)?.unwrap_or(Clock::steps(period));
@@ -215,13 +228,4 @@ pub fn explanation(
     let unit = |name: &str| unit(name).unwrap_or_default();
     let decision = explained.result(&verdict.formula, trace, unit, time, name);
     Ok((LogExplanation { verdict: verdict.clone(), period, decision }, *start))
-}
-
-/// Checks that stdin is read once.
-pub fn check_stdin(logs: &[Vec<Source>]) -> Result<()> {
-    let count = logs.iter().flatten().filter(|source| source.path.as_os_str() == "-").count();
-    if count > 1 {
-        bail!("stdin (-) can be read once");
-    }
-    Ok(())
 }

@@ -72,7 +72,7 @@ fn horizon(found: &FormulaDescription) -> String {
     match (samples, secs) {
         (Some(samples), Some(secs)) => format!("{secs} ({samples})"),
         (Some(one), None) | (None, Some(one)) => one,
-        (None, None) => "unknown: it needs a sampling period that fits all bounds (--period)".to_string(),
+        (None, None) => "unknown: it needs a sampling period that fits all bounds".to_string(),
     }
 }
 
@@ -211,7 +211,7 @@ pub fn patterns(found: &[RequirementPattern]) -> String {
     };
     let mut parts: Vec<String> = found.iter().map(paragraph).collect();
     parts.push(
-        "`mishandle formula --pattern NAME` shows a pattern; --set NAME=VALUE sets its parameters."
+        "`mishandle formula --pattern NAME` shows a pattern; --parameter NAME=VALUE sets a parameter."
             .to_string(),
     );
     parts.join("\n\n")

@@ -46,7 +46,7 @@ pub fn text(found: &Mining, width: usize) -> String {
         ("loosest-fails", _) => {
             parts.push(format!(
                 "Nothing was mined: with the loosest values, fewer than {needed} satisfy the formula. Widen the ranges, or lower \
-                 --share."
+                 the share."
             ));
         }
         ("tightest-holds", [point]) => {

@@ -69,31 +69,31 @@ mod tests {
         let period = || Remedy::set(Key::LOG_PERIOD, Choice::SECONDS);
         for (remedies, expected) in [
             (vec![], "no"),
-            (vec![Remedy::set(Key::LOG_SORT, Choice::On)], "no; pass --sort"),
+            (vec![Remedy::set(Key::LOG_SORT, Choice::On)], "no; pass -k log.sort=true"),
             (
                 vec![resample(), Remedy::set(Key::LOG_DENSE, HOW), period().when("its times are rounded")],
-                "no; pass --resample hold|linear or --dense hold|linear, or --period SECONDS if its times are rounded",
+                "no; pass -k log.resample=hold|linear or -k log.dense=hold|linear, or -k log.period=SECONDS if its times are rounded",
             ),
             (
                 vec![Remedy::Unset(Key::LOG_PERIOD), resample()],
-                "no; leave out --period, or pass --resample hold|linear",
+                "no; leave out -k log.period, or pass -k log.resample=hold|linear",
             ),
             (
                 vec![Remedy::Set(vec![(Key::LOG_RESAMPLE, HOW), (Key::LOG_PERIOD, Choice::SECONDS)])],
-                "no; pass --resample hold|linear with --period SECONDS",
+                "no; pass -k log.resample=hold|linear with -k log.period=SECONDS",
             ),
             (
                 vec![Remedy::set(
                     Key::PARAMETER,
                     Choice::Of("p".to_owned(), Box::new(Choice::Text("x >= 1".to_owned()))),
                 )],
-                "no; pass --set p='x >= 1'",
+                "no; pass --parameter p='x >= 1'",
             ),
             (
                 vec![
                     Remedy::set(Key::LOG_TIME, Choice::Text("the stamp".to_owned())).when("it has the times"),
                 ],
-                "no; pass --time 'the stamp' if it has the times",
+                "no; pass -k log.time='the stamp' if it has the times",
             ),
         ] {
             assert_eq!(described("no", &remedies, &Shell), expected);

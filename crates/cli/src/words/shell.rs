@@ -1,23 +1,28 @@
 //! The words of the command line.
 
+use mishandle::plan::keys;
 use mishandle::results::{Choice, Command, Key};
 use mishandle_text::shell_quote;
 
 use super::Dialect;
 
-/// The command line: keys and flags.
+/// The command line: keys of plans, and flags of settings that no plan has.
 pub struct Shell;
 
 impl Dialect for Shell {
     fn key(&self, key: Key) -> String {
-        if is_key(key) { format!("-k {}", key.name()) } else { format!("--{}", key.word()) }
+        if is_planned(key) { format!("-k {}", key.name()) } else { format!("--{}", key.word()) }
     }
 
     fn setting(&self, key: Key, value: &Choice) -> String {
+        let before = self.key(key);
         match value {
-            value if is_key(key) => format!("{}={}", self.key(key), word(value)),
-            Choice::On => self.key(key),
-            value => format!("{} {}", self.key(key), word(value)),
+            Choice::On if !is_planned(key) => before,
+            Choice::Of(name, value) if is_planned(key) => {
+                format!("{before}.{}={}", shell_quote(name), word(value))
+            }
+            value if is_planned(key) => format!("{before}={}", word(value)),
+            value => format!("{before} {}", word(value)),
         }
     }
 
@@ -30,9 +35,9 @@ impl Dialect for Shell {
     }
 }
 
-/// Returns whether `-k` sets a key. The others have a flag.
-fn is_key(key: Key) -> bool {
-    mishandle::plan::keys().iter().any(|known| known.name == key.name())
+/// Returns whether a plan has the setting.
+fn is_planned(key: Key) -> bool {
+    keys().iter().any(|known| known.name == key.name())
 }
 
 fn word(value: &Choice) -> String {
@@ -53,7 +58,7 @@ mod tests {
     use crate::command_line;
 
     #[test]
-    fn every_flag_of_a_remedy_exists() {
+    fn every_flag_of_a_remedy_exists_and_every_other_setting_is_a_key() {
         fn add(command: &clap::Command, flags: &mut BTreeSet<String>) {
             flags
                 .extend(command.get_arguments().filter_map(|found| Some(format!("--{}", found.get_long()?))));
@@ -61,8 +66,8 @@ mod tests {
         }
         let mut flags = BTreeSet::new();
         add(&command_line::declaration(), &mut flags);
-        for key in Key::ALL.iter().filter(|key| !is_key(**key)) {
-            assert!(flags.contains(&Shell.key(*key)), "{key:?}");
+        for key in Key::ALL {
+            assert!(is_planned(*key) || flags.contains(&Shell.key(*key)), "{key:?}");
         }
     }
 }

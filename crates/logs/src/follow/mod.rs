@@ -145,7 +145,7 @@ impl Follow {
         check(formulas, options, following)?;
         if options.topic_column.is_some() && inputs.len() != 1 {
             return Err(undecided(
-                [Remedy::Unset(Key::LOG_TOPIC)],
+                [Remedy::Unset(Key::LOG_TOPICS)],
                 "a column names the topics of one file only",
             ));
         }
@@ -598,7 +598,7 @@ fn check(formulas: &[Formula], options: &Options, following: Following) -> Resul
     let has_lateness = following.lateness.is_some();
     if options.sort && !has_lateness {
         return Err(undecided(
-            [Remedy::set(Key::LOG_LATENESS, Choice::SECONDS)],
+            [Remedy::set(Key::LATENESS, Choice::SECONDS)],
             "sorting a log that is still written needs the lateness: how much too late a row can come",
         ));
     }

@@ -173,7 +173,7 @@ impl Topic {
             return Ok(());
         }
         if row.secs < self.ordered {
-            let sort = [(Key::LOG_SORT, Choice::On), (Key::LOG_LATENESS, Choice::SECONDS)];
+            let sort = [(Key::LOG_SORT, Choice::On), (Key::LATENESS, Choice::SECONDS)];
             return Err(undecided([Remedy::Set(sort.into())], self.not_increasing(&row)));
         }
         if row.secs == self.ordered {
@@ -235,7 +235,7 @@ impl Topic {
     /// Returns the error about a row that came too late.
     pub(super) fn late(&self, row: &Timed, before: f64) -> crate::LogError {
         undecided(
-            [Remedy::set(Key::LOG_LATENESS, Choice::SECONDS)],
+            [Remedy::set(Key::LATENESS, Choice::SECONDS)],
             format!(
                 "{}: the row of {} s came when those up to {} s were taken, so the lateness must be longer",
                 self.counted.text(row.number),

@@ -6,6 +6,7 @@ use super::time::{MAX_SECONDS, Ticks, ticks};
 
 /// The values of a signal between two samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Interpolation {
     /// Each value holds until the next sample, and the last one until the end of the log: piecewise
     /// constant, as in RTAMT.

@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use mishandle::plan::Settings;
 use mishandle::results::{FirstViolation, MonitorChange, Number, Severity};
 use mishandle::stl::Formula;
-use mishandle_logs::{Answer, Follow, LogError, Next, Requirement, Source, Watch, Watched};
+use mishandle_logs::{Answer, Follow, Following, LogError, Next, Requirement, Watch, Watched};
 use mishandle_text::plural;
 
-use super::Arguments;
 use crate::exit_status::ExitStatus;
 use crate::interrupt;
-use crate::run::log_question::{self, Without};
+use crate::run::log_question::{self, Question, Without};
 use crate::run::logs;
 use crate::show::output;
 
@@ -27,22 +27,25 @@ struct Followed<'a> {
 }
 
 /// Follows a log until the exit code is certain.
-pub fn run(log: &[Source], requirements: &[Requirement], command: &Arguments) -> Result<ExitStatus> {
-    let paths: Vec<String> = log.iter().map(|source| source.path.display().to_string()).collect();
+pub fn run(question: &Question<'_>, settings: &Settings) -> Result<ExitStatus> {
+    let requirements = question.requirements()?;
+    let paths: Vec<String> =
+        question.sources[0].iter().map(|source| source.path.display().to_string()).collect();
     let name = paths.join(", ");
     interrupt::listen(|| output::message("stopped by a signal; the log may go on"), || {})?;
-    follow(log, &name, requirements, command).with_context(|| format!("trace {name}"))
+    follow(question, &name, &requirements, settings).with_context(|| format!("trace {name}"))
 }
 
 fn follow(
-    log: &[Source],
+    question: &Question<'_>,
     name: &str,
     requirements: &[Requirement],
-    command: &Arguments,
+    settings: &Settings,
 ) -> Result<ExitStatus> {
-    let options = &command.question.log.options();
+    let asked = &settings.monitor;
+    let following = Following { lateness: asked.lateness, idle: asked.idle.map(Duration::from_secs_f64) };
     let formulas: Vec<Formula> = requirements.iter().map(|found| found.formula.clone()).collect();
-    let mut follow = Follow::open(log, &formulas, options, command.following.following())?;
+    let mut follow = Follow::open(&question.sources[0], &formulas, &question.options, following)?;
     let unreadable = loop {
         if let (true, unreadable) = follow.open_files(WAIT)? {
             break unreadable;
@@ -62,7 +65,7 @@ fn follow(
         }
         // Each has its own monitor, so that an error of one takes no verdict from the others.
         let watched = [Watched { formula: requirement.formula.clone(), unit: requirement.unit }];
-        match Watch::new(&watched, follow.signals(), options.period, command.question.strict_horizon) {
+        match Watch::new(&watched, follow.signals(), settings.log.period, settings.log.strict_horizon) {
             Ok(watch) => followed.push(Followed { requirement, watch, known: Answer::UNKNOWN }),
             // A choice that the command line lacks is not missing in one requirement alone.
             Err(error) if error.is_undecided() => return Err(error.into()),
@@ -112,7 +115,7 @@ fn follow(
             let answer = watch.answer(0);
             let event = match answer.verdict {
                 Some(_) => event,
-                None if command.following.bounds && answer.bounds != known.bounds => "bounds",
+                None if asked.bounds && answer.bounds != known.bounds => "bounds",
                 None => continue,
             };
             known.clone_from(answer);
@@ -123,7 +126,7 @@ fn follow(
         };
         let fails = followed.iter().any(is_violated);
         let is_decided = followed.iter().all(|found| found.known.verdict.is_some());
-        if is_decided || next == Next::End || (fails && !command.following.keep_going) {
+        if is_decided || next == Next::End || (fails && !asked.keep_going) {
             notes(&followed, samples, &follow);
             log_question::check_all(Without::requirements(without), 1)?;
             return Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done });
@@ -172,7 +175,7 @@ fn notes(followed: &[Followed<'_>], samples: usize, follow: &Follow) {
     if followed.iter().any(|found| found.known.cuts_windows) {
         output::message(&format!(
             "note: a window extends past the end of the trace, which has {}; it is cut there, as in RTAMT; samples after the \
-             end could change the value (--strict-horizon uses whole windows only)",
+             end could change the value (log.strict-horizon uses whole windows only)",
             plural(samples as u64, "sample")
         ));
     }
