@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 use declare::plan_table;
 
-pub use edit::{Values, axis_setting, set, set_value};
+pub use edit::{Values, assignments, axis_setting, set, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::GuardPlan;
 pub use harden::HardenPlan;
@@ -36,7 +36,10 @@ pub use mishandle_training::AxisSetting;
 pub use read::table;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
-pub use settings::{EngineSettings, ReportSettings, Settings, SizePlan};
+pub use settings::{
+    CenterEvent, EngineSettings, RegressSettings, RenderSettings, ReportSettings, Settings, SimulateSettings,
+    SizePlan, TraceColumns, TraceSettings,
+};
 pub use until::{ComparePlan, Measure, Until};
 
 /// Device of a plan that every front end has.

@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::declare::plan_table;
-use super::keys;
+use super::{Plan, keys};
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
-/// file.
-pub(super) const OF_PERSONS: [&str; 2] = ["engine.skip-check", "engine.any-build"];
+/// file, or choose a program.
+pub(super) const OF_PERSONS: [&str; 3] = ["engine.skip-check", "engine.any-build", "render.python"];
 
 /// Largest number of runs at the same time.
 const MAX_JOBS: u32 = 1024;
@@ -18,14 +18,34 @@ const MAX_JOBS: u32 = 1024;
 /// Largest number of repeats of a counterexample.
 const MAX_REPEATS: u32 = 10_000_000;
 
+/// Largest number of random scenarios that measure something.
+const MAX_SCENARIOS: u32 = 1_000_000;
+
+/// Largest width and height of the images of a camera, pixels.
+const MAX_IMAGE: u16 = 1024;
+
+/// Allowed numbers of such scenarios.
+const SCENARIOS: &str = "an integer from 0 to 1000000";
+
+/// Allowed numbers of a trial, a simulation or a failure mode.
+const NUMBER: &str = "an integer from 1 to 4294967295";
+
 /// The tables of a plan that are not part of its question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
 pub struct Settings {
     /// How run files are opened and written.
     pub engine: EngineSettings,
-    /// Parts of answers beyond the simulations of their runs.
+    /// Parts of answers and pages beyond the simulations of their runs.
     pub report: ReportSettings,
+    /// What pictures of a simulation show.
+    pub render: RenderSettings,
+    /// How counterexamples are kept and tested.
+    pub regress: RegressSettings,
+    /// How a single scenario is simulated.
+    pub simulate: SimulateSettings,
+    /// What a written trace contains.
+    pub trace: TraceSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
 }
@@ -59,12 +79,115 @@ plan_table! {
 }
 
 plan_table! {
-    /// Parts of answers beyond the simulations of their runs: the table `[report]`.
+    /// Parts of answers and pages beyond the simulations of their runs: the table `[report]`.
     pub struct ReportSettings in "report" {
         /// Simulations of each counterexample of a random target with other seeds, which measure
         /// how often it fails; at most as many in total as the run has. 0 skips this.
         pub repeats: u32 = 100, "an integer from 0 to 10000000";
+        /// Axes with which an explained failure is simulated again, each alone at its nominal
+        /// value: those farthest from nominal. 0 leaves it out.
+        pub axes: u64 = 30, "an integer of at least 0";
+        /// Whether a page shows what takes simulations, and not only what the run files contain.
+        pub simulations: bool = true, keys::BOOLEAN;
+        /// Random scenarios around each failure mode, which estimate the size of the failing patch.
+        /// 0 skips this.
+        pub probes: u32 = 64, SCENARIOS;
+        /// Random scenarios that measure the total effect of each axis on the robustness (Sobol
+        /// index); each is simulated twice and once more for each axis. 0 skips this.
+        pub sensitivity: u32 = 0, SCENARIOS;
     }
+}
+
+plan_table! {
+    /// What pictures of a simulation show: the table `[render]`.
+    pub struct RenderSettings in "render" {
+        /// Event that the pictures center on.
+        pub event: CenterEvent = CenterEvent::Decisive, "\"decisive\", \"contact\" or \"release\"";
+        /// Show only this many seconds before and after the event. Without it, all of an episode of
+        /// up to 10 s, otherwise 5.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub around: Option<f64> = None, "a number of seconds above 0, such as 0.5";
+        /// Width and height of the images of cameras of the target, pixels. Without it, 64 each.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub image_size: Option<[u16; 2]> = None, "two integers from 1 to 1024, such as [64, 64]";
+        /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
+        /// graphics card.
+        pub fast: bool = false, keys::BOOLEAN;
+        /// Python interpreter with the package `mujoco`, whose viewer opens a simulation.
+        pub python: String = "python3".to_string(), "a string: the name or path of a program";
+    }
+}
+
+/// Center of pictures of a simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CenterEvent {
+    /// The violation, closest approach or smallest margin.
+    Decisive,
+    /// The first contact of two parts that do not touch in the first 0.1 s.
+    Contact,
+    /// The release of the held object.
+    Release,
+}
+
+plan_table! {
+    /// How counterexamples are kept and tested: the table `[regress]`.
+    pub struct RegressSettings in "regress" {
+        /// Simulations with other random seeds, which decide a test. Without it, the recorded seed
+        /// does.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub repeat: Option<u32> = None, "an integer from 1 to 10000000";
+        /// With `repeat`: largest failure rate of a test that passes.
+        pub max_failure_rate: f64 = 0.0, keys::SHARE;
+        /// Failure mode, from 1, whose representative is kept.
+        pub mode: u32 = 1, NUMBER;
+        /// Keep the representatives of all failure modes.
+        pub all: bool = false, keys::BOOLEAN;
+        /// Number of the trial, from 1, of the simulation that is kept.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub trial: Option<u32> = None, NUMBER;
+        /// Number of the simulation within its trial, from 1, that is kept instead of a
+        /// representative.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub simulation: Option<u32> = None, NUMBER;
+        /// Move the scenario toward the nominal one while it still fails.
+        pub minimize: bool = false, keys::BOOLEAN;
+        /// Largest number of simulations that minimize a counterexample.
+        pub budget: u32 = 300, keys::BUDGET;
+        /// Lowest success rate of a controller that passes, to find the first bad one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rate: Option<f64> = None, "a number between 0 and 1, such as 0.95";
+        /// Test every controller, and say whether one passes after one that fails.
+        pub every: bool = false, keys::BOOLEAN;
+    }
+}
+
+plan_table! {
+    /// How a single scenario is simulated: the table `[simulate]`.
+    pub struct SimulateSettings in "simulate" {
+        /// With repeats of the scenario: random scenarios, each simulated 20 times, that measure the
+        /// share of the robustness variance that comes from the scenario. 0 skips this.
+        pub scenarios: u32 = 20, SCENARIOS;
+    }
+}
+
+plan_table! {
+    /// What a written trace contains: the table `[trace]`.
+    pub struct TraceSettings in "trace" {
+        /// The signals, or also joint positions and velocities, actions and contact forces of tasks
+        /// and target files.
+        pub columns: TraceColumns = TraceColumns::Signals, "\"signals\" or \"full\"";
+    }
+}
+
+/// Columns of a written trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TraceColumns {
+    /// The signals of the formulas.
+    Signals,
+    /// Joints, actions and contacts, too.
+    Full,
 }
 
 plan_table! {
@@ -83,11 +206,20 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 3] = ["engine", "report", "size"];
+    const TABLES: [&str; 7] = ["engine", "report", "render", "regress", "simulate", "trace", "size"];
 
     /// Returns the keys of all tables.
     pub(super) fn described() -> Vec<keys::Key> {
-        [EngineSettings::described(), ReportSettings::described(), SizePlan::described()].concat()
+        [
+            EngineSettings::described(),
+            ReportSettings::described(),
+            RenderSettings::described(),
+            RegressSettings::described(),
+            SimulateSettings::described(),
+            TraceSettings::described(),
+            SizePlan::described(),
+        ]
+        .concat()
     }
 
     /// Returns whether a key is one of settings, not of a question.
@@ -103,23 +235,44 @@ impl Settings {
         let own =
             Settings::TABLES.iter().filter_map(|name| Some(((*name).to_string(), table.remove(*name)?)));
         let own: Table = own.collect();
-        let text = own.to_string();
+        let stated = own.clone();
         let settings: Settings = Value::Table(own).try_into().map_err(|error: toml::de::Error| {
-            MishandleError::PlanSyntax { line: 1, found: text, message: error.message().to_string() }
+            let found = stated.to_string();
+            MishandleError::PlanSyntax { line: 1, found, message: error.message().to_string() }
         })?;
-        for (key, found, allowed) in [
-            ("report.repeats", settings.report.repeats, 0..=MAX_REPEATS),
-            ("engine.jobs", settings.engine.jobs, 1..=MAX_JOBS),
-        ] {
-            if !allowed.contains(&found) {
+        let wrong_value = settings.wrong().and_then(|key| {
+            let (table, name) = key.split_once('.')?;
+            Some((key, stated.get(table)?.get(name)?.to_string()))
+        });
+        match wrong_value {
+            Some((key, found)) => {
                 let expected = keys::find(key).map_or("", |key| key.allowed).to_string();
-                return Err(MishandleError::KeyValue {
-                    key: key.to_string(),
-                    found: found.to_string(),
-                    expected,
-                });
+                Err(MishandleError::KeyValue { key: key.to_string(), found, expected })
             }
+            None => Ok(settings),
         }
-        Ok(settings)
+    }
+
+    /// Returns a key whose value is out of its range.
+    fn wrong(&self) -> Option<&'static str> {
+        let Settings { engine, report, render, regress, simulate, .. } = self;
+        let is_image = |size: &[u16; 2]| size.iter().all(|side| (1..=MAX_IMAGE).contains(side));
+        let is_right = [
+            ("engine.jobs", (1..=MAX_JOBS).contains(&engine.jobs)),
+            ("report.repeats", report.repeats <= MAX_REPEATS),
+            ("report.probes", report.probes <= MAX_SCENARIOS),
+            ("report.sensitivity", report.sensitivity <= MAX_SCENARIOS),
+            ("render.around", render.around.is_none_or(|secs| secs > 0.0 && secs.is_finite())),
+            ("render.image-size", render.image_size.as_ref().is_none_or(is_image)),
+            ("regress.repeat", regress.repeat.is_none_or(|repeat| (1..=MAX_REPEATS).contains(&repeat))),
+            ("regress.max-failure-rate", (0.0..=1.0).contains(&regress.max_failure_rate)),
+            ("regress.mode", regress.mode > 0),
+            ("regress.trial", regress.trial != Some(0)),
+            ("regress.simulation", regress.simulation != Some(0)),
+            ("regress.budget", Plan::BUDGET.contains(&regress.budget.into())),
+            ("regress.rate", regress.rate.is_none_or(|rate| 0.0 < rate && rate < 1.0)),
+            ("simulate.scenarios", simulate.scenarios <= MAX_SCENARIOS),
+        ];
+        is_right.into_iter().find_map(|(key, is_right)| (!is_right).then_some(key))
     }
 }

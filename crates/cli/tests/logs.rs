@@ -154,7 +154,6 @@ fn flags_of_runs_and_logs_do_not_mix() {
     bench.write("a.csv", "time,force\n0,1\n1,0\n");
     for (arguments, message) in [
         ("explain --log a.csv --formula force<=1 --trial 2", "cannot be used with '--trial"),
-        ("explain run.sqlite --formula force<=1", "cannot be used with '--formula"),
         ("report run.sqlite --log a.csv --out p.html", "cannot be used with '--log"),
         ("report --log a.csv --out p.html", "there is no formula"),
         ("report --log a.csv --formula force<=1 --out a.csv", "--out"),

@@ -1,56 +1,19 @@
-use std::path::Path;
-
-use anyhow::{Result, bail, ensure};
+use anyhow::Result;
 use clap::Args;
-use mishandle::inspect::ExplainedSimulation;
-use mishandle::plan::EngineSettings;
-use mishandle::resolve::ResolvedPlan;
-use mishandle::results::{AxesAtNominal, EvaluatedCount, LogExplanations, Masking};
-use mishandle::store::{RunFile, RunHeader};
-use mishandle_text::plural;
+use mishandle::results::LogExplanations;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
-use crate::run::{self, counterexample, log_question};
-use crate::show::progress::Bar;
-use crate::show::{escape, explanation, output, simulation};
+use crate::flags;
+use crate::run::log_question;
+use crate::show::{explanation, output};
 
-/// Flags about a run, which mean nothing for a log.
-const OF_RUNS: [&str; 5] = ["trial", "simulation", "keys", "masking", "axes"];
-
-/// Explain a recorded simulation or a log: when, where and by which predicate a formula is violated
+/// Explain the verdicts of formulas on logs: when, where and by which predicate
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  mishandle explain runs/RUN.sqlite                      the first counterexample
-  mishandle explain runs/RUN.sqlite --trial 2 --simulation 17
-  mishandle explain runs/RUN.sqlite --masking            which conjuncts hide others
-  mishandle explain failure.json                         an exported counterexample
   mishandle explain --log rig.csv --formula 'always(force <= 2)'
 
-A counterexample of any target is explained from its recorded trace. Other simulations have none and
-are replayed. A failure is simulated again with each axis alone at its nominal value, to say which
-one removes it. docs/guide/logs.md describes logs.")]
-#[command(mut_arg("file", |file| file
-    .required(false)
-    .required_unless_present_any(["paths", "topic"])
-    .conflicts_with_all(flags::OF_LOGS)))]
-#[command(mut_arg("paths", |paths| paths.conflicts_with_all(OF_RUNS)))]
-#[command(mut_arg("topic", |topic| topic.conflicts_with_all(OF_RUNS)))]
+docs/guide/logs.md describes logs.")]
 pub struct Arguments {
-    #[command(flatten)]
-    pub recorded: Option<flags::Recorded>,
-    /// Explain the whole run: how often each conjunct sets the robustness, and how often each one
-    /// fails, over at most N simulations, which are simulated again; violated ones first [default
-    /// of N: 500]
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "500", require_equals = true)]
-    #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(1..=u64::MAX))]
-    #[arg(conflicts_with_all = ["trial", "simulation"])]
-    pub masking: Option<u64>,
-    /// Simulate a failure again with each axis alone at its nominal value, for at most N axes:
-    /// those farthest from nominal; 0 leaves it out
-    #[arg(long, value_name = "N", default_value_t = 30, conflicts_with = "masking")]
-    #[arg(allow_negative_numbers = true, value_parser = numbers::integer::<u64>(0..=u64::MAX))]
-    pub axes: u64,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
@@ -58,62 +21,8 @@ pub struct Arguments {
     pub logs: flags::Logs,
 }
 
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let Some(recorded) = &command.recorded else { return logs(command) };
-    let engine = recorded.engine("explain")?;
-    if flags::is_file(&recorded.file) {
-        return counterexample(command, recorded, &engine);
-    }
-    let file = run::read(&recorded.file, engine.skip_check)?;
-    if let Some(limit) = command.masking {
-        return masking(command, &engine, &file, limit);
-    }
-    let Some((trial, simulation)) =
-        mishandle::replay::select_simulation(&file, recorded.trial, recorded.simulation)?
-    else {
-        bail!("{} has no decided simulation to explain", recorded.file.display());
-    };
-    let explained = mishandle::inspect::explain(&file, trial, simulation, engine.moved())?;
-    let mut found = explained.result(file.header(), Some(&recorded.file.to_string_lossy()));
-    let resolve = || {
-        let resolved = mishandle::resolve::recorded_plan(file.header(), engine.moved());
-        resolved.map_err(|error| error.to_string())
-    };
-    found.axes_at_nominal = axes_at_nominal((Some(&file), file.header()), &explained, resolve, command.axes)?;
-    if command.json {
-        output::json(&found)?;
-    } else {
-        let name = simulation::name(found.trial, found.point.as_deref(), found.simulation);
-        output::line(&format!("{name}, {}", explanation::text(&found)))?;
-    }
-    let is_violated = explained.recorded.is_violated();
-    Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done })
-}
-
-/// Simulates a failure again with each axis alone at nominal. `None` also if a signal ended it: the
-/// explanation is complete without.
-fn axes_at_nominal(
-    run: (Option<&RunFile>, &RunHeader),
-    explained: &ExplainedSimulation,
-    resolve: impl FnOnce() -> std::result::Result<ResolvedPlan, String>,
-    limit: u64,
-) -> Result<Option<AxesAtNominal>> {
-    let bar = Bar::new(0, "simulations");
-    run::stop_on_signals(&bar)?;
-    let found = mishandle::inspect::axes_at_nominal(run, explained, resolve, limit, |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-        run::control_flow()
-    })?;
-    bar.clear();
-    if run::control_flow().is_break() {
-        output::message("interrupted: the failure is not shown with each axis at nominal");
-    }
-    Ok(found)
-}
-
 /// Explains the verdicts of formulas on logs, worst first.
-fn logs(command: &Arguments) -> Result<ExitStatus> {
+pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let sources = log_question::sources(&command.logs.question, &command.logs.paths)?;
     let mut found = Vec::new();
     let without = log_question::ask(&command.logs.question, &sources, |asked| {
@@ -132,104 +41,4 @@ fn logs(command: &Arguments) -> Result<ExitStatus> {
     }
     log_question::check_all(without, sources.len())?;
     Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
-}
-
-/// Prints which conjuncts set the robustness of a run and which ones fail.
-fn masking(command: &Arguments, engine: &EngineSettings, file: &RunFile, limit: u64) -> Result<ExitStatus> {
-    let resolved = match mishandle::resolve::recorded_plan(file.header(), engine.moved()) {
-        Ok(resolved) => Some(resolved),
-        Err(error) => {
-            output::message(&format!("only recorded counterexamples are explained: {error}"));
-            None
-        }
-    };
-    let bar = Bar::new(0, "simulations");
-    run::stop_on_signals(&bar)?;
-    let mut evaluated = 0;
-    let found = mishandle::inspect::masking(file, resolved.as_ref(), limit, |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-        evaluated = done;
-        run::control_flow()
-    })?;
-    bar.clear();
-    let Some(found) = found else {
-        run::report_loss(evaluated, "nothing is kept, the counts of the conjuncts are lost");
-        return Ok(ExitStatus::Interrupted);
-    };
-    let satisfied = found.satisfied;
-    let violated = found.violated;
-    ensure!(
-        satisfied.evaluated + violated.evaluated > 0,
-        "{} has no simulation to explain",
-        file.path().display()
-    );
-    if command.json {
-        output::json(&found)?;
-    } else {
-        output::line(&masking_text(&found))?;
-    }
-    Ok(ExitStatus::Done)
-}
-
-fn masking_text(found: &Masking) -> String {
-    let Masking { satisfied, violated, .. } = *found;
-    let share = |count: u64, of: EvaluatedCount| match of.evaluated {
-        0 => "-".to_string(),
-        n => format!("{count} ({:.1} %)", 100.0 * count as f64 / n as f64),
-    };
-    let header = ["conjunct", "decides if satisfied", "decides if violated", "fails if violated"];
-    let mut rows = vec![header.map(String::from).to_vec()];
-    rows.extend(found.conjuncts.iter().map(|conjunct| {
-        vec![
-            escape::name(&conjunct.formula),
-            share(conjunct.sets_satisfied, satisfied),
-            share(conjunct.sets_violated, violated),
-            share(conjunct.fails, violated),
-        ]
-    }));
-    format!(
-        "formula {}\n{}, {}\n\n{}",
-        escape::name(&found.formula),
-        count_text(violated, "violated"),
-        count_text(satisfied, "satisfied"),
-        output::table(&rows)
-    )
-}
-
-/// Describes how many simulations were evaluated, such as `500 of 1,003 satisfied simulations`.
-fn count_text(count: EvaluatedCount, kind: &str) -> String {
-    match (count.evaluated, count.total) {
-        (evaluated, total) if evaluated == total => plural(total, &format!("{kind} simulation")),
-        (evaluated, total) => {
-            format!("{evaluated} of {} (evenly chosen)", plural(total, &format!("{kind} simulation")))
-        }
-    }
-}
-
-/// Simulates an exported counterexample and explains it.
-fn counterexample(
-    command: &Arguments,
-    recorded: &flags::Recorded,
-    engine: &EngineSettings,
-) -> Result<ExitStatus> {
-    flags::check_flags(recorded.trial, recorded.simulation)?;
-    let (file, replayed) = counterexample::replay(&recorded.file, engine.moved())?;
-    let header = &replayed.header;
-    let explained = &replayed.explained;
-    if !replayed.differences.is_empty() {
-        output::message(
-            "warning: the simulation differs from the recorded one; `mishandle replay` lists the differences",
-        );
-    }
-    let mut found = explained.result(header, Some(&recorded.file.to_string_lossy()));
-    let folder = recorded.file.parent().unwrap_or(Path::new(""));
-    let resolve = || file.resolve(folder, engine.moved()).map_err(|error| error.to_string());
-    found.axes_at_nominal = axes_at_nominal((None, header), explained, resolve, command.axes)?;
-    if command.json {
-        output::json(&found)?;
-    } else {
-        output::line(&explanation::text(&found))?;
-    }
-    Ok(if explained.recorded.is_violated() { ExitStatus::Violated } else { ExitStatus::Done })
 }

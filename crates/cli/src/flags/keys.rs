@@ -16,14 +16,14 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 20] = [
+const TABLES: [(&str, &[&str]); 19] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
     ("check", &[TOP, "axes", "guard"]),
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
-    ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
+    ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula", "simulate", "trace"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
     ("guard", &[TOP, "axes", "requirements", "guard", "evaluate"]),
     ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
@@ -46,12 +46,11 @@ const TABLES: [(&str, &[&str]); 20] = [
             "engine",
         ],
     ),
-    ("explain", &["engine"]),
-    ("replay", &["engine"]),
-    ("view", &["engine"]),
-    ("render", &["engine"]),
-    ("report", &["engine"]),
-    ("counterexamples", &["engine"]),
+    ("show", &["report.axes", "engine"]),
+    ("replay", &["trace", "engine"]),
+    ("render", &["render", "engine"]),
+    ("report", &["report.simulations", "report.probes", "report.sensitivity", "engine"]),
+    ("regress", &[TOP, "axes", "requirements", "guard", "evaluate", "regress", "engine"]),
     ("evidence", &["engine"]),
     ("export", &["engine"]),
     ("list", &["preset"]),
@@ -81,6 +80,15 @@ pub struct Keys {
     pub plan: Option<PathBuf>,
 }
 
+impl Keys {
+    /// Returns the settings of a command that asks no question of the plan.
+    pub fn settings(&self, command: &str) -> Result<Settings> {
+        let mut planned = Planned::new(self)?;
+        planned.assign(&self.keys, command, Values::One)?;
+        Ok(Settings::take(&mut planned.table)?)
+    }
+}
+
 /// Flag of commands that read no plan, but have settings.
 #[derive(Debug, Args)]
 pub struct SettingKeys {
@@ -101,12 +109,7 @@ impl SettingKeys {
 pub fn settings(assignments: &[Assignment], command: &str) -> Result<Settings> {
     let mut planned = Planned::from(Table::new());
     planned.assign(assignments, command, Values::One)?;
-    let settings = Settings::take(&mut planned.table)?;
-    let other = planned.stated.keys().find(|key| !Settings::has(key));
-    if let Some(key) = other {
-        bail!("{key} is part of the question, which a resumed run takes from its file");
-    }
-    Ok(settings)
+    planned.settings("a resumed run takes from its file")
 }
 
 /// The assignment of a text to a key.
@@ -280,6 +283,15 @@ impl Planned {
         self.table.retain(|name, _| !others.contains(&name) || name == question);
         self.table.entry(question).or_insert_with(|| Value::Table(Table::new()));
         self.plan()
+    }
+
+    /// Returns the settings alone. `who` says who has the question that an assigned key belongs to.
+    pub fn settings(mut self, who: &str) -> Result<Settings> {
+        let settings = Settings::take(&mut self.table)?;
+        match self.stated.keys().find(|key| !Settings::has(key)) {
+            Some(key) => bail!("{key} is part of the question, which {who}"),
+            None => Ok(settings),
+        }
     }
 
     /// Returns the plan with all of its tables.
