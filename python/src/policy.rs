@@ -89,11 +89,11 @@ pub fn policy_target(
             sizes: (observation_size, action_size),
         });
         let controller: Arc<dyn Controller> = Arc::new(PythonPolicy(shared.clone()));
-        let controller = (controller, vec![component("policy", policy_name, hash)]);
+        let components = vec![component("policy", policy_name, hash)];
         let mut target = if is_target_file(target) {
-            robot_file(&Plan::new(target, ""))?.target(controller, noise)?
+            robot_file(&Plan::new(target, ""))?.target(controller, components, noise)?
         } else {
-            TaskTarget::new(task(target)?, task_preset(preset)?, controller, noise)?.target()?
+            TaskTarget::new(task(target)?, task_preset(preset)?, controller, components, noise)?.target()?
         };
         let uncovered = not_covered.into_iter();
         target

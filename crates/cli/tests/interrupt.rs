@@ -89,7 +89,7 @@ fn a_minimization_writes_the_scenario_so_far_but_no_part_of_a_suite() {
     assert!(said.contains("the scenario so far is written"), "{said}");
     let replayed = bench.json("replay failure.json --json", 0);
     assert!(replayed["robustness"].as_f64().unwrap() < 0.0, "{replayed}");
-    let (out, said) = interrupted(&bench, &format!("{minimize} --all --out suite"));
+    let (out, said) = interrupted(&bench, &minimize.replace("--add", "suite -k regress.all=true --add"));
     assert!(out.is_empty() && said.contains("no file is written"), "{out}{said}");
     assert!(!bench.path("suite").exists());
 }

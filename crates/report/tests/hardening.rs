@@ -140,7 +140,7 @@ fn the_commands_of_a_failure_name_files_as_the_user_named_the_folder() {
     let failures = HardenedModes::simulate(&relative, &found, || false).unwrap();
     let html = hardening_page(&found, &failures, &[], None);
     let command = format!("mishandle show {}/final/before-search-", relative.display());
-    let controller = format!(" --controller {}/before.safetensors", relative.display());
+    let controller = format!("engine.controller={}/before.safetensors", relative.display());
     assert!(html.contains(&command) && html.contains(&controller), "{html}");
     assert!(!html.contains(&format!(" {}", folder.display())), "{html}");
 }

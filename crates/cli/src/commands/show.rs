@@ -24,7 +24,7 @@ use crate::show::{bisection, check, hardening, output};
   mishandle show runs/RUN.sqlite --masking              which conjuncts hide others
   mishandle show failure.json                           an exported counterexample, explained
   mishandle show a.sqlite b.sqlite                      a table
-  mishandle show checked                                the answer of a check, bisection or hardening
+  mishandle show checked                                a check, a bisection, a hardening
   mishandle show point-reaching/ppo                     how a controller was trained
 
 A failure mode is a group of failures with the same decisive predicate, similar scenarios and
