@@ -19,10 +19,10 @@ fn plan(folder: &Path) -> BisectionPlan {
     let asked = Plan { evaluate: Some(evaluate), ..Plan::new("point-reaching", "") };
     BisectionPlan {
         controllers: steps,
-        test: BisectionTest::rate(asked, 0.9, None).unwrap(),
-        all: false,
+        test: BisectionTest::rate(asked, 0.9).unwrap(),
+        every: false,
         folder: folder.join("bisect"),
-        command: "mishandle bisect".to_string(),
+        command: String::new(),
     }
 }
 

@@ -69,7 +69,7 @@ class ActionTests(FolderCase):
             "--formula", "always[60:300](finger_target_distance <= 0.001)", "--trials", "1",
             "--budget", "20", "--out", "run.sqlite"
         )
-        self.mishandle("counterexamples", "export", "run.sqlite", "--all", "--out", "failures")
+        self.mishandle("regress", "failures", "--add", "run.sqlite", "-k", "regress.all=true")
         (self.folder / "requirements.toml").write_text(
             '[[requirement]]\nname = "R-1"\nformula = "always(tool_speed <= 100)"\n'
         )

@@ -63,7 +63,7 @@ class Bisections(FolderCase):
         self.assertIn("step-3.safetensors is the first that fails", str(found))
 
         # The command of the result asks the same question, and its tests are finished.
-        self.assertTrue(found.command.startswith("mishandle bisect "))
+        self.assertTrue(found.command.startswith("mishandle regress --first-bad "))
         again = command(*found.command.split()[1:], "--json")
         self.assertEqual(again.returncode, 0, again.stderr)
         document = {**json.loads(again.stdout), "shown": str(found)}
@@ -103,10 +103,10 @@ class Bisections(FolderCase):
 
         cases: list[tuple[str, dict[str, Any]]] = [
             ("has 0 controllers", RATE),
-            ("--counterexamples PATH or --rate RATE", {}),
+            ("give a test: `counterexamples` or `rate`", {}),
             ("a number between 0 and 1", {**RATE, "rate": 1.5}),
-            ("cannot be used with", {**RATE, "counterexamples": "failures"}),
-            ("--rate needs a target", {"rate": 0.5}),
+            ("is a test of its own", {**RATE, "counterexamples": "failures"}),
+            ("`rate` needs a target", {"rate": 0.5}),
             ("a function is neither the name of a task", {**RATE, "target": system}),
         ]
         for message, arguments in cases:

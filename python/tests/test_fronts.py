@@ -314,7 +314,7 @@ class Fronts(FolderCase):
             ("toy/sphere-2d", ["--at", "0.3,-0.4"], {"at": [0.3, -0.4]}),
         ]:
             with self.subTest(name):
-                counts = ["--repeat", "25", "--scenarios", "3", "--seed", "5"]
+                counts = ["--repeat", "25", "-k", "simulate.scenarios=3", "--seed", "5"]
                 expected = self.command("simulate", name, *arguments, *counts)
                 found = mishandle.repeat(
                     name, repeats=25, scenarios=3, seed=5, **options  # type: ignore[arg-type]
@@ -343,7 +343,7 @@ class Fronts(FolderCase):
 
     def test_an_explanation_is_the_same(self) -> None:
         found = self.answer("falsify a task")
-        expected = results.build(results.Explanation, self.command("explain", found.path))
+        expected = results.build(results.Explanation, self.command("show", found.path, "--simulation", "first"))
         self.assertEqual(repr(plain(found.explain())), repr(plain(expected)))
 
     def test_a_replay_is_the_same(self) -> None:
@@ -379,17 +379,16 @@ class Fronts(FolderCase):
             with self.subTest(name):
                 out = self.folder / name.replace("/", "-")
                 found = falsify(out, name, **options)
-                modes = results.build(
-                    results.Counterexamples, self.command("counterexamples", out)
-                ).modes
+                shown = results.build(results.RunShown, self.command("show", out))
+                modes = shown.counterexamples.modes
                 self.assertEqual(repr(mishandle.open_run(out).failure_modes()), repr(modes))
-                for minimize in ([], ["--minimize"]):
+                for minimize in ([], ["-k", "regress.minimize=true"]):
                     folders = [
                         self.folder / f"{out.name}-{front}-{len(minimize)}"
                         for front in ("command", "python")
                     ]
                     expected = self.command(
-                        "counterexamples", "export", out, "--all", *minimize, "--out", folders[0]
+                        "regress", folders[0], "--add", out, "-k", "regress.all=true", *minimize
                     )
                     exported = found.export(folders[1], minimize=bool(minimize))
                     texts = [
@@ -408,7 +407,8 @@ class Fronts(FolderCase):
                 target = {key: value for key, value in options.items() if key != "keep_going"}
                 for repeats in (0, 20):
                     counts = (
-                        ["--repeat", repeats, "--max-failure-rate", "0.1"] if repeats > 0 else []
+                        ["--repeat", repeats, "-k", "regress.max-failure-rate=0.1"]
+                        if repeats > 0 else []
                     )
                     again = self.command("regress", folders[1], *counts)
                     rate = 0.1 if repeats > 0 else 0.0

@@ -72,7 +72,7 @@ fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option
             more.join(", ")
         ),
         None => {
-            " This supposes that no candidate before it fails and none after it passes; --all tests every candidate."
+            " This supposes that no candidate before it fails and none after it passes; regress.every tests every candidate."
                 .to_string()
         }
     };

@@ -33,24 +33,23 @@ pub enum BisectionTest {
 }
 
 impl BisectionTest {
-    /// Largest number of simulations of a candidate, if neither plan nor user give one.
+    /// Largest number of simulations of a candidate, if the plan has no table `[evaluate]`.
     pub const EPISODES: u64 = 1000;
 
     /// Returns the test by a success rate: a candidate passes if it is above the bar. All
-    /// candidates have the same scenarios and seeds, at most `episodes`, or as many as the table
-    /// `[evaluate]` of the plan states.
+    /// candidates have the same scenarios and seeds, at most as many as the table `[evaluate]` of
+    /// the plan states.
     ///
     /// # Errors
     /// If the plan has a screening.
-    pub fn rate(plan: Plan, bar: f64, episodes: Option<u64>) -> Result<BisectionTest, MishandleError> {
+    pub fn rate(plan: Plan, bar: f64) -> Result<BisectionTest, MishandleError> {
         if plan.screening.is_some() {
             let problem = "a bisection has no screening: remove the table [screening] of the plan";
             return Err(MishandleError::Bisect { problem: problem.to_string() });
         }
         let planned = plan.evaluate.clone();
-        let of_plan = planned.as_ref().map_or(BisectionTest::EPISODES, |evaluate| evaluate.episodes);
         let evaluate = EvaluatePlan {
-            episodes: episodes.unwrap_or(of_plan),
+            episodes: planned.as_ref().map_or(BisectionTest::EPISODES, |evaluate| evaluate.episodes),
             until: Some(Until::Decided),
             rate: Some(bar),
             // They take simulations and do not decide.
@@ -71,11 +70,16 @@ pub struct BisectionPlan {
     /// The test.
     pub test: BisectionTest,
     /// Whether every candidate is tested.
-    pub all: bool,
+    pub every: bool,
     /// Folder of finished tests, which are not made again, and of the result.
     pub folder: PathBuf,
     /// Command that asks this question.
     pub command: String,
+}
+
+impl BisectionPlan {
+    /// Default of `folder`.
+    pub const FOLDER: &str = "runs/bisect";
 }
 
 /// How far a bisection is.
@@ -115,7 +119,7 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
         tested[index] = Some(BisectedCandidate { place: index as u64 + 1, ..found });
         Ok(Some(outcome))
     };
-    let (place, all) = if plan.all {
+    let (place, all) = if plan.every {
         // An interruption ends the tests.
         let outcomes: Result<Vec<Outcome>, _> = (0..n).map_while(|index| ask(index).transpose()).collect();
         let all = Some(outcomes?).filter(|outcomes| outcomes.len() == n);

@@ -10,7 +10,7 @@ use super::keys::{
 };
 use super::read::may_be_list;
 use super::search_options::{TomlValue, search_option_value};
-use super::{AxisSetting, FalsifyPlan};
+use super::{AxisSetting, FalsifyPlan, Plan};
 use crate::error::MishandleError;
 
 /// Tables whose keys are chosen by the user: their entries are the keys to set.
@@ -217,4 +217,55 @@ pub fn axis_setting(text: &str) -> Option<AxisSetting> {
 
 fn axis_value(text: &str) -> Option<Value> {
     Value::try_from(axis_setting(text)?).ok()
+}
+
+/// Returns the keys and texts with which [`set`] makes `plan` of another plan that has no key that
+/// `plan` lacks.
+pub fn assignments(plan: &Plan, from: &Plan) -> Vec<(String, String)> {
+    let [plan, from] = [plan, from].map(|plan| Table::try_from(plan).unwrap_or_default());
+    let mut found = Vec::new();
+    add_assignments("", &plan, &from, &mut found);
+    found
+}
+
+fn add_assignments(within: &str, table: &Table, from: &Table, found: &mut Vec<(String, String)>) {
+    for (key, value) in table {
+        let known = from.get(key);
+        let name = format!("{within}{key}");
+        let text = match value {
+            value if known == Some(value) => continue,
+            Value::Table(inner) => {
+                let none = Table::new();
+                let known = known.and_then(Value::as_table).unwrap_or(&none);
+                add_assignments(&format!("{name}."), inner, known, found);
+                continue;
+            }
+            Value::String(text) => text.clone(),
+            Value::Array(ends) if within == format!("{AXES}.") => {
+                ends.iter().map(ToString::to_string).collect::<Vec<_>>().join(":")
+            }
+            value => value.to_string(),
+        };
+        found.push((name, text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn assignments_make_the_plan_again() {
+        let plan = "target = 'pole.toml'\nspace = 'starts+delay'\naction-noise = 0.5\nseed = 18446744073709551615\n\
+                    careful = true\n[axes]\nx = [0.2, 0.3]\ny = '[0, 1)'\nz = 'steel'\nd = 2\n\
+                    [requirements]\nnear = 'always(d <= 0.1)'\n[guard]\nformula = 'always(d <= 1)'\nthreshold = 0.25\n\
+                    [evaluate]\nepisodes = 7\nbox = 'reachable'\nuntil = 'decided'\nrate = 0.9\ncorners = false\n";
+        let plan = Plan::from_toml(plan).unwrap();
+        let base = Plan::new("", "");
+        let mut table = Table::new();
+        for (key, text) in assignments(&plan, &base) {
+            set(&mut table, &key, &text, Values::One).unwrap();
+        }
+        assert_eq!(Plan::from_toml(&table.to_string()).unwrap(), plan);
+    }
 }

@@ -99,6 +99,16 @@ impl<'de> Deserialize<'de> for Share {
     }
 }
 
+/// The type of a number between 0 and 1, without both.
+pub(super) struct OpenShare;
+
+impl<'de> Deserialize<'de> for OpenShare {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let share = f64::deserialize(deserializer)?;
+        if 0.0 < share && share < 1.0 { Ok(OpenShare) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
 /// The type of a time above 0, seconds.
 pub(super) struct Seconds;
 

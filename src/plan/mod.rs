@@ -31,7 +31,7 @@ use crate::error::MishandleError;
 use declare::plan_table;
 
 pub use check::CheckSettings;
-pub use edit::{Values, axis_setting, set, set_value};
+pub use edit::{Values, assignments, axis_setting, set, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::{GuardPlan, TuneSettings};
 pub use harden::HardenPlan;
@@ -44,7 +44,10 @@ pub use read::table;
 pub use record::RecordSettings;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
-pub use settings::{EngineSettings, EvidenceSettings, ImportSettings, ReportSettings, Settings, SizePlan};
+pub use settings::{
+    CenterEvent, EngineSettings, EvidenceSettings, ImportSettings, RegressSettings, RenderSettings,
+    ReportSettings, Settings, SimulateSettings, SizePlan, TraceColumns, TraceSettings,
+};
 pub use train::TrainPlan;
 pub use until::{ComparePlan, Measure, Until};
 

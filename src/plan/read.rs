@@ -93,7 +93,7 @@ pub fn table(text: &str, values: Values) -> Result<toml::Table, MishandleError> 
             .is_some_and(|(within, key)| table.get(within).is_some_and(|within| within.get(key).is_some()))
     };
     if let Some(key) = OF_PERSONS.into_iter().find(|key| has(key)) {
-        let expected = "typed by a person, because it weakens the checks of a run file".to_string();
+        let expected = "typed by a person, because it weakens checks or starts a program".to_string();
         return Err(MishandleError::KeyValue {
             key: key.to_string(),
             found: "in a file".to_string(),

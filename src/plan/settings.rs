@@ -5,15 +5,21 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::declare::plan_table;
-use super::keys::{self, Share, Within};
+use super::keys::{self, ImageSize, OpenShare, Seconds, Share, Within};
 use super::{
     CheckSettings, FormulaSettings, LogSettings, MonitorSettings, RecordSettings, TrainPlan, TuneSettings,
 };
 use crate::error::MishandleError;
 
 /// Keys that only a person may set: a file that others wrote must not weaken the checks of a run
-/// file.
-pub(super) const OF_PERSONS: [&str; 2] = ["engine.skip-check", "engine.any-build"];
+/// file, or choose a program.
+pub(super) const OF_PERSONS: [&str; 3] = ["engine.skip-check", "engine.any-build", "render.python"];
+
+/// Allowed numbers of random scenarios that measure something.
+const SCENARIOS: &str = "an integer from 0 to 1000000";
+
+/// Allowed numbers of a trial, a simulation or a failure mode.
+const NUMBER: &str = "an integer from 1 to 4294967295";
 
 /// The tables of a plan that are not part of its question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -27,8 +33,16 @@ pub struct Settings {
     pub log: LogSettings,
     /// Contents of verdicts on logs, and how a log is followed.
     pub monitor: MonitorSettings,
-    /// Parts of answers beyond the simulations of their runs.
+    /// Parts of answers and pages beyond the simulations of their runs.
     pub report: ReportSettings,
+    /// What pictures of a simulation show.
+    pub render: RenderSettings,
+    /// How counterexamples are kept and tested.
+    pub regress: RegressSettings,
+    /// How a single scenario is simulated.
+    pub simulate: SimulateSettings,
+    /// What a written trace contains.
+    pub trace: TraceSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
     /// How the requirements of a file are checked.
@@ -74,12 +88,115 @@ plan_table! {
 }
 
 plan_table! {
-    /// Parts of answers beyond the simulations of their runs: the table `[report]`.
+    /// Parts of answers and pages beyond the simulations of their runs: the table `[report]`.
     pub struct ReportSettings in "report" {
         /// Simulations of each counterexample of a random target with other seeds, which measure
         /// how often it fails; at most as many in total as the run has. 0 skips this.
         pub repeats: u32 = 100, "an integer from 0 to 10000000" => Within<0, 10_000_000>;
+        /// Axes with which an explained failure is simulated again, each alone at its nominal
+        /// value: those farthest from nominal. 0 leaves it out.
+        pub axes: u64 = 30, "an integer of at least 0";
+        /// Whether a page shows what takes simulations, and not only what the run files contain.
+        pub simulations: bool = true, keys::BOOLEAN;
+        /// Random scenarios around each failure mode, which estimate the size of the failing patch.
+        /// 0 skips this.
+        pub probes: u32 = 64, SCENARIOS => Within<0, 1_000_000>;
+        /// Random scenarios that measure the total effect of each axis on the robustness (Sobol
+        /// index); each is simulated twice and once more for each axis. 0 skips this.
+        pub sensitivity: u32 = 0, SCENARIOS => Within<0, 1_000_000>;
     }
+}
+
+plan_table! {
+    /// What pictures of a simulation show: the table `[render]`.
+    pub struct RenderSettings in "render" {
+        /// Event that the pictures center on.
+        pub event: CenterEvent = CenterEvent::Decisive, "\"decisive\", \"contact\" or \"release\"";
+        /// Show only this many seconds before and after the event. Without it, all of an episode of
+        /// up to 10 s, otherwise 5.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub around: Option<f64> = None, "a number of seconds above 0, such as 0.5" => Seconds;
+        /// Width and height of the images of cameras of the target, pixels. Without it, 64 each.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub image_size: Option<[u16; 2]> = None, "two integers from 1 to 1024, such as [64, 64]" => ImageSize;
+        /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
+        /// graphics card.
+        pub fast: bool = false, keys::BOOLEAN;
+        /// Python interpreter with the package `mujoco`, whose viewer opens a simulation.
+        pub python: String = "python3".to_string(), "a string: the name or path of a program";
+    }
+}
+
+/// Center of pictures of a simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CenterEvent {
+    /// The violation, closest approach or smallest margin.
+    Decisive,
+    /// The first contact of two parts that do not touch in the first 0.1 s.
+    Contact,
+    /// The release of the held object.
+    Release,
+}
+
+plan_table! {
+    /// How counterexamples are kept and tested: the table `[regress]`.
+    pub struct RegressSettings in "regress" {
+        /// Simulations with other random seeds, which decide a test. Without it, the recorded seed
+        /// does.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub repeat: Option<u32> = None, "an integer from 1 to 10000000" => Within<1, 10_000_000>;
+        /// With `repeat`: largest failure rate of a test that passes.
+        pub max_failure_rate: f64 = 0.0, keys::SHARE => Share;
+        /// Failure mode, from 1, whose representative is kept.
+        pub mode: u32 = 1, NUMBER => Within<1, 4_294_967_295>;
+        /// Keep the representatives of all failure modes.
+        pub all: bool = false, keys::BOOLEAN;
+        /// Number of the trial, from 1, of the simulation that is kept.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub trial: Option<u32> = None, NUMBER => Within<1, 4_294_967_295>;
+        /// Number of the simulation within its trial, from 1, that is kept instead of a
+        /// representative.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub simulation: Option<u32> = None, NUMBER => Within<1, 4_294_967_295>;
+        /// Move the scenario toward the nominal one while it still fails.
+        pub minimize: bool = false, keys::BOOLEAN;
+        /// Largest number of simulations that minimize a counterexample.
+        pub budget: u32 = 300, keys::BUDGET => Within<1, 1_000_000>;
+        /// Lowest success rate of a controller that passes, to find the first bad one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rate: Option<f64> = None, "a number between 0 and 1, such as 0.95" => OpenShare;
+        /// Test every controller, and say whether one passes after one that fails.
+        pub every: bool = false, keys::BOOLEAN;
+    }
+}
+
+plan_table! {
+    /// How a single scenario is simulated: the table `[simulate]`.
+    pub struct SimulateSettings in "simulate" {
+        /// With repeats of the scenario: random scenarios, each simulated 20 times, that measure the
+        /// share of the robustness variance that comes from the scenario. 0 skips this.
+        pub scenarios: u32 = 20, SCENARIOS => Within<0, 1_000_000>;
+    }
+}
+
+plan_table! {
+    /// What a written trace contains: the table `[trace]`.
+    pub struct TraceSettings in "trace" {
+        /// The signals, or also joint positions and velocities, actions and contact forces of tasks
+        /// and target files.
+        pub columns: TraceColumns = TraceColumns::Signals, "\"signals\" or \"full\"";
+    }
+}
+
+/// Columns of a written trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TraceColumns {
+    /// The signals of the formulas.
+    Signals,
+    /// Joints, actions and contacts, too.
+    Full,
 }
 
 plan_table! {
@@ -131,9 +248,9 @@ plan_table! {
 
 impl Settings {
     /// Names of the tables.
-    const TABLES: [&str; 12] = [
-        "engine", "formula", "log", "monitor", "report", "size", "check", "tune", "train", "record", "import",
-        "evidence",
+    const TABLES: [&str; 16] = [
+        "engine", "formula", "log", "monitor", "report", "render", "regress", "simulate", "trace", "size",
+        "check", "tune", "train", "record", "import", "evidence",
     ];
 
     /// Returns the keys of all tables.
@@ -144,6 +261,10 @@ impl Settings {
             LogSettings::described(),
             MonitorSettings::described(),
             ReportSettings::described(),
+            RenderSettings::described(),
+            RegressSettings::described(),
+            SimulateSettings::described(),
+            TraceSettings::described(),
             SizePlan::described(),
             CheckSettings::described(),
             TuneSettings::described(),
@@ -169,12 +290,9 @@ impl Settings {
             Settings::TABLES.iter().filter_map(|name| Some(((*name).to_string(), table.remove(*name)?)));
         let own: Table = own.collect();
         let text = own.to_string();
-        let settings: Settings =
-            Value::Table(own).try_into().map_err(|error: toml::de::Error| MishandleError::PlanSyntax {
-                line: 1,
-                found: text,
-                message: error.message().to_string(),
-            })?;
+        let settings: Settings = Value::Table(own).try_into().map_err(|error: toml::de::Error| {
+            MishandleError::PlanSyntax { line: 1, found: text, message: error.message().to_string() }
+        })?;
         settings.log.options()?;
         Ok(settings)
     }

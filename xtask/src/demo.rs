@@ -51,7 +51,7 @@ pub fn demo(root: &Path) -> Result<()> {
     }
     eprintln!(
         "This program is built in little time, and runs slower than others. It reads no ONNX files, \
-         writes no Parquet, and has no `render` and `view`. `cargo build --release` builds the whole."
+         writes no Parquet, and has no `render`. `cargo build --release` builds the whole."
     );
     eprintln!("Commands to try next, in this folder:");
     for (arguments, what) in NEXT {

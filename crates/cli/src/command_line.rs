@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::sync::LazyLock;
 
+use clap::error::{ContextKind, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 
 use crate::commands::{Command, GROUPS};
@@ -52,7 +53,7 @@ impl CommandLine {
 /// Returns the declaration of the program. Its help lists the commands by group, which the parser
 /// cannot do for subcommands.
 pub fn declaration() -> clap::Command {
-    let program = CommandLine::command().mut_subcommands(with_keys);
+    let program = CommandLine::command().mut_subcommands(|command| with_headings(with_keys(command)));
     let groups = groups(program.clone());
     let header = program.get_styles().get_header();
     let template = format!(
@@ -71,6 +72,32 @@ fn with_keys(command: clap::Command) -> clap::Command {
         "Set a key of the plan; repeat the flag for several. Text stands as it is, other values are TOML";
     let keys = format!("{about}. The keys:\n\n{}", parser.help());
     command.mut_arg("keys", |argument| argument.long_help(keys).value_parser(parser))
+}
+
+/// Headings of flags by their names. Other flags say what the command does.
+const HEADINGS: [(&str, &[&str]); 4] = [
+    ("Target", &["command", "controller", "guard", "space", "axis", "requirement", "action_noise"]),
+    ("Run", &["seed", "threads", "json"]),
+    ("Files", &["out", "resume", "force", "csv", "tensorboard", "junit", "markdown", "trace"]),
+    ("Keys", &["keys", "plan"]),
+];
+
+/// Heading of flags that say what a command does.
+const QUESTION: &str = "Question";
+
+/// Puts the flags of a command below headings.
+fn with_headings(command: clap::Command) -> clap::Command {
+    let heading = |name: &str| {
+        let found = HEADINGS.iter().find(|(_, names)| names.contains(&name));
+        found.map_or(QUESTION, |(heading, _)| heading)
+    };
+    command.mut_args(|flag| {
+        if flag.is_positional() || flag.get_help_heading().is_some() {
+            return flag;
+        }
+        let heading = heading(flag.get_id().as_str());
+        flag.help_heading(heading)
+    })
 }
 
 /// Returns the commands of each group with their descriptions, wrapped at the width of the
@@ -102,6 +129,12 @@ fn groups(mut program: clap::Command) -> String {
     GROUPS.iter().map(group).collect::<Vec<_>>().join("\n\n")
 }
 
+/// Returns a line for each group, for somebody who seeks a command.
+fn group_lines() -> String {
+    let line = |(title, names): &(&str, &[&str])| format!("{title}: {}", names.join(", "));
+    GROUPS.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// Prints help, or an error in the arguments of the program.
 pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     // The parser colors its errors, which quote arguments, so the arguments are escaped instead of
@@ -109,7 +142,13 @@ pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
     match CommandLine::parse_words(escaped.map(OsString::from)) {
         // Help goes to stdout, which can be a closed pipe.
-        Err(escaped) => drop(escaped.print()),
+        Err(escaped) => {
+            drop(escaped.print());
+            let is_unknown = escaped.kind() == ErrorKind::InvalidSubcommand;
+            if is_unknown && escaped.get(ContextKind::SuggestedSubcommand).is_none() {
+                output::message(&format!("The commands:\n{}", group_lines()));
+            }
+        }
         // An argument was not UTF-8.
         Ok(_) => output::message(error.render().to_string().trim_end()),
     }
@@ -139,7 +178,8 @@ mod tests {
     fn each_command_stands_in_one_group_in_the_order_of_the_help() {
         let mut program = CommandLine::command();
         program.build();
-        let commands: Vec<&str> = program.get_subcommands().map(clap::Command::get_name).collect();
+        let shown = program.get_subcommands().filter(|command| !command.is_hide_set());
+        let commands: Vec<&str> = shown.map(clap::Command::get_name).filter(|name| *name != "help").collect();
         let grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
         assert_eq!(grouped, commands);
     }
@@ -156,6 +196,20 @@ mod tests {
             }
         }
         assert!(rest.contains("\nOptions:\n") && rest.contains("\nExamples:\n"), "{help}");
+    }
+
+    #[test]
+    fn each_flag_stands_below_a_heading() {
+        for command in declaration().get_subcommands() {
+            for flag in command.get_arguments().filter(|flag| !flag.is_positional()) {
+                assert!(flag.get_help_heading().is_some(), "{}: {}", command.get_name(), flag.get_id());
+            }
+        }
+        let named = HEADINGS.iter().flat_map(|(_, names)| names.iter());
+        for name in named {
+            let has = |command: &clap::Command| command.get_arguments().any(|flag| flag.get_id() == name);
+            assert!(declaration().get_subcommands().any(has), "no command has the flag {name}");
+        }
     }
 
     /// Returns the number that `xtask/ratchet.txt` states for `name`.

@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 pub use keys::{Assignment, KeyParser, Keys, Planned, SettingKeys, settings, tables};
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::planned;
-pub use recorded::{Recorded, TraceFile, check_flags, is_file};
+pub use recorded::{check_flags, is_full_trace};
 pub use run::{OpenRun, Run};
 pub use subject::{Axes, Simulator, Subject, named_formula};
 
@@ -28,6 +28,3 @@ pub const NUMBERS: RangeInclusive<u64> = 1..=u32::MAX as u64;
 
 /// Numbers of repeated simulations of a scenario.
 pub const REPEATS: RangeInclusive<u64> = 1..=10_000_000;
-
-/// Numbers of random scenarios that measure noise.
-pub const SCENARIOS: RangeInclusive<u64> = 0..=1_000_000;

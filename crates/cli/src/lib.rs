@@ -19,9 +19,9 @@ use mishandle::run::Device;
 use mishandle::tasks::Task;
 use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 
-pub use commands::{ask_bisection, junit};
+pub use commands::junit;
 pub use run::check_reports::write as write_check_reports;
-pub use show::bisection::text as bisection_text;
+pub use show::bisection::{command as bisection_command, text as bisection_text};
 pub use show::check::text as check_text;
 pub use show::formula::text as formula_text;
 pub use show::log_verdicts::shown as verdicts_text;

@@ -10,6 +10,7 @@ pub mod grid;
 pub mod log_question;
 pub mod logs;
 pub mod pages;
+pub mod path_kind;
 pub mod question;
 pub mod sample_size;
 

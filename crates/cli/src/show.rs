@@ -1,5 +1,6 @@
 //! Output for people and programs: results on stdout, as text and as JSON, and messages on stderr.
 
+pub mod answer;
 pub mod bisection;
 pub mod campaign;
 pub mod check;

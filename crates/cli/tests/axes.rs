@@ -37,7 +37,7 @@ fn flags_edit_the_table_of_a_plan_and_a_stored_run_is_replayed() {
     assert_eq!(found["axes"], json!(["ball_x", "ball_y", "action_delay"]));
     assert_eq!(found["trials"][0]["scenario"]["action_delay"], 2.0);
     bench.check("replay run.sqlite", 0);
-    bench.check("explain run.sqlite", 1);
+    bench.check("show run.sqlite --simulation first", 1);
     // The values of the axes that are not fixed are enough.
     let at =
         bench.json("simulate ball-balancing --controller ppo --axis action_delay=3 --at 0.3,0.1 --json", 1);

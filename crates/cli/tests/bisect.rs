@@ -1,4 +1,4 @@
-//! `mishandle bisect`: the first checkpoint that fails.
+//! `mishandle regress --first-bad`: the first checkpoint that fails.
 
 use crate::bench;
 use std::os::unix::fs::PermissionsExt;
@@ -26,13 +26,13 @@ fn checkpoints(bench: &Bench, good: u32) {
     }
 }
 
-const RATE: &str = "--target point-reaching --rate 0.9 --episodes 400";
+const RATE: &str = "--rate 0.9 -k target=point-reaching -k evaluate.episodes=400";
 
 #[test]
 fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
     let bench = bench();
     checkpoints(&bench, 7);
-    let found = bench.json(&format!("bisect steps {RATE} --json"), 0);
+    let found = bench.json(&format!("regress --first-bad steps {RATE} --json"), 0);
     assert_eq!(
         (&found["last_good"], &found["first_bad"]),
         (&"step-7.safetensors".into(), &"step-8.safetensors".into())
@@ -45,10 +45,10 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
     assert!(last["simulations"].as_u64().unwrap() < 200, "{last}");
     assert!(last["success_rate"]["high"].as_f64().unwrap() < 0.9, "{last}");
     // A second time, nothing is simulated: a finished test has the same result.
-    let text = bench.check(&format!("bisect steps {RATE}"), 0);
+    let text = bench.check(&format!("regress --first-bad steps {RATE}"), 0);
     assert!(text.contains("step-8.safetensors is the first that fails"), "{text}");
-    assert_eq!(bench.json(&format!("bisect steps {RATE} --json"), 0), found);
-    bench.check("report runs/bisect --no-simulations --out rate.html", 0);
+    assert_eq!(bench.json(&format!("regress --first-bad steps {RATE} --json"), 0), found);
+    bench.check("report runs/bisect -k report.simulations=false --out rate.html", 0);
     let page = std::fs::read_to_string(bench.path("rate.html")).unwrap();
     // All candidates, the comparison of the two neighbors, and their runs.
     for part in
@@ -56,7 +56,7 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
     {
         assert!(page.contains(part), "{part}: {page}");
     }
-    let all = bench.json(&format!("bisect steps {RATE} --all --json"), 0);
+    let all = bench.json(&format!("regress --first-bad steps {RATE} -k regress.every=true --json"), 0);
     assert_eq!((&all["is_monotone"], &all["first_bad"]), (&true.into(), &found["first_bad"]));
     assert_eq!(all["tested"].as_array().unwrap().len(), 10);
 
@@ -64,13 +64,14 @@ fn the_first_bad_checkpoint_is_found_by_a_rate_and_by_a_counterexample() {
         "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out run.sqlite",
         1,
     );
-    bench.check("counterexamples export run.sqlite --out failure.json", 0);
-    let found = bench.json("bisect steps --counterexamples failure.json --json", 0);
+    bench.check("regress --add run.sqlite --out failure.json", 0);
+    let found = bench.json("regress failure.json --first-bad steps --json", 0);
     assert_eq!(found["first_bad"], "step-8.safetensors", "{found}");
     assert_eq!(found["tested"].as_array().unwrap().last().unwrap()["violated"][0], "failure.json", "{found}");
     bench.check("report runs/bisect --out counterexample.html", 0);
     let page = std::fs::read_to_string(bench.path("counterexample.html")).unwrap();
-    for part in ["<b>First failing</b>: fails", "mishandle regress", "--counterexamples failure.json"] {
+    for part in ["<b>First failing</b>: fails", "mishandle regress", "regress failure.json --first-bad steps"]
+    {
         assert!(page.contains(part), "{part}: {page}");
     }
 }
@@ -109,14 +110,14 @@ fn a_test_is_repeated_when_a_file_of_its_target_has_changed() {
     std::fs::copy(bench.path("steps/1.safetensors"), bench.path("steps/2.safetensors")).unwrap();
     let falsify = "falsify pole.toml --controller steps/1.safetensors --trials 1 --budget 5 --out run.sqlite";
     bench.check(falsify, 1);
-    bench.check("counterexamples export run.sqlite --out suite/failure.json", 0);
+    bench.check("regress --add run.sqlite --out suite/failure.json", 0);
     let result = |question: &str| {
-        let found = bench.json(&format!("bisect steps {question} --json"), 1);
+        let found = bench.json(&format!("regress --first-bad steps {question} --json"), 1);
         found["tested"][0]["result"].as_str().unwrap().to_string()
     };
     // The folder of a counterexample has the files of its target.
     for (question, folder) in
-        [("--counterexamples suite", "suite/"), ("--target pole.toml --rate 0.5 --episodes 50", "")]
+        [("suite", "suite/"), ("--rate 0.5 -k target=pole.toml -k evaluate.episodes=50", "")]
     {
         assert_eq!([result(question), result(question)], ["fails", "fails"]);
         bench.write(&format!("{folder}pole.toml"), &pole("0.0001"));
@@ -141,14 +142,14 @@ fn an_undecided_candidate_has_its_reason_each_time() {
         "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out r.sqlite",
         1,
     );
-    bench.check("counterexamples export r.sqlite --out failure.json", 0);
+    bench.check("regress --add r.sqlite --out failure.json", 0);
     for question in [
         RATE,
-        "--counterexamples failure.json",
+        "failure.json",
         // Five simulations do not decide.
-        "--target point-reaching --rate 0.9 --episodes 5",
+        "--rate 0.9 -k target=point-reaching -k evaluate.episodes=5",
     ] {
-        let ask = format!("bisect steps {question} --all --json");
+        let ask = format!("regress --first-bad steps {question} -k regress.every=true --json");
         // An undecided candidate before the first failing one may fail, too.
         let found = bench.json(&ask, 1);
         assert_eq!(found["found"], false);
@@ -171,9 +172,9 @@ fn the_folder_of_something_else_stays_as_it_is() {
         bench.write(&format!("{folder}/{file}"), "keep");
     }
     let said = "notes.txt` and is not the folder of a bisection";
-    bench.refuses(&format!("bisect steps {RATE} --out mine"), &[said]);
+    bench.refuses(&format!("regress --first-bad steps {RATE} --out mine"), &[said]);
     bench.refuses(
-        "bisect steps --counterexamples failures --out failures",
+        "regress failures --first-bad steps --out failures",
         &["a.json` and is not the folder of a bisection"],
     );
     assert_eq!(std::fs::read_dir(bench.path("mine")).unwrap().count(), 1);
@@ -183,19 +184,29 @@ fn the_folder_of_something_else_stays_as_it_is() {
 fn ends_that_do_not_bracket_and_wrong_arguments_are_reported() {
     let bench = bench();
     checkpoints(&bench, 10);
-    let text = bench.check(&format!("bisect steps {RATE}"), 1);
+    let text = bench.check(&format!("regress --first-bad steps {RATE}"), 1);
     let said = "nothing to bisect: the last candidate, step-10.safetensors, passes instead of failing";
     assert!(text.contains(said), "{text}");
-    bench.refuses("bisect missing --target point-reaching --rate 0.9", &["missing cannot be read"]);
-    bench.refuses("bisect . --rate 0.9", &["--target"]);
-    bench.refuses("bisect steps", &["--counterexamples PATH or --rate RATE"]);
-    bench.refuses("bisect --rate 0.9 --target point-reaching", &["DIR"]);
-    bench.refuses("bisect good.safetensors --target point-reaching --rate 0.9", &["is a file"]);
-    bench.refuses("bisect steps --counterexamples a --episodes 5", &["--episodes"]);
-    bench.refuses("bisect steps --target nothing --rate 0.9", &["nothing"]);
-    bench.refuses("bisect steps --target point-reaching --rate 1.5", &["1.5"]);
+    bench.refuses(
+        "regress --first-bad missing --rate 0.9 -k target=point-reaching",
+        &["missing cannot be read"],
+    );
+    bench.refuses("regress --first-bad . --rate 0.9", &["-k target=TARGET"]);
+    bench.refuses("regress --first-bad steps", &["regressions cannot be read"]);
+    bench.refuses("regress --rate 0.9 -k target=point-reaching", &["--first-bad <DIR>"]);
+    bench.refuses("regress --first-bad good.safetensors --rate 0.9 -k target=point-reaching", &["is a file"]);
+    bench.refuses("regress a --first-bad steps -k evaluate.episodes=5", &["evaluate.episodes", "--rate"]);
+    bench.refuses(
+        "regress a --first-bad steps --rate 0.9 -k target=point-reaching",
+        &["leave out --rate or the folder"],
+    );
+    bench.refuses("regress --first-bad steps --rate 0.9 -k target=nothing", &["nothing"]);
+    bench.refuses("regress --first-bad steps --rate 1.5 -k target=point-reaching", &["1.5"]);
     std::fs::create_dir(bench.path("empty")).unwrap();
-    bench.refuses("bisect empty --target point-reaching --rate 0.9", &["0 controllers", "at least 2"]);
+    bench.refuses(
+        "regress --first-bad empty --rate 0.9 -k target=point-reaching",
+        &["0 controllers", "at least 2"],
+    );
 }
 
 #[test]
@@ -205,7 +216,7 @@ fn the_script_of_the_guide_finds_the_first_bad_commit() {
         "falsify point-reaching --controller bad.safetensors --trials 1 --budget 20 --out run.sqlite",
         1,
     );
-    bench.check("counterexamples export run.sqlite --out failures/failure.json", 0);
+    bench.check("regress --add run.sqlite --out failures/failure.json", 0);
     let guide = include_str!("../../../docs/guide/compare.md");
     let (_, script) = guide.split_once("```sh\n#!/bin/sh\n").unwrap();
     bench.write("test.sh", script.split_once("```").unwrap().0);

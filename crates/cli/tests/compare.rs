@@ -161,12 +161,12 @@ fn an_evaluation_that_is_not_complete_is_not_compared() {
             let resume = format!("mishandle evaluate --resume {name}.sqlite");
             bench.refuses(&command, &["A is not complete", found, &resume]);
         }
-        let listed = bench.json(&format!("runs {name}.sqlite --json"), 0);
+        let listed = bench.json(&format!("show {name}.sqlite whole.sqlite --json"), 0);
         assert_eq!(listed[0]["is_complete"], false);
-        assert!(bench.check(&format!("runs {name}.sqlite"), 0).contains("not finished"));
+        assert!(bench.check(&format!("show {name}.sqlite whole.sqlite"), 0).contains("not finished"));
         bench.check(&format!("evaluate --resume {name}.sqlite"), 0);
         bench.check(&format!("compare whole.sqlite {name}.sqlite"), 0);
-        assert_eq!(bench.json(&format!("runs {name}.sqlite --json"), 0)[0]["is_complete"], true);
+        assert_eq!(bench.json(&format!("show {name}.sqlite whole.sqlite --json"), 0)[0]["is_complete"], true);
     }
 }
 

@@ -1,5 +1,4 @@
-//! `mishandle counterexamples` and `regress`: failure modes, exported counterexamples and
-//! regression suites.
+//! `mishandle show` and `regress`: failure modes, exported counterexamples and regression suites.
 
 use crate::bench;
 use std::path::Path;
@@ -14,7 +13,7 @@ use serde_json::Value;
 fn suite() -> Bench {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --seed 2 --search nelder-mead --trials 3 --out run.sqlite", 1);
-    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
     bench
 }
 
@@ -39,7 +38,7 @@ fn xml(path: &Path, expression: &str) -> String {
 #[test]
 fn modes_list_all_counterexamples_and_their_representative_is_one() {
     let bench = suite();
-    let listed = bench.json("counterexamples run.sqlite --json", 0);
+    let listed = bench.json("show run.sqlite --json", 0)["counterexamples"].clone();
     let modes = listed["modes"].as_array().unwrap();
     let failures: u64 = modes.iter().map(|mode| mode["failures"].as_u64().unwrap()).sum();
     assert_eq!((failures, &listed["failures"]), (3, &3.into()));
@@ -62,7 +61,7 @@ fn a_replay_says_the_same_scenario_of_a_run_and_of_its_exported_counterexample()
     let asked =
         "falsify point-reaching --controller ppo --space starts+faults-sensing --search random --trials 1";
     bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
-    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
     let scenario = |said: String| {
         let (_, from_axis) = said.split_once("target_x").unwrap();
         from_axis.to_string()
@@ -82,7 +81,7 @@ fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_repor
     let elsewhere = Bench::new();
     write(&elsewhere, "a.json", &recorded);
     elsewhere.check("replay a.json", 0);
-    elsewhere.check("explain a.json", 1);
+    elsewhere.check("show a.json", 1);
     let change = |pointer: &str, to: Value| {
         let mut changed = recorded.clone();
         *changed.pointer_mut(pointer).unwrap() = to;
@@ -108,13 +107,13 @@ fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_repor
     let output = change("/build/git_commit", "0123".into());
     assert!(output.status.success() && text(&output.stderr).contains("recorded commit 0123, now"));
     elsewhere.refuses("replay a.json --trial 1", &["--trial and --simulation select"]);
-    bench.refuses("counterexamples export run.sqlite --out suite/run-mode-1.json", &["exists already"]);
+    bench.refuses("regress --add run.sqlite --out suite/run-mode-1.json", &["exists already"]);
     bench.refuses(
-        "counterexamples export run.sqlite --mode 99 --out a.json",
+        "regress --add run.sqlite -k regress.mode=99 --out a.json",
         &["there is no failure mode 99"],
     );
     bench.refuses(
-        "counterexamples export run.sqlite --simulation 1 --out a.json",
+        "regress --add run.sqlite -k regress.simulation=1 --out a.json",
         &["violates the requirement"],
     );
 }
@@ -122,7 +121,7 @@ fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_repor
 #[test]
 fn a_minimized_counterexample_is_on_the_boundary_and_replays() {
     let bench = suite();
-    let exported = bench.json("counterexamples export run.sqlite --minimize --out min.json --json", 0);
+    let exported = bench.json("regress --add run.sqlite -k regress.minimize=true --json --out min.json", 0);
     let document = read(&bench, "min.json");
     let at = |index: usize| document["scenario"][index]["value"].as_f64().unwrap();
     // The requirement is a distance of 0.1 m from (0.3, -0.4), and 1 % of the width is 0.02 m.
@@ -134,7 +133,8 @@ fn a_minimized_counterexample_is_on_the_boundary_and_replays() {
     assert_eq!((&minimized["complete"], &minimized["repeats"]), (&true.into(), &Value::Null));
     assert_eq!(document["minimized_from"]["scenario"][0], minimized["scenario"]["x"]);
     bench.check("replay min.json", 0);
-    let budget = bench.check("counterexamples export run.sqlite --minimize --budget 4 --out b.json", 0);
+    let budget =
+        bench.check("regress --add run.sqlite -k regress.minimize=true -k regress.budget=4 --out b.json", 0);
     assert!(budget.contains("the budget ended"), "{budget}");
 }
 
@@ -170,7 +170,7 @@ fn junit_reports_passes_failures_and_errors_for_any_names() {
 fn repeats_decide_a_test_of_a_random_target_by_its_failure_rate() {
     let bench = Bench::new();
     bench.check("falsify toy/noisy --trials 1 --budget 200 --seed 1 -k report.repeats=0 --out run.sqlite", 1);
-    bench.check("counterexamples export run.sqlite --out suite.json", 0);
+    bench.check("regress --add run.sqlite --out suite.json", 0);
     std::fs::create_dir(bench.path("suite")).unwrap();
     std::fs::rename(bench.path("suite.json"), bench.path("suite/a.json")).unwrap();
     let tests =
@@ -180,8 +180,8 @@ fn repeats_decide_a_test_of_a_random_target_by_its_failure_rate() {
     let rate = repeated["repeats"]["failure_rate"]["value"].as_f64().unwrap();
     // The noise has a standard deviation of 0.1; the search found a place within three of it.
     assert!(rate > 0.0 && rate < 1.0, "{rate}");
-    assert_eq!(tests(&format!("--repeat 200 --max-failure-rate {rate}"), 0)["result"], "passes");
-    assert_eq!(tests("--repeat 200 --max-failure-rate 1", 0)["repeats"], repeated["repeats"]);
+    assert_eq!(tests(&format!("--repeat 200 -k regress.max-failure-rate={rate}"), 0)["result"], "passes");
+    assert_eq!(tests("--repeat 200 -k regress.max-failure-rate=1", 0)["repeats"], repeated["repeats"]);
 }
 
 /// Returns the shipped controller of point-reaching with the bias of its last layer changed.
@@ -207,7 +207,7 @@ fn a_controller_made_worse_on_purpose_is_caught() {
         "falsify point-reaching --controller ./worse.safetensors --trials 2 --budget 64 --out run.sqlite",
         1,
     );
-    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
     // The controller has the same file name in the suite, and no path of this machine is in it.
     let document = read(&bench, "suite/run-mode-1.json");
     assert_eq!(document["controller"], "./worse.safetensors");
@@ -240,7 +240,8 @@ fn modes_with_the_same_minimized_scenario_are_one_test() {
     let bench = Bench::new();
     let falsify = "falsify ball-balancing --controller ppo --space starts+delay+events --search random --trials 5 --budget 60 --seed 2";
     bench.check(&format!("{falsify} --out run.sqlite"), 1);
-    let exported = bench.json("counterexamples export run.sqlite --all --minimize --out suite --json", 0);
+    let exported =
+        bench.json("regress suite --add run.sqlite -k regress.all=true -k regress.minimize=true --json", 0);
     let files = exported["files"].as_array().unwrap();
     let written: Vec<&Value> = files.iter().filter(|file| !file["file"].is_null()).collect();
     assert!(written.len() < files.len(), "{exported}");
@@ -283,11 +284,11 @@ fn counterexamples_of_a_python_target_are_listed_and_exported_but_not_simulated(
         writer.record(&[run.simulation(found.trial, found.number).unwrap()]).unwrap();
     }
     writer.close().unwrap();
-    let listed = |run: &str| bench.json(&format!("counterexamples {run} --json"), 0)["modes"].clone();
+    let listed = |run: &str| bench.json(&format!("show {run} --json"), 0)["counterexamples"]["modes"].clone();
     assert_eq!(listed("python.sqlite"), listed("run.sqlite"));
-    bench.check("counterexamples export python.sqlite --out suite/python.json", 0);
+    bench.check("regress --add python.sqlite --out suite/python.json", 0);
     assert_eq!(read(&bench, "suite/python.json")["target"]["name"], "cart");
-    bench.refuses("counterexamples export python.sqlite --minimize --out a.json", &["in Python"]);
+    bench.refuses("regress --add python.sqlite -k regress.minimize=true --out a.json", &["in Python"]);
     bench.refuses("replay suite/python.json", &["target `cart`", "in Python"]);
     let output = bench.run("regress suite");
     assert_eq!(output.status.code(), Some(2));
@@ -301,7 +302,7 @@ fn a_shipped_controller_given_by_path_has_its_name_in_the_file() {
     std::fs::write(bench.path("ppo.safetensors"), shipped.bytes().unwrap()).unwrap();
     let falsify = "falsify ball-balancing --space delay --trials 1 --budget 5 --controller ./ppo.safetensors";
     bench.check(&format!("{falsify} --out run.sqlite"), 1);
-    bench.check("counterexamples export run.sqlite --minimize --out a.json", 0);
+    bench.check("regress --add run.sqlite -k regress.minimize=true --out a.json", 0);
     let document = read(&bench, "a.json");
     assert_eq!(document["controller"], "ppo");
     std::fs::remove_file(bench.path("ppo.safetensors")).unwrap();
@@ -318,11 +319,11 @@ fn a_repeat_without_a_verdict_makes_the_test_an_error() {
         bench.command(falsify).arg("sqrt(height) >= 10").args(["--out", "run.sqlite"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     std::fs::create_dir(bench.path("suite")).unwrap();
-    bench.check("counterexamples export run.sqlite --out suite/a.json", 0);
+    bench.check("regress --add run.sqlite --out suite/a.json", 0);
     let mut document = read(&bench, "suite/a.json");
     document["scenario"][0]["value"] = 0.8.into();
     write(&bench, "suite/a.json", &document);
-    let output = bench.run("regress suite --repeat 50 --max-failure-rate 1 --json");
+    let output = bench.run("regress suite --repeat 50 -k regress.max-failure-rate=1 --json");
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let test = &found["tests"][0];
@@ -342,7 +343,7 @@ fn a_baseline_tells_new_failures_from_old_ones() {
     let falsify =
         "falsify point-reaching --controller ./old.safetensors --trials 2 --budget 64 --out run.sqlite";
     bench.check(falsify, 1);
-    bench.check("counterexamples export run.sqlite --all --out suite", 0);
+    bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
     let regress = |new: &str, old: &str, code: i32| {
         let flags = format!("--controller {new} --baseline {old} --junit report.xml");
         (
@@ -395,17 +396,17 @@ fn a_report_never_replaces_a_counterexample_and_an_export_is_whole_or_absent() {
     assert_eq!(read(&bench, "suite/run-mode-1.json")["counterexample_format"], 1);
     bench.refuses("regress suite --junit run.sqlite", &["run.sqlite is a run file"]);
     // The same command is refused before the simulations, and repeated with --force.
-    let export = "counterexamples export run.sqlite --all --out suite";
+    let export = "regress suite --add run.sqlite -k regress.all=true";
     bench.refuses(export, &["run-mode-1.json exists already", "--force"]);
     std::fs::write(bench.path("suite/run-mode-1.json"), "old").unwrap();
     bench.check(&format!("{export} --force"), 0);
     assert_eq!(read(&bench, "suite/run-mode-1.json")["counterexample_format"], 1);
     // One that cannot be written leaves none of the others, and no folder.
     bench.refuses(
-        "counterexamples export run.sqlite --all --out run.sqlite/suite",
+        "regress run.sqlite/suite --add run.sqlite -k regress.all=true",
         &["cannot create the folder"],
     );
-    bench.check("counterexamples export run.sqlite --out new/folder/a.json", 0);
+    bench.check("regress --add run.sqlite --out new/folder/a.json", 0);
 }
 
 #[test]
@@ -414,7 +415,7 @@ fn an_interrupted_export_leaves_nothing() {
     let falsify =
         "falsify ball-balancing --controller ppo --space delay --trials 1 --budget 5 --out run.sqlite";
     bench.check(falsify, 1);
-    let export = "counterexamples export run.sqlite --all --minimize --budget 300 --out failures";
+    let export = "regress failures --add run.sqlite -k regress.all=true -k regress.minimize=true -k regress.budget=300";
     let mut child = bench.command(export).stderr(std::process::Stdio::null()).spawn().unwrap();
     std::thread::sleep(std::time::Duration::from_millis(300));
     bench::signal(&child, "INT");

@@ -1,4 +1,4 @@
-//! `mishandle explain`: the decisive predicate and sample of a recorded simulation.
+//! `mishandle show RUN --simulation`: the decisive predicate and sample of a recorded simulation.
 
 use crate::bench::Bench;
 use serde_json::Value;
@@ -28,7 +28,7 @@ fn the_explanation_agrees_with_the_exported_trace() {
     );
     bench.check("falsify --plan plan.toml --out run.sqlite", 1);
     bench.check("replay run.sqlite --trace trace.csv", 0);
-    let explained = bench.json("explain run.sqlite --json", 1);
+    let explained = bench.json("show run.sqlite --simulation first --json", 1);
     let trace = columns(&std::fs::read_to_string(bench.path("trace.csv")).unwrap());
     let signal = |name: &str| &trace.iter().find(|(known, _)| known.starts_with(name)).unwrap().1;
     // The minimum over the window of the margins of both predicates, by hand.
@@ -50,7 +50,7 @@ fn the_explanation_agrees_with_the_exported_trace() {
     // The first violation of any of the two, which no later sample can undo.
     let first = (10..=80).find(|sample| margins(*sample).iter().any(|margin| *margin < 0.0));
     assert_eq!(explained["decided"]["sample"], first.unwrap());
-    let text = bench.check("explain run.sqlite", 1);
+    let text = bench.check("show run.sqlite --simulation first", 1);
     for part in ["violated: robustness", "Decisive:", "window", predicate, "nothing can satisfy the formula"]
     {
         assert!(text.contains(part), "{part} is not in\n{text}");
@@ -61,10 +61,10 @@ fn the_explanation_agrees_with_the_exported_trace() {
 fn a_simulation_without_a_recorded_trace_is_replayed() {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --trials 1 --budget 5 --seed 3 --out run.sqlite", 0);
-    let explained = bench.json("explain run.sqlite --simulation 2 --json", 0);
+    let explained = bench.json("show run.sqlite --simulation 2 --json", 0);
     let replayed = bench.json("replay run.sqlite --simulation 2 --json", 0);
     assert_eq!(explained["robustness"], replayed["robustness"]);
-    bench.refuses("explain run.sqlite --simulation 6", &["simulation 6"]);
+    bench.refuses("show run.sqlite --simulation 6", &["simulation 6"]);
 }
 
 #[test]
@@ -76,13 +76,13 @@ fn masking_counts_what_the_explanations_of_all_simulations_say() {
     );
     bench.write("plan.toml", &plan);
     bench.run("falsify --plan plan.toml --seed 4 --out run.sqlite");
-    let found = bench.json("explain run.sqlite --masking --json", 0);
+    let found = bench.json("show run.sqlite --masking --json", 0);
     let mut expected = [[0_u64; 3]; 2];
     let mut simulations = [0_u64; 2];
     for trial in 1..=2 {
         for simulation in 1..=9 {
             let output =
-                bench.run(&format!("explain run.sqlite --trial {trial} --simulation {simulation} --json"));
+                bench.run(&format!("show run.sqlite --trial {trial} --simulation {simulation} --json"));
             let Ok(explained) = serde_json::from_slice::<Value>(&output.stdout) else { continue };
             let is_violated = explained["robustness"].as_f64().unwrap() < 0.0;
             simulations[usize::from(is_violated)] += 1;
@@ -103,7 +103,7 @@ fn masking_counts_what_the_explanations_of_all_simulations_say() {
         assert_eq!(keys.map(|key| conjunct[key].as_u64().unwrap()), counts, "{found}");
     }
     // The limit drops satisfied simulations first.
-    let few = bench.json(&format!("explain run.sqlite --masking={} --json", simulations[1]), 0);
+    let few = bench.json(&format!("show run.sqlite --masking={} --json", simulations[1]), 0);
     assert_eq!(
         (&few["violated"]["evaluated"], &few["satisfied"]["evaluated"]),
         (&simulations[1].into(), &0.into())
@@ -131,17 +131,17 @@ fn a_python_run_without_a_counterexample_says_that_passing_traces_are_not_stored
     }
     writer.close().unwrap();
     bench.refuses(
-        "explain python.sqlite",
+        "show python.sqlite --simulation first",
         &[
             "no counterexample, and the run has none",
             "in Python",
             "mishandle.replay(\"python.sqlite\", system",
         ],
     );
-    bench.check("explain toy.sqlite", 0);
+    bench.check("show toy.sqlite --simulation first", 0);
 }
 
-/// `explain` agrees with the simulations that the falsification recorded, with `simulate` in the
+/// The explanation agrees with the simulations that the falsification recorded, with `simulate` in the
 /// same scenarios, and with the axes that the falsification named.
 #[test]
 fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
@@ -149,11 +149,11 @@ fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
     let falsify = "falsify toy/car-following --space events --trials 1 --budget 100 --seed 1";
     let found = bench.json(&format!("{falsify} --out run.sqlite --json"), 1);
     bench.check(&format!("{falsify} -k falsify.isolate=false --out alone.sqlite"), 1);
-    let explained = bench.json("explain run.sqlite --json", 1);
+    let explained = bench.json("show run.sqlite --simulation first --json", 1);
     let tried = &explained["axes_at_nominal"];
     let axes = tried["axes"].as_array().unwrap();
     assert!(axes.len() > 1 && tried["left_out"] == 0 && tried["reason"].is_null(), "{tried}");
-    assert_eq!(*tried, bench.json("explain alone.sqlite --json", 1)["axes_at_nominal"]);
+    assert_eq!(*tried, bench.json("show alone.sqlite --simulation first --json", 1)["axes_at_nominal"]);
     for row in axes {
         let name = row["axis"].as_str().unwrap();
         let mut scenario = explained["scenario"].as_object().unwrap().clone();
@@ -174,7 +174,10 @@ fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
     necessary.sort_by_key(ToString::to_string);
     assert_eq!(removing, necessary);
     assert!(!removing.is_empty(), "the test shows nothing");
-    let text = bench.check("explain run.sqlite --axes 1", 1);
+    let text = bench.check("show run.sqlite --simulation first -k report.axes=1", 1);
     assert!(text.contains("one axis at nominal (1 simulation)") && text.contains("Left out"), "{text}");
-    assert!(bench.json("explain run.sqlite --axes 0 --json", 1)["axes_at_nominal"].is_null());
+    assert!(
+        bench.json("show run.sqlite --simulation first -k report.axes=0 --json", 1)["axes_at_nominal"]
+            .is_null()
+    );
 }

@@ -76,11 +76,11 @@ fn a_search_finds_a_false_alarm_and_its_counterexample_replays() {
     let formula = "--formula 'always(guard_active <= 0.5)'";
     let search = "falsify cartpole.toml --guard policy.toml.guard --trials 1 --budget 30 --seed 1";
     bench.check(&format!("{search} {formula} --out found.sqlite"), 1);
-    bench.check("counterexamples export found.sqlite --out alarm.json", 0);
+    bench.check("regress --add found.sqlite --out alarm.json", 0);
     let replayed = bench.json("replay alarm.json --json", 0);
     assert_eq!(replayed["differences"].as_array().map(Vec::len), Some(0), "{replayed}");
     // The first alarm of this guard is found by the search; `explain` says when.
-    let explained = bench.check("explain found.sqlite", 1);
+    let explained = bench.check("show found.sqlite --simulation first", 1);
     assert!(explained.contains("The guard hands over at step "), "{explained}");
     // A page names the guard.
     bench.check("report found.sqlite --out page.html", 0);

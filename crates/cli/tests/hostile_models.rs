@@ -70,7 +70,7 @@ fn the_suite_of_a_target_file_runs_where_it_was_exported() {
     // The start is beyond the limit for some angles.
     bench.write("arm.toml", &TARGET.replace("angle <= 1)", "angle <= 0.15)"));
     bench.check("falsify arm.toml --trials 1 --budget 50 --out run.sqlite", 1);
-    bench.check("counterexamples export run.sqlite --all --minimize --out suite", 0);
+    bench.check("regress suite --add run.sqlite -k regress.all=true -k regress.minimize=true", 0);
     for file in ["arm.toml", "arm.xml"] {
         let copied = std::fs::read(bench.path("suite").join(file)).unwrap();
         assert_eq!(copied, std::fs::read(bench.path(file)).unwrap());
@@ -83,7 +83,7 @@ fn the_suite_of_a_target_file_runs_where_it_was_exported() {
     assert_eq!((&tests["fails"], &tests["errors"]), (&1.into(), &0.into()));
     bench.refuses("replay run.sqlite", &["give its new path as `engine.target`"]);
     bench.check("replay run.sqlite -k engine.target=elsewhere/arm.toml", 0);
-    bench.check("explain run.sqlite -k engine.target=elsewhere/arm.toml", 1);
+    bench.check("show run.sqlite --simulation first -k engine.target=elsewhere/arm.toml", 1);
     bench.check("falsify --resume run.sqlite -k engine.target=elsewhere/arm.toml", 1);
 }
 

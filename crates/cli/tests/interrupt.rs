@@ -69,10 +69,10 @@ fn simulate_keeps_the_repeats_and_a_report_is_not_written() {
         "{n}, {said}"
     );
     bench.check("falsify ball-balancing --controller ppo --space events --formula always(ball_speed<=0.1) --trials 1 --out r.sqlite", 1);
-    let (_, said) = interrupted(&bench, "report r.sqlite --probes 1000000 --out r.html");
+    let (_, said) = interrupted(&bench, "report r.sqlite -k report.probes=1000000 --out r.html");
     assert!(said.contains("r.html is not written") && !bench.path("r.html").exists(), "{said}");
     bench.check("evaluate ball-balancing --controller ppo --episodes 300 --out e.sqlite", 0);
-    let (out, said) = interrupted(&bench, "explain e.sqlite --masking=300 -k engine.skip-check=true");
+    let (out, said) = interrupted(&bench, "show e.sqlite --masking=300 -k engine.skip-check=true");
     assert!(out.is_empty() && said.contains("the counts of the conjuncts are lost"), "{out}{said}");
 }
 
@@ -82,14 +82,14 @@ fn a_minimization_writes_the_scenario_so_far_but_no_part_of_a_suite() {
     let bench = Bench::new();
     let fast = "falsify ball-balancing --controller ppo --space starts+disturbance --formula always(ball_speed<=2.5)";
     bench.check(&format!("{fast} --search random --trials 1 --budget 50 --out r.sqlite"), 1);
-    let minimize = "counterexamples export r.sqlite --minimize --budget 1000000";
+    let minimize = "regress --add r.sqlite -k regress.minimize=true -k regress.budget=1000000";
     let (out, said) = interrupted(&bench, &format!("{minimize} --out failure.json --json"));
     let found: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(found["files"][0]["minimized"]["complete"], false);
     assert!(said.contains("the scenario so far is written"), "{said}");
     let replayed = bench.json("replay failure.json --json", 0);
     assert!(replayed["robustness"].as_f64().unwrap() < 0.0, "{replayed}");
-    let (out, said) = interrupted(&bench, &format!("{minimize} --all --out suite"));
+    let (out, said) = interrupted(&bench, &minimize.replace("--add", "suite -k regress.all=true --add"));
     assert!(out.is_empty() && said.contains("no file is written"), "{out}{said}");
     assert!(!bench.path("suite").exists());
 }
@@ -99,7 +99,7 @@ fn a_regression_prints_the_finished_tests_and_writes_no_part_of_a_report() {
     let bench = Bench::new();
     let noisy = "--controller ppo --action-noise 0.5 --formula always(ball_speed<=0.1)";
     bench.check(&format!("falsify ball-balancing {noisy} --trials 1 --out r.sqlite"), 1);
-    bench.check("counterexamples export r.sqlite --out suite/a.json", 0);
+    bench.check("regress --add r.sqlite --out suite/a.json", 0);
     bench.write("suite/b.json", &std::fs::read_to_string(bench.path("suite/a.json")).unwrap());
     let (out, said) = interrupted(&bench, "regress suite --repeat 1000000 --junit report.xml --json");
     let found: Value = serde_json::from_str(&out).unwrap();

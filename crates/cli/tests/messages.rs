@@ -26,6 +26,29 @@ fn check(bench: &Bench, arguments: &str, parts: &[&str]) {
 }
 
 #[test]
+fn an_unknown_command_has_a_near_name_or_the_list_of_commands() {
+    let bench = Bench::new();
+    for (name, expected) in [
+        ("runs", "'run'"),
+        ("tasks", "The commands:"),
+        ("bisect", "'list'"),
+        ("view", "The commands:"),
+        ("diff", "The commands:"),
+        ("size", "The commands:"),
+        ("campaign", "The commands:"),
+        ("counterexamples", "The commands:"),
+        ("protocol", "The commands:"),
+    ] {
+        let err = message(&bench, name);
+        assert!(err.contains(expected), "{name}: {err}");
+    }
+    let err = message(&bench, "view");
+    for group in ["Ask: evaluate, falsify", "See: show", "Set up: list, init"] {
+        assert!(err.contains(group), "{err}");
+    }
+}
+
+#[test]
 fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
     let bench = Bench::new();
     let integer =
@@ -40,8 +63,8 @@ fn a_wrong_number_on_the_command_line_is_repeated_with_the_allowed_numbers() {
         ("evaluate toy/sphere-2d", "--episodes", integer(1, 1_000_000_000)),
         ("replay a.sqlite", "--trial", integer(1, u32::MAX.into())),
         ("replay a.sqlite", "--simulation", integer(1, u32::MAX.into())),
-        ("render --out a.png --run a.sqlite", "--trial", integer(1, u32::MAX.into())),
-        ("render --out a.png --run a.sqlite", "--simulation", integer(1, u32::MAX.into())),
+        ("render --out a.png a.sqlite", "--trial", integer(1, u32::MAX.into())),
+        ("render --out a.png a.sqlite", "--simulation", integer(1, u32::MAX.into())),
         (
             "render --out a.png point-reaching",
             "--at",
@@ -155,7 +178,7 @@ fn a_socket_in_place_of_a_file_is_named() {
         "evaluate --plan s.toml",
         "train point-reaching --dry-run --settings s.toml",
         "report s.csv --out a.html",
-        "controller ./s.safetensors",
+        "show ./s.safetensors",
         "evaluate point-reaching --controller ./s.safetensors",
     ] {
         check(&bench, command, &["expected a regular file, found a socket"]);

@@ -67,7 +67,7 @@ fn a_broken_pair_is_two_rows_that_replay() {
     let case = &failing.unwrap()["follow_up"];
     bench.check(
         &format!(
-            "counterexamples export {run} --trial {} --simulation {} --out pair.json",
+            "regress --add {run} -k regress.trial={} -k regress.simulation={} --out pair.json",
             case["trial"], case["simulation"]
         ),
         0,
@@ -92,9 +92,9 @@ fn relations_of_a_plan_have_a_result_each() {
     // A front car that does not brake cannot be hit, and brakes that fade let cars be hit.
     assert_eq!((broken("identity"), broken("no-braking")), (0, 0));
     assert!(broken("weak-brakes") > 0);
-    let listed = bench.json("runs c.sqlite --json", 0);
+    let listed = bench.json("show c.sqlite c.sqlite --json", 0);
     assert_eq!(listed[0]["relations"], serde_json::json!({ "asked": 3, "broken": 1 }));
-    let listed = bench.check("runs c.sqlite", 0);
+    let listed = bench.check("show c.sqlite c.sqlite", 0);
     assert!(listed.contains("broken 1 of 3 relations"), "{listed}");
     // The source cases are simulated once.
     let smallest =

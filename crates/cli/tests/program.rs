@@ -968,9 +968,9 @@ fn notes_on_a_task_are_in_its_page_in_json_and_in_the_documentation() {
 #[test]
 fn a_shipped_controller_shows_its_known_weaknesses() {
     let bench = Bench::new();
-    let page = bench.check("controller ball-balancing/ppo", 0);
+    let page = bench.check("show ball-balancing/ppo", 0);
     assert!(page.contains("known; `mishandle list ball-balancing` describes them"), "{page}");
-    let weaknesses = bench.json("controller ball-balancing/ppo --json", 0)["weaknesses"].clone();
+    let weaknesses = bench.json("show ball-balancing/ppo --json", 0)["weaknesses"].clone();
     let texts: Vec<&str> = weaknesses.as_array().unwrap().iter().filter_map(Value::as_str).collect();
     assert!(texts.iter().any(|text| text.contains("observation noise of 0.01")), "{texts:?}");
 }

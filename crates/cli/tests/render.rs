@@ -138,13 +138,14 @@ fn without_a_driver_the_error_names_the_packages() {
     let mut command = without_driver(bench.command("render point-reaching --out start.png"));
     let packages = ["error: cannot render without a display", "apt install libegl1 libgl1-mesa-dri"];
     bench.refuses(&mut command, &packages);
-    // With --run, the error comes before the simulation.
+    // For a run, the error comes before the simulation.
     bench.check("evaluate point-reaching --controller expert --episodes 1 --out run.sqlite");
-    let mut command = without_driver(bench.command("render --run run.sqlite --out strip.png"));
+    let mut command = without_driver(bench.command("render run.sqlite --out strip.png"));
     let error = bench.refuses(&mut command, &packages);
     assert!(!error.contains("control steps"), "it simulated without need: {error}");
     // The images of the target's own cameras need no driver.
-    let seen = "render --run run.sqlite --camera wrist,over --image-size 32x20 --size 32x20 --out seen.png";
+    let seen =
+        "render run.sqlite --camera wrist,over -k render.image-size=[32,20] --size 32x20 --out seen.png";
     let output = without_driver(bench.command(seen)).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
     // Six frames in two rows, each with two images.
@@ -158,15 +159,15 @@ fn an_episode_is_rendered_as_a_video_or_a_filmstrip() {
     if !bench.can_render() {
         return;
     }
-    bench.check("render --run run.sqlite --simulation 2 --size 32x24 --out strip.png");
+    bench.check("render run.sqlite --simulation 2 --size 32x24 --out strip.png");
     assert_eq!(size(&bench.path("strip.png")), (3 * 32, 2 * 24));
 
-    let reach = "render --run run.sqlite --out event.png --event";
-    bench.refuses(&mut bench.command(&format!("{reach} release")), &["nothing is released"]);
-    bench.refuses(&mut bench.command(&format!("{reach} contact")), &["no contact"]);
+    let reach = "render run.sqlite --out event.png -k render.event";
+    bench.refuses(&mut bench.command(&format!("{reach}=release")), &["nothing is released"]);
+    bench.refuses(&mut bench.command(&format!("{reach}=contact")), &["no contact"]);
 
     let render =
-        || bench.command("render --run run.sqlite --simulation 2 --size 32x24 --fast --out video.mp4");
+        || bench.command("render run.sqlite --simulation 2 --size 32x24 -k render.fast=true --out video.mp4");
     let nothing = bench.path("nothing");
     let error = bench.refuses(render().env("PATH", &nothing), &["`ffmpeg`", "apt install ffmpeg"]);
     assert!(!error.contains("control steps"), "it simulated without need: {error}");
@@ -188,7 +189,7 @@ fn an_interrupted_video_leaves_no_file() {
         return;
     }
     let slow = bench.encoder("slow", SLOW);
-    let mut command = bench.command("render --run run.sqlite --size 32x24 --fast --out video.mp4");
+    let mut command = bench.command("render run.sqlite --size 32x24 -k render.fast=true --out video.mp4");
     command.env("PATH", format!("{}:/usr/bin:/bin", slow.display())).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let start = Instant::now();
@@ -210,28 +211,34 @@ fn invalid_arguments_of_render_are_errors() {
     for (arguments, parts) in [
         ("point-reching --out a.png", ["no task `point-reching`", "did you mean `point-reaching`?"]),
         ("point-reaching --out a.jpg", ["a.jpg", ".png"]),
-        ("point-reaching --out a.mp4", ["a single picture", "--run"]),
+        ("point-reaching --out a.mp4", ["a single picture", "name a run file"]),
         ("point-reaching --out no/a.png", ["cannot write no/a.png", "there is no folder no\n"]),
         ("point-reaching --at 0.5,0 --out a.png", ["number of values in the scenario is 2", "target_z"]),
         (
             "point-reaching --at -0.5,0,0.5 --out a.png",
             ["target_x is -0.5 m, outside the initial box", "from 0.3 to 0.7 m"],
         ),
-        ("--out a.png", ["give a TARGET or --run RUN", "error"]),
+        ("--out a.png", ["<TARGET|RUN|FILE.json>", "error"]),
         ("point-reaching --at 0.5,0,nan --out a.png", ["target_z", "NaN"]),
         ("point-reaching --size 33x20 --out a.png", ["33x20", "even"]),
         ("point-reaching --size 5000x20 --out a.png", ["5000x20", "4096"]),
-        ("--run missing.sqlite --out a.png", ["missing.sqlite", "error"]),
+        ("missing.sqlite --out a.png", ["missing.sqlite", "error"]),
         (
             "door-opening --camera sde --out a.png",
             ["no camera named `sde`", "auto, front, left, right, back, top, close, view"],
         ),
         ("door-opening --camera auto,top --size 3000x20 --out a.png", ["2 views of 3000 pixels", "4096"]),
         ("door-opening --camera overs --out a.png", ["no camera named `overs`", "view, over, wrist"]),
-        ("door-opening --image-size 8x8 --out a.png", ["--image-size has no effect", "such as over"]),
-        ("door-opening --camera over --image-size 90x90 --size 80x90 --out a.png", ["do not fit", "80x90"]),
-        ("--run run.sqlite --around 0 --out a.mp4", ["--around", "above 0"]),
-        ("--run run.sqlite --speed 1000 --out a.mp4", ["--speed", "from 0.01 to 100"]),
+        (
+            "door-opening -k render.image-size=[8,8] --out a.png",
+            ["render.image-size has no effect", "such as over"],
+        ),
+        (
+            "door-opening --camera over -k render.image-size=[90,90] --size 80x90 --out a.png",
+            ["do not fit", "80x90"],
+        ),
+        ("run.sqlite -k render.around=0 --out a.mp4", ["render.around", "above 0"]),
+        ("run.sqlite --speed 1000 --out a.mp4", ["--speed", "from 0.01 to 100"]),
     ] {
         bench.refuses(&mut bench.command(&format!("render {arguments}")), &parts);
     }
@@ -274,17 +281,16 @@ fn a_robot_of_a_file_has_pictures_of_its_start_of_its_runs_and_in_its_page() {
     bench.check("report run.sqlite --out page.html");
     let page = std::fs::read_to_string(bench.path("page.html")).unwrap();
     assert!(page.contains("<img src=\"data:image/png;base64,") && page.contains("Film of the scene"));
-    assert!(page.contains("mishandle render --run"), "the page says how to draw it again");
+    assert!(page.contains("mishandle render run.sqlite"), "the page says how to draw it again");
     if !bench.can_render() {
         return;
     }
     bench.check("render cart.toml --size 160x120 --camera auto,close --out start.png");
     bench.check("render cart.toml --at 0.5 --size 160x120 --camera auto,close --out moved.png");
     assert_eq!(size(&bench.path("start.png")), (320, 120));
-    bench.check("render --run run.sqlite --simulation 2 --size 160x120 --out strip.png");
+    bench.check("render run.sqlite --simulation 2 --size 160x120 --out strip.png");
     assert_eq!(size(&bench.path("strip.png")).0, 3 * 160);
     // A target without a scene has no pictures, and the reason is said.
     bench.check("evaluate toy/sphere-2d --episodes 2 --out toy.sqlite");
-    bench
-        .refuses(&mut bench.command("render --run toy.sqlite --out toy.png"), &["toy/sphere-2d", "no scene"]);
+    bench.refuses(&mut bench.command("render toy.sqlite --out toy.png"), &["toy/sphere-2d", "no scene"]);
 }

@@ -25,9 +25,11 @@ fn a_page_has_the_verdict_the_modes_and_their_patches() {
     bench.refuses("report run.sqlite --out a.html", &["a.html exists already", "--force"]);
     bench.check("report run.sqlite --out a.html --force --threads 1", 0);
     assert_eq!(page(&bench, "a.html"), html, "the same run has the same page");
-    bench.check("report run.sqlite --out b.html --no-simulations", 0);
+    bench.check("report run.sqlite --out b.html -k report.simulations=false", 0);
     let html = page(&bench, "b.html");
-    assert!(html.contains("not requested (--no-simulations)") && !html.contains("of the space</b>"));
+    assert!(
+        html.contains("not requested (report.simulations = false)") && !html.contains("of the space</b>")
+    );
 }
 
 #[test]
@@ -61,8 +63,8 @@ fn a_campaign_has_an_index_and_a_page_for_each_run() {
     let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\nsearch = \"random\"\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
     std::fs::write(bench.path("plan.toml"), plan).unwrap();
     bench.check("run plan.toml --out spheres", 1);
-    bench.check("report spheres --out first --no-simulations", 0);
-    bench.check("report spheres --out second --probes 8", 0);
+    bench.check("report spheres --out first -k report.simulations=false", 0);
+    bench.check("report spheres --out second -k report.probes=8", 0);
     let falsified = |seed: u32| {
         let run =
             mishandle::store::RunFile::open(bench.path(&format!("spheres/{seed}_falsify.sqlite"))).unwrap();
@@ -114,7 +116,7 @@ fn the_page_of_an_evaluation_has_its_rates() {
     let bench = Bench::new();
     let flags = "ball-balancing --controller ddpg --action-noise 1.0 --episodes 100";
     let found = bench.json(&format!("evaluate {flags} --out run.sqlite --json"), 0);
-    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out page.html", 0);
     let html = page(&bench, "page.html");
     for (key, row) in [
         ("success_rate", "success rate"),
@@ -135,7 +137,7 @@ fn a_large_evaluation_counts_all_simulations_and_corners() {
     let bench = Bench::new();
     let seed = "evaluate toy/car-following --space starts+events --episodes 5000 --seed 2";
     bench.check(&format!("{seed} --out run.sqlite"), 0);
-    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out page.html", 0);
     let html = page(&bench, "page.html");
     assert!(html.contains("Distribution of the robustness of 5000 simulations"));
     assert!(html.contains("of the 4 corners of the initial box"));
@@ -150,7 +152,7 @@ fn the_verdict_counts_only_simulations_with_one() {
     bench.write("plan.toml", plan);
     bench.run("evaluate --plan plan.toml --out run.sqlite");
     assert!(bench.path("run.sqlite").exists());
-    bench.check("report run.sqlite --no-simulations --out page.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out page.html", 0);
     let html = page(&bench, "page.html");
     assert!(
         html.contains("<h2>toy/sphere-2d meets") || html.contains("has a verdict"),
@@ -162,7 +164,7 @@ fn the_verdict_counts_only_simulations_with_one() {
     connection.execute("DELETE FROM simulation WHERE trial = 2 AND number > 2", ()).unwrap();
     connection.execute("DELETE FROM simulation WHERE trial = 1 AND number > 15", ()).unwrap();
     drop(connection);
-    bench.check("report cut.sqlite -k engine.skip-check=true --no-simulations --out cut.html", 0);
+    bench.check("report cut.sqlite -k engine.skip-check=true -k report.simulations=false --out cut.html", 0);
     let html = page(&bench, "cut.html");
     for part in [
         "The run is not finished",
@@ -178,14 +180,14 @@ fn the_verdict_counts_only_simulations_with_one() {
 fn a_random_search_counts_its_failures_and_a_target_that_always_fails_is_named() {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --search random --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
-    bench.check("report run.sqlite --no-simulations --out a.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out a.html", 0);
     let run = mishandle::store::RunFile::open(bench.path("run.sqlite")).unwrap();
     let counts = run.counts().unwrap();
     let sentence =
         format!("Of the {} random simulations of this run, {} fail", counts.simulations, counts.falsified);
     assert!(page(&bench, "a.html").contains(&sentence), "{sentence}");
     bench.check("falsify toy/sphere-2d --formula 'distance >= 9' --trials 3 --out all.sqlite", 1);
-    bench.check("report all.sqlite --no-simulations --out b.html", 0);
+    bench.check("report all.sqlite -k report.simulations=false --out b.html", 0);
     assert!(page(&bench, "b.html").contains("All 3 simulations fail."));
 }
 
@@ -226,7 +228,7 @@ fn an_evaluation_has_success_over_the_range_of_each_axis() {
     ] {
         assert!(markdown.contains(part), "{part} is not in\n{markdown}");
     }
-    bench.check("report run.sqlite --no-simulations --out run.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out run.html", 0);
     let html = page(&bench, "run.html");
     assert!(html.contains("Which axes matter</h3>") && html.contains("<table class=\"heat\">"), "{html}");
     bench.refuses("report run.sqlite --markdown run.md", &["run.md exists already", "--force"]);
@@ -239,9 +241,9 @@ fn an_evaluation_has_success_over_the_range_of_each_axis() {
 fn points_that_a_search_chose_have_no_rates() {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --search cma-es --trials 3 --budget 60 --seed 1 --out run.sqlite", 1);
-    bench.check("report run.sqlite --no-simulations --out run.html", 0);
+    bench.check("report run.sqlite -k report.simulations=false --out run.html", 0);
     assert!(!page(&bench, "run.html").contains("Which axes matter"));
-    bench.check("report run.sqlite --sensitivity 200 --probes 0 --out measured.html", 0);
+    bench.check("report run.sqlite -k report.sensitivity=200 -k report.probes=0 --out measured.html", 0);
     let html = page(&bench, "measured.html");
     assert!(
         html.contains("Of 200 random scenarios, ") && html.contains("Total effects of the axes"),

@@ -311,7 +311,7 @@ fn pages_of_comparisons_and_campaigns_are_readable() {
     let plan = "target = \"toy/sphere-2d\"\nseed = [1, 2]\n[falsify]\ntrials = 6\nbudget = 40\n[evaluate]\nepisodes = 30\n";
     std::fs::write(bench.path("plan.toml"), plan).unwrap();
     bench.check("run plan.toml --out spheres", 1);
-    bench.check("report spheres --out pages --no-simulations", 0);
+    bench.check("report spheres --out pages -k report.simulations=false", 0);
     for (name, charts, has_marks) in [
         ("index", 0, false),
         ("statistics", 2, false),
@@ -334,7 +334,7 @@ fn reports_of_all_tasks_have_charts_and_pictures() {
         let formula = format!("always[0:20]({signal} <= -1000)");
         let flags = format!("--controller ppo --formula '{formula}' --trials 1 --budget 1");
         bench.check(&format!("falsify {name} {flags} --out {name}.sqlite"), 1);
-        bench.check(&format!("report {name}.sqlite --probes 4 --out {name}.html"), 0);
+        bench.check(&format!("report {name}.sqlite -k report.probes=4 --out {name}.html"), 0);
         let facts = check(&mut browser, &folder, &bench.path(&format!("{name}.html")), true);
         assert!(facts["images"].as_u64() > Some(0), "{name}: {facts}");
     }

@@ -134,7 +134,7 @@ fn hardenings_of_a_campaign_continue_after_a_kill_and_have_rows_in_table_documen
     // The settings of a hardening are those of its start.
     bench.write("settings.toml", "nonsense");
     let table = bench.check("run --resume whole", code);
-    bench.check("report whole --out pages --no-simulations", 0);
+    bench.check("report whole --out pages -k report.simulations=false", 0);
     let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[0][..3], ["run", "accepted", "failures"]);
     assert_eq!([rows[1][0], rows[2][0]], ["5", "6"]);
@@ -233,7 +233,7 @@ fn jobs_change_no_row() {
     bench.write("grid.toml", "target = 'toy/sphere-2d'\nseed = [1, 2, 3]\n[falsify]\nsearch = ['random', 'nelder-mead']\ntrials = 2\nbudget = 30\n");
     bench.check("run grid.toml --out one", 1);
     bench.check("run grid.toml --out three -k engine.jobs=3", 1);
-    bench.check("report three --out pages --no-simulations", 0);
+    bench.check("report three --out pages -k report.simulations=false", 0);
     for name in ["1_random", "2_random", "3_nelder-mead"] {
         let digest = |folder| {
             RunFile::open(bench.path(&format!("{folder}/{name}.sqlite"))).unwrap().content_digest().unwrap()

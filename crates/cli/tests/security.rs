@@ -62,7 +62,6 @@ fn devices_pipes_folders_and_sparse_files_are_refused_at_once() {
     for (path, message) in not_files(&bench) {
         for arguments in [
             format!("evaluate --plan {path}"),
-            format!("controller {path}"),
             format!("evaluate point-reaching --controller {path}"),
             format!("{train} --settings {path}"),
         ] {
@@ -72,13 +71,24 @@ fn devices_pipes_folders_and_sparse_files_are_refused_at_once() {
         // A path that ends with .json is a counterexample, any other a run file.
         let counterexample = bench.path("a.json");
         symlink(bench.path(&path), &counterexample).unwrap();
-        for command in ["replay a.json", "explain a.json", "regress ."] {
+        // A folder shows its run files, whatever its name is.
+        let is_folder = bench.path(&path).is_dir();
+        let commands = ["replay a.json", "regress .", "show a.json"];
+        for command in &commands[..if is_folder { 2 } else { 3 }] {
             let printed = run(&mut bench.command(command), 2);
             assert!(printed.contains(message), "{command} {path}: {printed}");
         }
         std::fs::remove_file(&counterexample).unwrap();
+        // A path that ends with .safetensors is a controller.
+        if !is_folder {
+            let controller = bench.path("a.safetensors");
+            symlink(bench.path(&path), &controller).unwrap();
+            let printed = run(&mut bench.command("show a.safetensors"), 2);
+            assert!(printed.contains(message), "controller {path}: {printed}");
+            std::fs::remove_file(&controller).unwrap();
+        }
         // A path that ends with .csv is a learning curve for `report`; a folder is a campaign.
-        if !bench.path(&path).is_dir() {
+        if !is_folder {
             let curve = bench.path("a.csv");
             symlink(bench.path(&path), &curve).unwrap();
             let printed = run(&mut bench.command("report a.csv --out a.html"), 2);
@@ -105,10 +115,10 @@ fn escape_sequences_in_files_names_and_arguments_do_not_reach_the_terminal() {
     header.training.git_commit = HOSTILE.to_string();
     let save = |file: &ControllerFile, name: &str| file.save(&bench.path(name)).unwrap();
     save(&file, "a.safetensors");
-    let page = run(&mut bench.command("controller ./a.safetensors"), 0);
+    let page = run(&mut bench.command("show ./a.safetensors"), 0);
     check_printable(&page);
     assert!(page.contains(r"\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}\nsecond"), "{page}");
-    let json = run(&mut bench.command("controller ./a.safetensors --json"), 0);
+    let json = run(&mut bench.command("show ./a.safetensors --json"), 0);
     check_printable(&json);
     let document: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(document["command"], format!("first{HOSTILE}\nsecond"));
@@ -168,7 +178,7 @@ fn folders_in_the_working_directory_do_not_replace_the_shipped_files() {
         other.save(&bench.path(path)).unwrap();
     };
     let hash = |arguments: &str| bench.json(arguments, 0)["controller_hash"].clone();
-    let page = || hash("controller point-reaching/ppo --json");
+    let page = || hash("show point-reaching/ppo --json");
     let evaluate = |name: &str, out: &str| {
         hash(&format!("evaluate point-reaching --controller {name} --episodes 1 --json --out {out}"))
     };

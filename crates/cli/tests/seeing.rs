@@ -27,7 +27,7 @@ fn the_page_of_a_failure_shows_what_the_policy_saw_beside_the_nominal_images() {
         "falsify point-reaching --controller seeing.onnx --trials 1 --budget 3 -k falsify.isolate=false";
     let pages = [("starts+light", 2), ("starts", 0)].map(|(space, rows)| {
         bench.check(&format!("{falsify} --space {space} --out {space}.sqlite"), 1);
-        bench.check(&format!("report {space}.sqlite --probes 0 --out {space}.html"), 0);
+        bench.check(&format!("report {space}.sqlite -k report.probes=0 --out {space}.html"), 0);
         let page = std::fs::read_to_string(bench.path(&format!("{space}.html"))).unwrap();
         let count = |alt: &str| page.matches(&format!("height=\"120\" alt=\"{alt}")).count();
         let seen = count("What the policy saw through over at ");
@@ -41,7 +41,7 @@ fn the_page_of_a_failure_shows_what_the_policy_saw_beside_the_nominal_images() {
     assert!(pages[0].contains("all other axes at nominal, which violates the formula"));
     // A controller that sees nothing has no images.
     bench.check("falsify point-reaching --controller expert --formula 'always(finger_target_distance >= 1)' --trials 1 --budget 1 -k falsify.isolate=false --out expert.sqlite", 1);
-    bench.check("report expert.sqlite --probes 0 --out expert.html", 0);
+    bench.check("report expert.sqlite -k report.probes=0 --out expert.html", 0);
     let page = std::fs::read_to_string(bench.path("expert.html")).unwrap();
     assert!(page.contains("class=\"strip\"") && !page.contains("the policy saw"));
 }
@@ -52,7 +52,9 @@ fn noise_of_images_is_noise_to_a_policy_that_sees_and_to_no_other() {
     let bench = Bench::new();
     write_policy(&bench);
     let simulate = |controller: &str, noise: &str| {
-        let at = format!("--space starts+image --at image_noise={noise} --repeat 3 --scenarios 0 --json");
+        let at = format!(
+            "--space starts+image --at image_noise={noise} --repeat 3 -k simulate.scenarios=0 --json"
+        );
         bench.json(
             &format!("simulate point-reaching --controller {controller} {at}"),
             i32::from(controller != "expert"),

@@ -1,4 +1,4 @@
-//! Settings files, dry runs and `mishandle controller`.
+//! Settings files, dry runs and `mishandle show` of controllers.
 
 use crate::bench::{Bench, SMALL, text};
 use mishandle::training::AlgorithmSettings;
@@ -138,7 +138,7 @@ fn counts_accept_exponents_and_underscores() {
 fn controller_shows_how_a_controller_was_trained() {
     let bench = bench();
     bench.check(&format!("{TRAIN} --seed 5 --out a.safetensors"), 0);
-    let facts = bench.json("controller a.safetensors --json", 0);
+    let facts = bench.json("show a.safetensors --json", 0);
     for (key, value) in [
         ("task", "point-reaching"),
         ("algorithm", "ppo"),
@@ -153,19 +153,19 @@ fn controller_shows_how_a_controller_was_trained() {
         assert_eq!(facts[key], dry[key], "{key}");
     }
     assert_eq!(facts["validation"]["episodes"], 4);
-    let page = bench.check("controller a.safetensors", 0);
+    let page = bench.check("show a.safetensors", 0);
     let settings = facts["settings"].as_str().unwrap().trim_end();
     assert!(page.contains("mishandle train point-reaching") && page.contains(settings), "{page}");
-    assert_eq!(bench.json("controller point-reaching/ppo --json", 0)["task"], "point-reaching");
+    assert_eq!(bench.json("show point-reaching/ppo --json", 0)["task"], "point-reaching");
     for (name, parts) in [
         ("ppo.toml", &["ppo.toml"][..]),
         ("none.safetensors", &["none.safetensors: No such file", "a controller is the path of a file"]),
         ("checkpoints/best", &["is checkpoints/best", "a file that exists"]),
-        ("ppo", &["is ppo", "TASK/NAME", "point-reaching/ppo"]),
+        ("ppo", &["run file or folder ppo", "TASK/NAME", "point-reaching/ppo"]),
         ("point-reaching/expert", &["the expert is part of the task", "has no file"]),
         ("point-reaching/pppo", &["no controller file `pppo`", "did you mean `ppo`?"]),
         ("point-reachin/ppo", &["no task `point-reachin`", "did you mean `point-reaching`?"]),
     ] {
-        bench.refuses(&format!("controller {name}"), parts);
+        bench.refuses(&format!("show {name}"), parts);
     }
 }

@@ -20,7 +20,7 @@ fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
     let bench = Bench::new();
     let simulate = "simulate point-reaching --controller expert --at 0.5,0.1,0.6 --trace";
     bench.check(&format!("{simulate} signals.csv"), 0);
-    bench.check(&format!("{simulate} full.csv --record full"), 0);
+    bench.check(&format!("{simulate} full.csv -k trace.columns=full"), 0);
     let lines = |name: &str| -> Vec<String> {
         let text = std::fs::read_to_string(bench.path(name)).unwrap();
         text.lines().map(str::to_string).collect()
@@ -36,8 +36,8 @@ fn a_full_trace_extends_the_signals_and_monitor_reads_it() {
     assert!(full[0].ends_with(",rest_time_s"), "{}", full[0]);
     bench.check("monitor --formula always(finger_target_distance<=10) full.csv", 0);
     bench.check("monitor --formula always(tool_speed_m_per_s<=1.7) full.csv", 0);
-    bench.check(&format!("{simulate} other.csv --record everything"), 2);
-    bench.check("simulate point-reaching --controller expert --record full", 2);
+    bench.check(&format!("{simulate} other.csv -k trace.columns=everything"), 2);
+    bench.check("simulate point-reaching --controller expert -k trace.columns=full", 2);
 }
 
 #[test]
@@ -52,7 +52,8 @@ fn repeats_have_other_seeds_than_the_counterexample_and_depend_on_the_seed_only(
     let seed = trial["seed"].as_str().unwrap();
     let n = trial["repeats"]["simulations"].as_u64().unwrap();
     let at = at.join(",");
-    let simulate = format!("simulate toy/noisy --at {at} --seed {seed} --repeat {n} --scenarios 0 --json");
+    let simulate =
+        format!("simulate toy/noisy --at {at} --seed {seed} --repeat {n} -k simulate.scenarios=0 --json");
     let code = i32::from(trial["repeats"]["failures"] != 0);
     assert_eq!(bench.json(&simulate, code)["repeats"], trial["repeats"]);
     // Not all repeats have the seed of the counterexample, which was selected for its failure.

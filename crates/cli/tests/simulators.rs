@@ -61,7 +61,7 @@ fn a_run_of_a_typed_command_is_replayed_from_any_folder_with_permission() {
     let said = allowed(&bench, elsewhere.path(), &replay, 0);
     assert!(said.contains("bit-identical to the record"), "{said}");
     // A counterexample has its trace, so that nothing is started.
-    assert!(bench.check("explain run.sqlite", 1).contains("Decisive: level <= 1"));
+    assert!(bench.check("show run.sqlite --simulation first", 1).contains("Decisive: level <= 1"));
     // A file that the simulator names is a part of it.
     bench.write("data.txt", "2");
     let said = allowed(&bench, elsewhere.path(), &replay, 2);
@@ -149,7 +149,7 @@ fn the_reason_of_a_crash_is_in_the_text_the_document_the_replay_and_the_report()
     let replay = format!("replay run.sqlite --simulation {number}");
     let said = allowed(&bench, bench.path("").as_path(), &replay, 0);
     assert!(said.contains("reason: ") && said.contains("the pump is too hot"), "{said}");
-    bench.refuses(&format!("explain run.sqlite --simulation {number}"), &["the pump is too hot"]);
+    bench.refuses(&format!("show run.sqlite --simulation {number}"), &["the pump is too hot"]);
     bench.check("report run.sqlite --out run.html", 0);
     assert!(std::fs::read_to_string(bench.path("run.html")).unwrap().contains("the pump is too hot"));
 }
@@ -158,7 +158,7 @@ fn the_reason_of_a_crash_is_in_the_text_the_document_the_replay_and_the_report()
 fn a_counterexample_stands_with_the_files_of_the_simulator() {
     let bench = bench();
     bench.check(&format!("falsify {COMMAND} --trials 1 --out run.sqlite"), 1);
-    allowed(&bench, bench.path("").as_path(), "counterexamples export run.sqlite --out suite/a.json", 0);
+    allowed(&bench, bench.path("").as_path(), "regress --add run.sqlite --out suite/a.json", 0);
     for name in ["a.json", "tank.py", "data.txt"] {
         assert!(bench.path("suite").join(name).exists(), "{name}");
     }

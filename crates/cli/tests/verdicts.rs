@@ -81,7 +81,7 @@ fn nothing_without_a_verdict_is_a_result() {
             (&Value::from(counted), &Value::from(counted))
         );
 
-        let listed = bench.check("runs .", 0);
+        let listed = bench.check("show .", 0);
         assert!(
             listed.lines().any(|line| line.contains("e.sqlite") && line.ends_with("no verdict")),
             "{end}: {listed}"

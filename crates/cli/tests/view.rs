@@ -1,4 +1,4 @@
-//! `mishandle view`: the states that MuJoCo's viewer gets, with a package in its place.
+//! `mishandle render --view`: the states that MuJoCo's viewer gets, with a package in its place.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -48,7 +48,7 @@ fn the_viewer_gets_the_recorded_states_in_order() {
     fs::create_dir(bench.path("packages")).unwrap();
     fs::create_dir(bench.path("packages/mujoco")).unwrap();
     bench.write("packages/mujoco/__init__.py", MUJOCO);
-    let mut view = bench.command("view run.sqlite --simulation 1 --speed 100");
+    let mut view = bench.command("render run.sqlite --view --simulation 1 --speed 100");
     view.env("PYTHONPATH", bench.path("packages")).env("SHOWN", bench.path("shown.txt"));
     view.env("SAMPLES", states.len().to_string()).env("STATE_SIZE", states[0].len().to_string());
     let output = view.output().unwrap();
@@ -66,9 +66,12 @@ fn without_the_package_or_a_scene_one_line_says_what_to_do() {
     bench.write("no-mujoco", "#!/bin/sh\nexit 1\n");
     fs::set_permissions(bench.path("no-mujoco"), fs::Permissions::from_mode(0o755)).unwrap();
     for python in ["./no-mujoco", "./missing"] {
-        bench.refuses(&format!("view run.sqlite --python {python}"), &["-m pip install mujoco==3.17.0"]);
+        bench.refuses(
+            &format!("render run.sqlite --view -k render.python={python}"),
+            &["-m pip install mujoco==3.17.0"],
+        );
     }
     bench.write("python", "#!/bin/sh\nexit 0\n");
     fs::set_permissions(bench.path("python"), fs::Permissions::from_mode(0o755)).unwrap();
-    bench.refuses("view run.sqlite --python ./python", &["toy/sphere-2d", "have no scene"]);
+    bench.refuses("render run.sqlite --view -k render.python=./python", &["toy/sphere-2d", "have no scene"]);
 }

@@ -10,7 +10,7 @@ use crate::load::RunReport;
 pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
     let run = shell_quote(&report.path);
     let at = format!("--trial {trial} --simulation {number}");
-    let explain = format!("mishandle explain {run} {at}");
+    let explain = format!("mishandle show {run} {at}");
     let replay = replay_command(&report.header.target.kind, report.path.as_ref(), trial, number);
     let mut lines = if is_python(&report.header.target.kind) {
         let comment = "# in Python, with the same system, formula and space as the run:".to_string();
@@ -19,7 +19,7 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
         vec![replay, explain]
     };
     if has_scene(&report.header.target.kind) {
-        lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
+        lines.push(format!("mishandle render {run} {at} --out failure.mp4"));
     }
     format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
 }

@@ -210,11 +210,11 @@ impl Card {
             ExampleSource::Worst { run, trial, number } => {
                 let run = shell_quote(&path_text(run));
                 // The run has the path of the machine where it ran.
-                let controller = shell_quote(&self.controller);
-                let at = format!("--trial {trial} --simulation {number} --controller {controller}");
+                let controller = shell_quote(&format!("engine.controller={}", self.controller));
+                let at = format!("--trial {trial} --simulation {number} -k {controller}");
                 vec![
-                    format!("mishandle explain {run} {at}"),
-                    format!("mishandle render --run {run} {at} --out failure.mp4"),
+                    format!("mishandle show {run} {at}"),
+                    format!("mishandle render {run} {at} --out failure.mp4"),
                 ]
             }
             ExampleSource::Minimized { file, .. } => {

@@ -45,7 +45,7 @@ pub struct ExportedCounterexample {
     /// Path of a file whose minimized scenario differs by at most 1 % of the width of each axis, so
     /// that this one was not written; `null` if it was.
     pub same_as: Option<String>,
-    /// Failure mode; `null` with `--simulation`.
+    /// Failure mode; `null` with `regress.simulation`.
     pub mode: Option<u64>,
     /// Number of the trial.
     pub trial: u32,
@@ -59,7 +59,7 @@ pub struct ExportedCounterexample {
     pub robustness: Number,
     /// Decisive predicate; `null` without one.
     pub predicate: Option<String>,
-    /// The minimization; `null` without `--minimize`.
+    /// The minimization; `null` without `regress.minimize`.
     pub minimized: Option<Minimized>,
 }
 

@@ -129,7 +129,7 @@ pub use risk::{
 pub use run_difference::{
     ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, RunDifference,
 };
-pub use runs::{RelationCounts, RunFacts, RunSummary};
+pub use runs::{RelationCounts, RunFacts, RunShown, RunSummary};
 #[cfg(feature = "schema")]
 pub use schema::Document;
 pub use screening::{Confirmed, Finding, Screening};

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{GuardFacts, Number, Seed};
+use crate::{Answer, Counterexamples, GuardFacts, Number, Seed};
 
 /// A run file. One that cannot be read has the keys `run` and `error` only.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -13,6 +13,17 @@ pub struct RunSummary {
     /// Contents of the file.
     #[serde(flatten)]
     pub facts: Option<RunFacts>,
+}
+
+/// What `show` says of a run file.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct RunShown {
+    /// Answer of its question, as its command prints it, without the parts that take further
+    /// simulations; `null` if the answer takes the target, which is not there.
+    pub answer: Option<Answer>,
+    /// Failure modes.
+    pub counterexamples: Counterexamples,
 }
 
 /// Contents of a run file.

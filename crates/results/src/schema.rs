@@ -6,11 +6,11 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 
 use crate::{
-    Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Counterexamples,
-    Demonstrations, Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification,
-    FormulaDescription, GuardTuning, Hardening, Listing, LogExplanations, Margin, Masking, Mining, Monitor,
-    MonitorChange, Named, Number, ProtocolCheck, Regression, Replay, Risk, RunDifference, RunSummary,
-    SampleSize, Seed, Simulation, Training, TrainingPlan,
+    Bisection, Campaign, Check, Comparison, Controller, ControllerExport, ControllerImport, Demonstrations,
+    Evaluation, Evidence, EvidenceVerification, Explanation, Exports, Falsification, FormulaDescription,
+    GuardTuning, Hardening, Listing, LogExplanations, Margin, Masking, Mining, Monitor, MonitorChange, Named,
+    Number, ProtocolCheck, Regression, Replay, Risk, RunDifference, RunShown, RunSummary, SampleSize, Seed,
+    Simulation, Training, TrainingPlan,
 };
 
 /// A document that a command prints with `--json`.
@@ -45,23 +45,23 @@ impl Document {
             Document::object::<Comparison>("compare"),
             Document::object::<RunDifference>("compare --exact"),
             Document::object::<SampleSize>("evaluate --expect"),
-            Document::array::<RunSummary>("runs"),
+            Document::object::<RunShown>("show"),
+            Document::array::<RunSummary>("show FOLDER"),
             Document::object::<Replay>("replay"),
-            Document::object::<Explanation>("explain"),
+            Document::object::<Explanation>("show --simulation"),
             Document::object::<LogExplanations>("monitor --explain"),
-            Document::object::<Masking>("explain --masking"),
-            Document::object::<Counterexamples>("counterexamples"),
-            Document::object::<Exports>("counterexamples export"),
+            Document::object::<Masking>("show --masking"),
             Document::object::<Regression>("regress"),
+            Document::object::<Exports>("regress --add"),
+            Document::object::<Bisection>("regress --first-bad"),
             Document::object::<Evidence>("evidence"),
             Document::object::<EvidenceVerification>("evidence --verify"),
-            Document::object::<Bisection>("bisect"),
             Document::object::<Demonstrations>("record"),
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),
             Document::object::<GuardTuning>("guard"),
-            Document::object::<Controller>("controller"),
+            Document::object::<Controller>("show CONTROLLER"),
             Document::object::<ControllerExport>("controller --out"),
             Document::object::<ControllerImport>("controller --task"),
         ]

@@ -26,7 +26,7 @@ pub struct Simulation {
     /// Whether the requirement is violated; `null` without a verdict. At a robustness of 0, `<=`,
     /// `>=` and `==` hold, and `<`, `>` and `!=` do not.
     pub violated: Option<bool>,
-    /// The document of `explain`, without `schema` and `run`.
+    /// The document of `show --simulation`, without `schema` and `run`.
     pub explanation: Option<Explanation>,
     /// Each named requirement; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]

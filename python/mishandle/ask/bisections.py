@@ -61,7 +61,7 @@ def bisect(
     progress: BisectProgress | None = None,
 ) -> Bisection:
     """Finds the first controller that fails a counterexample or falls below a success rate, as the
-    command ``mishandle bisect`` does.
+    command ``mishandle regress --first-bad`` does.
 
     ``docs/guide/compare.md`` explains the tests. The candidates are files of controllers, so the
     target is a task or a target file.
@@ -101,20 +101,19 @@ def bisect(
             "the name of a task nor the path of a target file"
         )
     given = {
-        "counterexamples": counterexamples,
-        "rate": rate,
+        "regress.rate": rate,
         "target": target,
         "space": space,
         "action-noise": action_noise,
-        "episodes": episodes,
-        "plan": plan,
+        "evaluate.episodes": episodes,
         "seed": seed,
-        "out": out,
+        "regress.every": "true" if all else None,
     }
-    words = [f"--{name}={_word(value)}" for name, value in given.items() if value is not None]
-    words += ["--all"] * all
-    words += ["--", os.fspath(folder)]
-    document, text = _native.bisect(words, progress)
+    keys = [(key, _word(value)) for key, value in given.items() if value is not None]
+    paths = [None if path is None else os.fspath(path) for path in (counterexamples, plan)]
+    document, text = _native.bisect(
+        os.fspath(folder), paths[0], keys, paths[1], os.fspath(out), progress
+    )
     return read(Bisection, document, shown=text)
 
 

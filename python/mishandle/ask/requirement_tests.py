@@ -415,7 +415,7 @@ class Test:
         chosen = ["--trial", str(trial), "--simulation", str(simulation)]
         if (
             self._is_native
-            and _command("render", "--run", os.fspath(run), *chosen, "--out", os.fspath(png))
+            and _command("render", os.fspath(run), *chosen, "--out", os.fspath(png))
             and png.is_file()
         ):
             return png

@@ -141,7 +141,7 @@ def regress(
     ----------
     folder : path
         Folder with files ``*.json`` of :meth:`Falsification.export` or of ``mishandle
-        counterexamples export``.
+        regress --add``.
     system, formula, space, **target
         See :func:`falsify`. The axes must be those of the files.
     baseline : optional

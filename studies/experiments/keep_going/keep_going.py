@@ -8,7 +8,7 @@ Each method spends the same number of simulations per seed:
     random      one trial of --search random with -k falsify.keep-going=true -k falsify.new-mode-rate=0
     repeated    as many trials of the plain search as the budget allows; each ends at its first violation
 
-Printed are means over the seeds, with the smallest and largest value: failures, modes (as `mishandle counterexamples` groups
+Printed are means over the seeds, with the smallest and largest value: failures, modes (as `mishandle show` groups
 those of one run), cells (pairwise cells of the space with a failure: 10 bins for each axis) and, for `toy/pits`, the pits with a
 failure, of 6.
 """
@@ -43,8 +43,8 @@ def falsify(program, target, arguments, out):
 
 
 def measure(program, target, run):
-    listed = subprocess.run([program, "counterexamples", str(run), "--json"], capture_output=True, text=True, check=True)
-    found = json.loads(listed.stdout)
+    listed = subprocess.run([program, "show", str(run), "--json"], capture_output=True, text=True, check=True)
+    found = json.loads(listed.stdout)["counterexamples"]
     with sqlite3.connect(run) as file:
         bounds = file.execute("SELECT low, high FROM axis ORDER BY position").fetchall()
         rows = file.execute("SELECT unit_point FROM simulation WHERE robustness < 0").fetchall()

@@ -26,7 +26,6 @@ const LEFT: [&str; 35] = [
     "crates/report/src/ranking.rs",
     "crates/requirements/src/pattern/page.rs",
     "crates/training/src/error.rs",
-    "src/bisect/answer.rs",
     "src/campaign/mod.rs",
     "src/check/cell.rs",
     "src/check/folder.rs",

@@ -7,6 +7,7 @@ use crate::exit_status::ExitStatus;
 
 /// Print a shell script that completes commands and flags
 #[derive(Debug, Args)]
+#[command(hide = true)]
 #[command(after_help = "Examples:
   mishandle completions bash > ~/.local/share/bash-completion/completions/mishandle
   mishandle completions zsh > ~/.zfunc/_mishandle

@@ -11,6 +11,7 @@ use crate::show::output;
 
 /// Print the manual page, or write the pages of all commands to a folder
 #[derive(Debug, Args)]
+#[command(hide = true)]
 #[command(after_help = "Examples:
   mishandle man | man -l -
   mishandle man ~/.local/share/man/man1")]

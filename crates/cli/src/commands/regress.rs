@@ -1,3 +1,5 @@
+mod add;
+mod first_bad;
 mod junit_xml;
 
 use std::path::{Path, PathBuf};
@@ -6,82 +8,157 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mishandle::counterexample::{Suite, Tested};
+use mishandle::plan::{RegressSettings, Settings, Values};
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
+use crate::flags::{self, Planned, numbers};
 use crate::run;
 use crate::show::progress::Bar;
 use crate::show::{output, regression};
 
 pub use junit_xml::report as junit;
 
-/// Failure rates.
-const RATE: &str = "a number from 0 to 1, such as 0.05";
+/// Default folder of counterexamples.
+const FOLDER: &str = "regressions";
 
-fn is_rate(rate: f64) -> bool {
-    (0.0..=1.0).contains(&rate)
-}
+/// Who has the question of a plan.
+const QUESTION: &str = "only --first-bad with --rate asks";
 
-/// Simulate a folder of counterexamples with another controller, and report which still fail
+/// Success rates.
+const RATE: &str = "a number between 0 and 1, such as 0.95";
+
+/// Test a folder of counterexamples with another controller, add to it, or find the first bad one
+/// of several controllers
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
+  mishandle regress --add runs/RUN.sqlite                  keep the nearest failure in regressions
+  mishandle regress failures --add runs/RUN.sqlite -k regress.all=true -k regress.minimize=true
+  mishandle regress --add runs/RUN.sqlite -k regress.mode=2 --out failure.json
+  mishandle regress --add runs/RUN.sqlite -k regress.trial=2 -k regress.simulation=17
   mishandle regress failures --controller my_controller.safetensors
   mishandle regress failures --controller ppo --junit report.xml
-  mishandle regress failures --controller ppo --repeat 100 --max-failure-rate 0.05
+  mishandle regress failures --controller ppo --repeat 100 -k regress.max-failure-rate=0.05
   mishandle regress failures --controller new.safetensors --baseline old.safetensors
+  mishandle regress failures --first-bad checkpoints
+  mishandle regress --first-bad checkpoints --rate 0.95 -k target=point-reaching
 
 Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit
 code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run. With
---baseline, 1 means that at least one fails that passes with the baseline.")]
+--baseline, 1 means that at least one fails that passes with the baseline.
+
+--add writes the representative of a failure mode, or of each one, as such a file.
+regress.minimize moves the scenario toward the nominal one while it still fails: as few axes as
+possible off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random
+seed stays. docs/guide/counterexamples.md describes the file.
+
+--first-bad orders the controllers of a folder by name, with numbers by value. With --rate, it gives
+all of them the same scenarios and seeds, and ends as soon as an interval that holds at any time is
+on one side of the rate. What was simulated is kept in the folder of --out: the same command
+continues, and `mishandle report` writes a page about the folder. Exit code 0 means that the first
+bad one was found, 1 that it was not: the first one does not pass, the last one does not fail, or
+those between are undecided.")]
 pub struct Arguments {
-    /// Folder with files of `mishandle counterexamples export`
-    #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
+    /// Folder of counterexamples, or with --first-bad also one file [default: regressions]
+    #[arg(value_name = "FOLDER")]
+    pub folder: Option<PathBuf>,
     /// Controller: the path of a .safetensors or .onnx file, or the name of a shipped controller
     /// [default: the one of each counterexample]
-    #[arg(long, value_name = "C")]
+    #[arg(long, value_name = "C", conflicts_with = "other")]
     pub controller: Option<String>,
     /// Controller to compare with, simulated like the one of --controller: only a test that fails
     /// although it passes with the baseline counts as a failure
-    #[arg(long, value_name = "C")]
+    #[arg(long, value_name = "C", conflicts_with = "other")]
     pub baseline: Option<String>,
     /// Number of simulations with other random seeds, which decide the test; without it, the
     /// recorded seed does
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
+    #[arg(conflicts_with = "other")]
     pub repeat: Option<u32>,
-    /// With --repeat: largest failure rate of a test that passes [default: 0]
-    #[arg(long, value_name = "RATE", requires = "repeat", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::number(RATE, is_rate))]
-    pub max_failure_rate: Option<f64>,
     /// Write the results to this file as JUnit XML; an existing file is replaced
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "other")]
     pub junit: Option<PathBuf>,
+    /// Write counterexamples of this run into FOLDER
+    #[arg(long, value_name = "RUN", group = "other")]
+    pub add: Option<PathBuf>,
+    /// Find the first controller of this folder (*.safetensors, *.onnx), the oldest first, that
+    /// violates a counterexample or, with --rate, falls below a success rate
+    #[arg(long, value_name = "DIR", group = "other")]
+    pub first_bad: Option<PathBuf>,
+    /// With --first-bad: lowest success rate of a controller that passes
+    #[arg(long, value_name = "RATE", requires = "first_bad", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::number(RATE, |rate| 0.0 < rate && rate < 1.0))]
+    pub rate: Option<f64>,
+    /// With --add: file for one counterexample (.json); with --first-bad: folder of the result and
+    /// of finished tests [default: runs/bisect]
+    #[arg(long, value_name = "PATH", requires = "other")]
+    pub out: Option<PathBuf>,
+    /// With --add: overwrite existing files
+    #[arg(long, requires = "add")]
+    pub force: bool,
+    /// With --rate: random seed, from 0 to 2^64 - 1 [default: 0, or the seed of the plan]
+    #[arg(long, value_name = "N", requires = "first_bad", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::integer::<u64>(flags::SEEDS))]
+    pub seed: Option<u64>,
     /// Number of threads; does not affect the results [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub keys: flags::Keys,
+}
+
+impl Arguments {
+    /// Returns the plan, with the values of flags and keys.
+    fn planned(&self) -> Result<Planned> {
+        let mut planned = Planned::new(&self.keys)?;
+        planned.number("--repeat", "regress.repeat", self.repeat)?;
+        planned.flag("--rate", "regress.rate", self.rate)?;
+        planned.number("--seed", "seed", self.seed)?;
+        planned.assign(&self.keys.keys, "regress", Values::One)?;
+        Ok(planned)
+    }
+
+    /// Returns the settings, where no question is asked.
+    fn settings(&self) -> Result<Settings> {
+        self.planned()?.settings(QUESTION)
+    }
+
+    fn folder(&self) -> &Path {
+        self.folder.as_deref().unwrap_or(Path::new(FOLDER))
+    }
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    match (&command.add, &command.first_bad) {
+        (Some(run), _) => add::run(command, run),
+        (None, Some(controllers)) => first_bad::run(command, controllers),
+        (None, None) => test(command),
+    }
+}
+
+/// Simulates the counterexamples of the folder.
+fn test(command: &Arguments) -> Result<ExitStatus> {
+    let RegressSettings { repeat, max_failure_rate, .. } = command.settings()?.regress;
+    let folder = command.folder();
     let suite = Suite {
-        folder: &command.folder,
+        folder,
         tested: Tested::Controllers {
             controller: command.controller.as_deref(),
             baseline: command.baseline.as_deref(),
         },
-        repeats: u64::from(command.repeat.unwrap_or(0)),
-        max_failure_rate: command.max_failure_rate.unwrap_or(0.0),
+        repeats: u64::from(repeat.unwrap_or(0)),
+        max_failure_rate,
     };
-    let read = || format!("cannot read the folder {}", command.folder.display());
+    let read = || format!("cannot read the folder {}", folder.display());
     let files = suite.files().with_context(read)?;
     ensure!(
         !files.is_empty(),
-        "there is no counterexample (*.json) in {}; write some with `mishandle counterexamples export`",
-        command.folder.display()
+        "there is no counterexample (*.json) in {}; add some with `mishandle regress --add RUN`",
+        folder.display()
     );
     if let Some(path) = &command.junit {
         let controllers = [&command.controller, &command.baseline].into_iter().flatten().map(Path::new);

@@ -1,19 +1,24 @@
+mod view;
+
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
-use clap::{Args, ValueEnum};
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
 use mishandle::MishandleError;
 use mishandle::inspect::{Event, Explanation};
 use mishandle::picture::{
     CameraSettings, Drawing, Film, FrameCaptions, FrameRenderer, SeenStates, StateTrajectory,
 };
-use mishandle::world::{CAMERAS, Picture, Quality, Size, WorldError, png};
+use mishandle::plan::{CenterEvent, Settings};
+use mishandle::store::RunHeader;
+use mishandle::world::{CAMERAS, Picture, PictureModel, Quality, Size, WorldError, png};
 use mishandle_text::{instant, plural};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::interrupt;
-use crate::run;
+use crate::run::path_kind::{self, PathKind};
+use crate::run::{self, counterexample};
 use crate::show::progress::Bar;
 use crate::show::video::{self, Video};
 use crate::show::{output, simulation};
@@ -21,124 +26,111 @@ use crate::show::{output, simulation};
 /// Coordinates of an initial state. Its box is checked later, by an error that names the axis.
 const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
 
-/// Seconds on each side of an event.
-const AROUND: &str = "a number of seconds above 0, such as 0.5";
-
 /// Speeds of a video.
 const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
 
-/// Render the initial state of a task or target file, or a video or filmstrip of a recorded
-/// simulation
+/// Render the initial state of a target, or a video, a filmstrip or a viewer of a recorded simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle render ball-pushing --out start.png
   mishandle render ball-pushing --at 0.45,-0.1 --out start.png
   mishandle render robot.toml --out start.png                      a robot that a file describes
-  mishandle render --run runs/RUN.sqlite --out video.mp4           the first counterexample
-  mishandle render --run runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
+  mishandle render runs/RUN.sqlite --out video.mp4                 the first counterexample
+  mishandle render runs/RUN.sqlite --trial 2 --simulation 17 --out strip.png   six frames
+  mishandle render failure.json --out failure.mp4                  an exported counterexample
+  mishandle render runs/RUN.sqlite --view --speed 0.25             MuJoCo's own viewer
 
-  mishandle render --run runs/RUN.sqlite --camera auto,close --out two.mp4    two views
-  mishandle render --run runs/RUN.sqlite --camera auto,over,wrist --out seen.mp4   what cameras saw
-  mishandle render --run runs/RUN.sqlite --around 0.5 --speed 0.25 --out slow.mp4
+  mishandle render runs/RUN.sqlite --camera auto,close --out two.mp4    two views
+  mishandle render runs/RUN.sqlite --camera auto,over,wrist --out seen.mp4   what cameras saw
+  mishandle render runs/RUN.sqlite -k render.around=0.5 --speed 0.25 --out slow.mp4
 
 Pictures of a simulation center on its event, and `render` says which one it is and why. If the
 formula is violated by something that must always hold, it is the violation. If the formula needs
 one good instant (`eventually`), it is the closest approach. If the formula is satisfied, it is the
-instant with the smallest margin. A video holds the event for a second. `--event contact` and
-`--event release` center on something else.
+instant with the smallest margin. A video holds the event for a second. `-k render.event=contact`
+and `-k render.event=release` center on something else.
 
-Rendering needs no display. Videos need the program ffmpeg.")]
+Rendering needs no display. Videos need the program ffmpeg.
+
+The viewer is that of the Python package `mujoco`, which must be installed and needs a display. The
+simulation runs again and must be bit-identical to its record. Then its states play in a loop: space
+pauses, the arrows left and right go one control step back and forth, Ctrl-Q closes.")]
 pub struct Arguments {
-    /// Name of a task or path of a target file, to render its initial state
-    #[arg(conflicts_with = "run")]
-    pub target: Option<String>,
+    /// Task or target file (.toml), to render its initial state; or run file or exported
+    /// counterexample (.json), to render a simulation
+    #[arg(value_name = "TARGET|RUN|FILE.json")]
+    pub target: String,
     /// Initial state: one value per axis of the initial box, or of the space `starts` of a target
     /// file, in the axis' unit [default: the center of the box, or the nominal values]
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
-    #[arg(conflicts_with = "run", value_parser = numbers::number(COORDINATE, |_| true))]
+    #[arg(value_parser = numbers::number(COORDINATE, |_| true))]
     pub at: Option<Vec<f64>>,
-    /// Run file, to render one of its simulations
-    #[arg(long, value_name = "RUN")]
-    pub run: Option<PathBuf>,
-    /// Number of the trial, from 1 [default: 1 with --simulation, otherwise any]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
+    /// Number of the trial of a run, from 1 [default: 1 with --simulation, otherwise any]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub trial: Option<u32>,
     /// Number of the simulation within its trial, from 1 [default: the first counterexample,
     /// otherwise the simulation with the minimum robustness]
-    #[arg(long, value_name = "N", requires = "run", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::NUMBERS))]
     pub simulation: Option<u32>,
-    /// Event of a simulation to center on
-    #[arg(long, value_name = "EVENT", requires = "run", default_value = "decisive")]
-    pub event: CenterEvent,
-    /// Show only this many seconds before and after the event [default: all of an episode of up to
-    /// 10 s, otherwise 5]
-    #[arg(long, value_name = "SECONDS", requires = "run", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::number(AROUND, |seconds| seconds > 0.0 && seconds.is_finite()))]
-    pub around: Option<f64>,
-    /// Speed of a video relative to the simulation [default: 1]
-    #[arg(long, value_name = "FACTOR", requires = "run", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::number(SPEED, |speed| (0.01..=100.0).contains(&speed)))]
-    pub speed: Option<f64>,
-    /// Output file: .png for a picture or a filmstrip, .mp4 for a video
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    pub keys: flags::SettingKeys,
-    /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720,
-    /// video 640x480, filmstrip 480x360]
-    #[arg(long, value_name = "WxH")]
-    pub size: Option<String>,
     /// Cameras, side by side in each frame: auto, front, left, right, back, top, close (follows the
     /// hand or the free base), a camera of the MJCF, or one of the target, whose images policies
     /// see: over and wrist for tasks, and those of a target file. These have the light, colors,
     /// faults and delays of the scenario
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = CAMERAS[0])]
     pub camera: Vec<String>,
-    /// Width and height of the images of cameras of the target, pixels, each from 1 to 1024
-    /// [default: 64x64]
-    #[arg(long, value_name = "WxH", value_parser = numbers::image_size)]
-    pub image_size: Option<[u16; 2]>,
-    /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
-    /// graphics card
-    #[arg(long)]
-    pub fast: bool,
+    /// Width of each camera's view and height of the frame, in pixels [default: picture 960x720,
+    /// video 640x480, filmstrip 480x360]
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<String>,
+    /// Speed of a video or of the viewer relative to the simulation [default: 1]
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
+    #[arg(value_parser = numbers::number(SPEED, |speed| (0.01..=100.0).contains(&speed)))]
+    pub speed: Option<f64>,
+    /// Open the simulation in MuJoCo's viewer
+    #[arg(long, conflicts_with_all = ["out", "camera", "size"])]
+    pub view: bool,
+    /// Output file: .png for a picture or a filmstrip, .mp4 for a video
+    #[arg(long, value_name = "FILE", required_unless_present = "view")]
+    pub out: Option<PathBuf>,
     /// Overwrite FILE if it exists
     #[arg(long)]
     pub force: bool,
+    #[command(flatten)]
+    pub keys: flags::Keys,
 }
 
-impl Arguments {
+/// What is drawn, and where it goes.
+struct Job<'a> {
+    command: &'a Arguments,
+    settings: &'a Settings,
+    out: &'a Path,
+    size: Size,
+}
+
+impl Job<'_> {
     fn cameras(&self) -> Vec<&str> {
-        self.camera.iter().map(String::as_str).collect()
+        self.command.camera.iter().map(String::as_str).collect()
     }
 
     /// Returns those of the cameras that the target has, each once: their images are those that
     /// policies see.
     fn seen(&self, target: &[String]) -> Vec<String> {
-        target.iter().filter(|name| self.camera.contains(name)).cloned().collect()
+        target.iter().filter(|name| self.command.camera.contains(name)).cloned().collect()
+    }
+
+    fn image_size(&self) -> [u16; 2] {
+        self.settings.render.image_size.unwrap_or(IMAGE_SIZE)
     }
 
     /// Draws what these cameras of the target see in the states of a simulation.
     fn seen_states(&self, names: Vec<String>, trajectory: &StateTrajectory) -> Result<Option<SeenStates>> {
-        let settings = CameraSettings { names, size: self.image_size.unwrap_or(IMAGE_SIZE) };
+        let settings = CameraSettings { names, size: self.image_size() };
         Ok(if settings.names.is_empty() { None } else { trajectory.seen_by(&settings)? })
     }
 
     fn drawing(&self) -> Drawing {
-        Drawing::OpenGl(if self.fast { Quality::Fast } else { Quality::Fine })
+        Drawing::OpenGl(if self.settings.render.fast { Quality::Fast } else { Quality::Fine })
     }
-}
-
-/// Center of pictures of a simulation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum CenterEvent {
-    /// The violation, closest approach or smallest margin
-    #[default]
-    Decisive,
-    /// The first contact of two parts that do not touch in the first 0.1 s
-    Contact,
-    /// The release of the held object
-    Release,
 }
 
 /// The camera is placed by every second state, which is enough to show all motions.
@@ -167,17 +159,35 @@ enum Kind {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let kind = kind(&command.out)?;
-    if command.run.is_none() && command.target.is_some() {
+    let (settings, _) = command.keys.settings("render")?;
+    let path = Path::new(&command.target);
+    let subject = path_kind::of(path)?;
+    let is_recorded = matches!(subject, PathKind::Run | PathKind::Counterexample);
+    if is_recorded {
+        ensure!(command.at.is_none(), "--at is an initial state of a target; leave it out");
+        if matches!(subject, PathKind::Counterexample) {
+            flags::check_flags(command.trial, command.simulation)?;
+        }
+    } else {
+        let chosen = command.trial.is_some() || command.simulation.is_some() || command.speed.is_some();
         ensure!(
-            kind == Kind::Png,
-            "an initial state is a single picture: --out must end in .png; for a video give --run RUN"
+            !chosen,
+            "--trial, --simulation and --speed are about a recorded simulation; name a run file"
         );
     }
-    let default = match (kind, &command.run) {
-        (Kind::Png, None) => PICTURE_SIZE,
-        (Kind::Png, Some(_)) => STRIP_SIZE,
-        (Kind::Mp4, _) => VIDEO_SIZE,
+    if command.view {
+        return view::run(command, &subject, &settings);
+    }
+    let out = command.out.as_deref().context("--out must name the picture or video to create")?;
+    let kind = kind(out)?;
+    ensure!(
+        is_recorded || kind == Kind::Png,
+        "an initial state is a single picture: --out must end in .png; for a video name a run file"
+    );
+    let default = match kind {
+        Kind::Png if is_recorded => STRIP_SIZE,
+        Kind::Png => PICTURE_SIZE,
+        Kind::Mp4 => VIDEO_SIZE,
     };
     let size = size(command.size.as_deref(), default)?;
     let views = command.camera.len();
@@ -187,48 +197,57 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         size.width(),
         Size::RANGE.end()
     );
-    let engine = command.keys.settings("render")?.engine;
-    let controller = engine.controller.as_deref().map(Path::new);
-    output::refuse_inputs(&command.out, "--out", command.run.as_deref().into_iter().chain(controller))?;
+    let controller = settings.engine.controller.as_deref().map(Path::new);
+    output::refuse_inputs(
+        out,
+        "--out",
+        [Some(path).filter(|_| is_recorded), controller].into_iter().flatten(),
+    )?;
     // Fails before the simulation if the output cannot be written.
-    drop(output::create(&command.out, command.force)?);
+    drop(output::create(out, command.force)?);
     if kind == Kind::Mp4 {
         video::check_encoder()?;
     }
-    let (mut renderer, trajectory, event) = match (&command.run, &command.target) {
-        (Some(path), _) => recorded(path, command, size)?,
-        (None, Some(target)) => {
-            let trajectory = mishandle::picture::initial_state(target, command.at.as_deref())?;
-            let model = mishandle::resolve::picture_model(target)?;
-            let known = mishandle::resolve::camera_names(target)?;
-            let names = command.seen(&known);
-            check_fits(command, &names, size)?;
-            let seen = command.seen_states(names, &trajectory)?;
-            let cameras = command.cameras();
-            let renderer = FrameRenderer::new(&model, size, command.drawing(), (&cameras, seen), None);
-            (renderer.map_err(|error| with_cameras(error, known))?, trajectory, None)
-        }
-        (None, None) => bail!("nothing to render: give a TARGET or --run RUN"),
+    let job = Job { command, settings: &settings, out, size };
+    let (mut renderer, trajectory, event) = match subject {
+        PathKind::Run => of_run(path, &job)?,
+        PathKind::Counterexample => of_counterexample(path, &job)?,
+        _ => start(&command.target, &job)?,
     };
     let status = match kind {
-        Kind::Png => filmstrip(&mut renderer, &trajectory, event, command)?,
-        Kind::Mp4 => video(&mut renderer, &trajectory, event, command)?,
+        Kind::Png => filmstrip(&mut renderer, &trajectory, event, &job)?,
+        Kind::Mp4 => video(&mut renderer, &trajectory, event, &job)?,
     };
     match status {
         ExitStatus::Interrupted => output::message("interrupted; nothing was written"),
-        _ => output::message(&format!("wrote {}", command.out.display())),
+        _ => output::message(&format!("wrote {}", out.display())),
     }
     Ok(status)
 }
 
+/// What is drawn: its states, and the event that pictures center on.
+type Drawn = (FrameRenderer, StateTrajectory, Option<Event>);
+
+/// Draws the initial state of a target.
+fn start(target: &str, job: &Job<'_>) -> Result<Drawn> {
+    let trajectory = mishandle::picture::initial_state(target, job.command.at.as_deref())?;
+    let model = mishandle::resolve::picture_model(target)?;
+    let known = mishandle::resolve::camera_names(target)?;
+    let names = job.seen(&known);
+    check_fits(job, &names)?;
+    let seen = job.seen_states(names, &trajectory)?;
+    let renderer = FrameRenderer::new(&model, job.size, job.drawing(), (&job.cameras(), seen), None);
+    Ok((renderer.map_err(|error| with_cameras(error, known))?, trajectory, None))
+}
+
 /// Checks that images of cameras of the target, which have these names, fit into frames.
-fn check_fits(command: &Arguments, names: &[String], size: Size) -> Result<()> {
+fn check_fits(job: &Job<'_>, names: &[String]) -> Result<()> {
     ensure!(
-        command.image_size.is_none() || !names.is_empty(),
-        "--image-size has no effect without a camera of the target in --camera, such as over for tasks"
+        job.settings.render.image_size.is_none() || !names.is_empty(),
+        "render.image-size has no effect without a camera of the target in --camera, such as over for tasks"
     );
-    let [width, height] = command.image_size.unwrap_or(IMAGE_SIZE);
-    let frame = [size.width(), size.height()];
+    let [width, height] = job.image_size();
+    let frame = [job.size.width(), job.size.height()];
     ensure!(
         names.is_empty() || u32::from(width) <= frame[0] && u32::from(height) <= frame[1],
         "images of {width}x{height} pixels do not fit into frames of {}x{}; set a larger --size",
@@ -277,84 +296,121 @@ fn size(text: Option<&str>, default: (u32, u32)) -> Result<Size> {
     }
 }
 
-/// Replays a recorded simulation. Returns its states and the event that pictures center on.
-fn recorded(
-    path: &Path,
-    command: &Arguments,
-    size: Size,
-) -> Result<(FrameRenderer, StateTrajectory, Option<Event>)> {
-    let engine = command.keys.settings("render")?.engine;
+/// Replays a simulation of a run.
+fn of_run(path: &Path, job: &Job<'_>) -> Result<Drawn> {
+    let engine = &job.settings.engine;
     let run = run::read(path, engine.skip_check)?;
-    let Some((trial, simulation)) =
-        mishandle::replay::select_simulation(&run, command.trial, command.simulation)?
-    else {
+    let choice = (job.command.trial, job.command.simulation);
+    let Some((trial, simulation)) = mishandle::replay::select_simulation(&run, choice.0, choice.1)? else {
         bail!("{} has no decided simulation; choose one with --trial and --simulation", path.display());
     };
-    let drawing = command.drawing();
-    let cameras = command.cameras();
-    let model = mishandle::resolve::recorded_picture(run.header())?;
-    // Fails before the simulation if pictures cannot be drawn.
-    let known = mishandle::resolve::camera_names(&mishandle::resolve::recorded_target(run.header())?)?;
-    let names = command.seen(&known);
-    check_fits(command, &names, size)?;
-    let of_scene: Vec<&str> =
-        cameras.iter().copied().filter(|name| !names.iter().any(|seen| seen == name)).collect();
-    drop(
-        FrameRenderer::new(&model, size, drawing, (&of_scene, None), None)
-            .map_err(|error| with_cameras(error, known))?,
-    );
+    let header = run.header();
+    let scene = Scene::new(&mishandle::resolve::recorded_target(header)?, job)?;
     let (replayed, trajectory) =
         mishandle::picture::replay_states(&run, trial, simulation, engine.controller.as_deref())?;
     run::report_build_differences("made", &replayed.build_differences);
     if !replayed.differences.is_empty() {
         bail!("{}", run::differences_text(&replayed.differences));
     }
-    ensure!(
-        !trajectory.states.is_empty(),
-        "simulation {simulation} of trial {trial} has no states to render"
-    );
-    let point = mishandle::run::box_point(run.header(), trial, &replayed.recorded.scenario);
-    output::message(&format!(
-        "{}: {}",
-        simulation::name(trial, point, simulation),
-        plural(replayed.episode.steps, "control step")
-    ));
-    let last = trajectory.states.len() - 1;
+    let point = mishandle::run::box_point(header, trial, &replayed.recorded.scenario);
+    let name = simulation::name(trial, point, simulation);
+    output::message(&format!("{name}: {}", plural(replayed.episode.steps, "control step")));
     let released = mishandle::inspect::release(&replayed.episode.trace);
     // An undecided simulation has no explanation.
     let explained = replayed.recorded.robustness.and_then(|_| {
-        mishandle::inspect::explain_recorded(run.header(), replayed.recorded, replayed.episode.trace).ok()
+        mishandle::inspect::explain_recorded(header, replayed.recorded, replayed.episode.trace).ok()
     });
     let explanation = explained.as_ref().map(|explained| &explained.explanation);
-    let at = |sample| instant(sample, run.header().control_dt);
-    for sentence in explanation.map_or(Vec::new(), |found| found.sentences(at)) {
-        output::message(&sentence);
+    scene.draw(header, explanation, released, trajectory)
+}
+
+/// Simulates an exported counterexample again.
+fn of_counterexample(path: &Path, job: &Job<'_>) -> Result<Drawn> {
+    let (recorded, replayed) = counterexample::replay(path, job.settings.engine.moved())?;
+    ensure!(
+        replayed.differences.is_empty(),
+        "the counterexample differs from the replay:\n  {}",
+        replayed.differences.join("\n  ")
+    );
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let resolved = recorded.resolve(folder, job.settings.engine.moved())?;
+    let scene = Scene::new(&resolved.plan.target, job)?;
+    let request = recorded.request(&resolved.space)?;
+    let (episode, trajectory) = mishandle::picture::simulate_states(&resolved, &request)?;
+    let name = simulation::name(recorded.trial, None, recorded.simulation);
+    output::message(&format!("{name}: {}", plural(episode.steps, "control step")));
+    let released = mishandle::inspect::release(&episode.trace);
+    scene.draw(&replayed.header, Some(&replayed.explained.explanation), released, trajectory)
+}
+
+/// The scene of a recorded simulation.
+struct Scene<'a> {
+    job: &'a Job<'a>,
+    model: PictureModel,
+    /// Cameras of the target.
+    seen: Vec<String>,
+}
+
+impl<'a> Scene<'a> {
+    /// Fails before the simulation if pictures cannot be drawn.
+    fn new(target: &str, job: &'a Job<'a>) -> Result<Scene<'a>> {
+        let model = mishandle::resolve::picture_model(target)?;
+        let known = mishandle::resolve::camera_names(target)?;
+        let seen = job.seen(&known);
+        check_fits(job, &seen)?;
+        let of_scene: Vec<&str> =
+            job.cameras().into_iter().filter(|name| !seen.iter().any(|seen| seen == name)).collect();
+        drop(
+            FrameRenderer::new(&model, job.size, job.drawing(), (&of_scene, None), None)
+                .map_err(|error| with_cameras(error, known))?,
+        );
+        Ok(Scene { job, model, seen })
     }
-    let event = match command.event {
-        CenterEvent::Decisive => explanation.and_then(Explanation::event),
-        CenterEvent::Contact => match trajectory.first_contact()? {
-            Some((event, pair)) => {
-                output::message(&format!("first contact: {pair}"));
-                Some(event)
-            }
-            None => bail!("this simulation has no contact but those of the first 0.1 s; leave out --event"),
-        },
-        CenterEvent::Release => match released {
-            Some(event) => Some(event),
-            None => bail!("nothing is released in this simulation; leave out --event"),
-        },
-    };
-    if let Some(event) = event {
-        output::message(&event.sentence(run.header().control_dt));
+
+    /// Says what the pictures center on.
+    fn draw(
+        self,
+        header: &RunHeader,
+        explanation: Option<&Explanation>,
+        released: Option<Event>,
+        trajectory: StateTrajectory,
+    ) -> Result<Drawn> {
+        let Scene { job, model, seen } = self;
+        ensure!(!trajectory.states.is_empty(), "the simulation has no states to render");
+        let last = trajectory.states.len() - 1;
+        let at = |sample| instant(sample, header.control_dt);
+        for sentence in explanation.map_or(Vec::new(), |found| found.sentences(at)) {
+            output::message(&sentence);
+        }
+        let event = match job.settings.render.event {
+            CenterEvent::Decisive => explanation.and_then(Explanation::event),
+            CenterEvent::Contact => match trajectory.first_contact()? {
+                Some((event, pair)) => {
+                    output::message(&format!("first contact: {pair}"));
+                    Some(event)
+                }
+                None => bail!(
+                    "this simulation has no contact but those of the first 0.1 s; leave out render.event"
+                ),
+            },
+            CenterEvent::Release => match released {
+                Some(event) => Some(event),
+                None => bail!("nothing is released in this simulation; leave out render.event"),
+            },
+        };
+        if let Some(event) = event {
+            output::message(&event.sentence(header.control_dt));
+        }
+        let captions =
+            FrameCaptions::new(header.control_dt, &header.signals, explanation, event.as_ref(), last);
+        let seen = job.seen_states(seen, &trajectory)?;
+        let cameras = job.cameras();
+        let renderer = FrameRenderer::new(&model, job.size, job.drawing(), (&cameras, seen), Some(captions))?;
+        if !renderer.has_captions() {
+            output::message("frames of this size are too small for captions; try --size 320x240");
+        }
+        Ok((renderer, trajectory, event))
     }
-    let captions =
-        FrameCaptions::new(run.header().control_dt, &run.header().signals, explanation, event.as_ref(), last);
-    let seen = command.seen_states(names, &trajectory)?;
-    let renderer = FrameRenderer::new(&model, size, drawing, (&cameras, seen), Some(captions))?;
-    if !renderer.has_captions() {
-        output::message("frames of this size are too small for captions; try --size 320x240");
-    }
-    Ok((renderer, trajectory, event))
 }
 
 /// Renders a picture with up to six frames: start, decisive sample, end, and instants between them.
@@ -362,12 +418,12 @@ fn filmstrip(
     renderer: &mut FrameRenderer,
     trajectory: &StateTrajectory,
     event: Option<Event>,
-    command: &Arguments,
+    job: &Job<'_>,
 ) -> Result<ExitStatus> {
     let states = &trajectory.states;
     let last = states.len() - 1;
     let decisive = event.map_or(last, |event| event.sample.min(last));
-    let film = Film::new(trajectory.control_dt, last, event.as_ref(), command.around, 1.0);
+    let film = Film::new(trajectory.control_dt, last, event.as_ref(), job.settings.render.around, 1.0);
     let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, film.window);
     let count = steps.len();
     renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
@@ -388,7 +444,7 @@ fn filmstrip(
         output::message(&format!("frames at {}, row by row", times.join(", ")));
     }
     let bytes = png(whole.width() as u32, whole.height() as u32, whole.pixels())?;
-    output::write_atomically(&command.out, command.force, &bytes)?;
+    output::write_atomically(job.out, job.command.force, &bytes)?;
     Ok(ExitStatus::Done)
 }
 
@@ -396,12 +452,12 @@ fn video(
     renderer: &mut FrameRenderer,
     trajectory: &StateTrajectory,
     event: Option<Event>,
-    command: &Arguments,
+    job: &Job<'_>,
 ) -> Result<ExitStatus> {
     let StateTrajectory { states, control_dt, .. } = trajectory;
     let last = states.len() - 1;
-    let speed = command.speed.unwrap_or(1.0);
-    let film = Film::new(*control_dt, last, event.as_ref(), command.around, speed);
+    let speed = job.command.speed.unwrap_or(1.0);
+    let film = Film::new(*control_dt, last, event.as_ref(), job.settings.render.around, speed);
     let (first, end) = film.window;
     if film.window != (0, last) {
         output::message(&format!(
@@ -416,7 +472,7 @@ fn video(
     let bar = Bar::new(film.samples.len() as u64, "frames");
     let cleared = bar.line();
     interrupt::listen(|| (), move || cleared.finish_and_clear())?;
-    let file = output::create(&command.out, command.force)?;
+    let file = output::create(job.out, job.command.force)?;
     let mut video = Video::start(file, renderer.frame_size(), film.rate)?;
     let mut drawn: Option<(usize, Picture)> = None;
     for (done, sample) in (1..).zip(&film.samples) {

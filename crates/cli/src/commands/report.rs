@@ -2,19 +2,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use mishandle::harden::is_hardening;
-use mishandle::plan::LogSettings;
+use mishandle::plan::{LogSettings, Settings};
 use mishandle::results::{Bisection, Check};
 use mishandle::train::Curve;
 use mishandle_report::{
     CheckFigures, LogSection, Samples, bisection_page, check_markdown, check_page, hardening_page,
     learning_curve_page, log_page, markdown, page,
 };
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::path_text;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::log_question::{self, Question};
+use crate::run::path_kind::{self, PathKind};
 use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
@@ -26,11 +26,11 @@ use crate::show::progress::Bar;
   mishandle report runs/RUN.sqlite --out report.html
   mishandle report runs/A.sqlite runs/B.sqlite --out report.html     one section each, and a table
   mishandle report runs/campaign-1 --out pages          index and a page for each run of a campaign
-  mishandle report runs/RUN.sqlite --no-simulations --out report.html
+  mishandle report runs/RUN.sqlite -k report.simulations=false --out report.html
   mishandle report better.harden --out report.html      a hardening, before and after
   mishandle report runs/RUN.sqlite --markdown run.md    the most important as Markdown
   mishandle report checked --out report.html            the requirements of `mishandle check`
-  mishandle report runs/bisect --out bisection.html     the last `mishandle bisect` in a folder
+  mishandle report runs/bisect --out bisection.html     the last `regress --first-bad` in a folder
   mishandle report curve.csv --out curve.html           the learning curve of `train --csv`
   mishandle report --log logs/*.csv --formula 'always(force <= 2)' --out logs.html
 
@@ -55,25 +55,6 @@ pub struct Arguments {
     /// Overwrite the files of --out and --markdown
     #[arg(long)]
     pub force: bool,
-    /// Number of random scenarios around each failure mode, which estimate the size of the failing
-    /// patch; 0 skips this
-    #[arg(long, value_name = "N", default_value = "64", allow_negative_numbers = true)]
-    #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
-    pub probes: u32,
-    /// Number of random scenarios that measure the total effect of each axis on the robustness
-    /// (Sobol index); each is simulated twice and once more for each axis [default: 0, none]
-    #[arg(
-        long,
-        value_name = "N",
-        default_value = "0",
-        hide_default_value = true,
-        allow_negative_numbers = true
-    )]
-    #[arg(value_parser = numbers::integer::<u32>(flags::SCENARIOS), conflicts_with = "no_simulations")]
-    pub sensitivity: u32,
-    /// Show only what the run files contain
-    #[arg(long)]
-    pub no_simulations: bool,
     /// Number of threads; does not affect the page [default: number of cores]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<usize>(flags::THREADS))]
     pub threads: Option<usize>,
@@ -84,12 +65,11 @@ pub struct Arguments {
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    let (settings, _) = command.keys.settings("report")?;
+    let (Settings { engine, report, log, .. }, _) = command.keys.settings("report")?;
     if command.runs.is_empty() {
-        return write_logs(command, &settings.log);
+        return write_logs(command, &log);
     }
     run::set_threads(command.threads)?;
-    let engine = settings.engine;
     let controller = engine.controller.as_deref().map(Path::new);
     let files = [("--out", &command.out), ("--markdown", &command.markdown)];
     for (flag, file) in files {
@@ -103,46 +83,34 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let samples = Samples { probes: command.probes, sensitivity: command.sensitivity };
+    let samples = Samples { probes: report.probes, sensitivity: report.sensitivity };
     let options = pages::Options {
-        simulations: (!command.no_simulations && command.out.is_some()).then_some((samples, &bar)),
+        simulations: (report.simulations && command.out.is_some()).then_some((samples, &bar)),
         controller: engine.controller.as_deref(),
         skip_check: engine.skip_check,
         force: command.force,
     };
-    if let [folder] = &command.runs[..]
-        && folder.is_dir()
-        && let Some(found) = mishandle::check::verified(folder)?
-    {
-        return write_check(&found, command, &options);
-    }
-    let is_run = |path: &PathBuf| !path.is_dir() && !is_curve(path);
-    if command.markdown.is_some()
-        && let Some(other) = command.runs.iter().find(|path| !is_run(path))
-    {
-        bail!("--markdown writes about run files and checks; {} is neither", other.display());
-    }
-    if let [folder] = &command.runs[..]
-        && folder.is_dir()
-    {
-        if let Some(found) = mishandle::bisect::finished(folder)? {
-            return write_bisection(&found, command, &options);
+    let is_alone = command.runs.len() == 1;
+    for path in &command.runs {
+        let shown = path.display();
+        match path_kind::of(path)? {
+            PathKind::Run | PathKind::Other => {}
+            PathKind::Check(found) if is_alone => return write_check(&found, command, &options),
+            _ if command.markdown.is_some() => {
+                bail!("--markdown writes about run files and checks; {shown} is neither")
+            }
+            PathKind::Curve if is_alone => return write_curve(path, command),
+            PathKind::Curve => bail!("{shown} is a learning curve; name it alone"),
+            PathKind::Counterexample | PathKind::Controller => {
+                bail!("{shown} is no run; `mishandle show` explains counterexamples and controllers")
+            }
+            _ if !is_alone => {
+                bail!("{shown} is a folder; name run files, or one folder of a campaign alone")
+            }
+            PathKind::Bisection(found) => return write_bisection(&found, command, &options),
+            PathKind::Hardening => return write_hardening(path, command, &options),
+            _ => return pages::write_campaign(path, page_file(command)?, &options),
         }
-        if let Some(is_finished) = is_hardening(folder) {
-            return write_hardening(folder, is_finished, command, &options);
-        }
-        return pages::write_campaign(folder, page_file(command)?, &options);
-    }
-    if let Some(folder) = command.runs.iter().find(|path| path.is_dir()) {
-        bail!("{} is a folder; name run files, or one folder of a campaign alone", folder.display());
-    }
-    if let [curve] = &command.runs[..]
-        && is_curve(curve)
-    {
-        return write_curve(curve, command);
-    }
-    if let Some(curve) = command.runs.iter().find(|path| is_curve(path)) {
-        bail!("{} is a learning curve; name it alone", curve.display());
     }
     // Fails before the simulations if the output cannot be written.
     for (_, file) in files {
@@ -177,20 +145,8 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
 }
 
-/// Returns whether a path names a learning curve rather than a run file.
-fn is_curve(path: &Path) -> bool {
-    path.extension().is_some_and(|found| found.eq_ignore_ascii_case("csv"))
-}
-
 /// Writes the page about a hardening, with sections about the final simulations in its space.
-fn write_hardening(
-    folder: &Path,
-    is_finished: bool,
-    command: &Arguments,
-    options: &pages::Options<'_>,
-) -> Result<ExitStatus> {
-    let name = shell_quote(&path_text(folder));
-    ensure!(is_finished, "the hardening is not finished; continue it with: mishandle harden --resume {name}");
+fn write_hardening(folder: &Path, command: &Arguments, options: &pages::Options<'_>) -> Result<ExitStatus> {
     let Some((found, failures, reports)) = pages::hardening(folder, options)? else {
         options.clear();
         return interrupted(command);

@@ -1,3 +1,5 @@
+use std::path::PathBuf;
+
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::ResolvedPlan;
@@ -30,20 +32,18 @@ pub struct Arguments {
     #[arg(long, value_name = "X,Y,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub at: Vec<String>,
     /// Number of simulations with different seeds; reports the failure rate of the scenario and
-    /// quantiles of the robustness
+    /// quantiles of the robustness, and the share of its variance that comes from the scenario
+    /// (`simulate.scenarios`)
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::REPEATS))]
     pub repeat: Option<u32>,
-    /// With --repeat: number of random scenarios, each simulated 20 times, that measure the share
-    /// of the robustness variance that comes from the scenario; 0 skips this [default: 20]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(flags::SCENARIOS))]
-    #[arg(requires = "repeat")]
-    pub scenarios: Option<u32>,
     /// Requirement: the name of a formula of the target, or the text of a formula [default: the
     /// target's first formula]
     #[arg(long, allow_hyphen_values = true)]
     pub formula: Option<String>,
-    #[command(flatten)]
-    pub trace: flags::TraceFile,
+    /// Write the trace to this CSV file; `-k trace.columns=full` adds joint positions and
+    /// velocities, actions and contact forces of tasks and target files
+    #[arg(long, value_name = "FILE", conflicts_with = "repeat")]
+    pub trace: Option<PathBuf>,
     #[command(flatten)]
     pub run: flags::Run,
 }
@@ -53,7 +53,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let mut planned =
         flags::planned("simulate", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.flag("--formula", "falsify.formula", command.formula.clone())?;
-    let resolved = ResolvedPlan::new(&planned.question("falsify")?.0)?;
+    let (plan, settings) = planned.question("falsify")?;
+    let is_full = flags::is_full_trace(&settings.trace, command.trace.as_deref())?;
+    let resolved = ResolvedPlan::new(&plan)?;
     output::warn_about(&resolved.specification.requirement);
     // Its errors say more than the end of a simulation that could not start.
     mishandle::resolve::contract_warnings(&resolved.plan)?;
@@ -77,13 +79,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             output::message(&format!("warning: {name} = {value} is outside of the space: [{low}, {high}]"));
         }
     }
-    ensure!(
-        command.repeat.is_none() || command.trace.trace.is_none(),
-        "--trace writes one simulation; leave out --repeat"
-    );
     match command.repeat {
-        Some(repeat) => repeated(command, &resolved, &scenario, repeat),
-        None => once(command, &resolved, &scenario),
+        Some(repeat) => repeated(command, &resolved, &scenario, repeat, settings.simulate.scenarios),
+        None => once(command, &resolved, &scenario, is_full),
     }
 }
 
@@ -154,19 +152,20 @@ fn unit(axis: &Axis) -> &str {
 }
 
 /// Simulates the scenario once, with the seed of the command, and explains the result.
-fn once(command: &Arguments, resolved: &ResolvedPlan, scenario: &Scenario) -> Result<ExitStatus> {
+fn once(
+    command: &Arguments,
+    resolved: &ResolvedPlan,
+    scenario: &Scenario,
+    is_full: bool,
+) -> Result<ExitStatus> {
     let mut simulated = mishandle::inspect::simulate(resolved, scenario, [Seed(resolved.plan.seed)])?;
     let Simulated { header, episode, result } = simulated.pop().context("the target returned no episode")?;
     let Some(robustness) = episode.robustness() else {
         let reason = reasons::of_one(result.reason.as_deref());
         bail!("the simulation has no verdict: {}{reason}", result.end.unwrap_or_default());
     };
-    if let Some(path) = &command.trace.trace {
-        let more = if command.trace.is_full() {
-            mishandle::picture::full_trace(resolved, &episode)?
-        } else {
-            Vec::new()
-        };
+    if let Some(path) = &command.trace {
+        let more = if is_full { mishandle::picture::full_trace(resolved, &episode)? } else { Vec::new() };
         simulation::write_trace(path, &header, &episode.trace, &more)?;
     }
     if command.run.json {
@@ -183,18 +182,18 @@ fn repeated(
     resolved: &ResolvedPlan,
     scenario: &Scenario,
     repeat: u32,
+    scenarios: u32,
 ) -> Result<ExitStatus> {
     if !mishandle::resolve::depends_on_seed(resolved, scenario) {
         output::message("nothing is random in this target and plan, so the scenario is simulated once");
     }
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let scenarios = command.scenarios.map(u64::from);
     let found = mishandle::run::repeat_scenario(
         resolved,
         scenario,
         Some(u64::from(repeat)),
-        scenarios,
+        Some(u64::from(scenarios)),
         |done, total| {
             bar.set_length(total);
             bar.set_position(done);

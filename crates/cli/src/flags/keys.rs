@@ -16,14 +16,14 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 22] = [
+const TABLES: [(&str, &[&str]); 21] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
     ("check", &[TOP, "axes", "guard", "check"]),
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
-    ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
+    ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula", "simulate", "trace"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
     ("guard", &[TOP, "axes", "requirements", "guard", "evaluate", "tune"]),
     ("record", &[TOP, "axes", "requirements", "guard", "evaluate", "record"]),
@@ -48,14 +48,13 @@ const TABLES: [(&str, &[&str]); 22] = [
             "engine",
         ],
     ),
-    ("explain", &["engine"]),
-    ("replay", &["engine"]),
-    ("view", &["engine"]),
-    ("render", &["engine"]),
-    ("report", &["log", "engine"]),
+    ("show", &["report.axes", "engine"]),
+    ("replay", &["trace", "engine"]),
+    ("render", &["render", "engine"]),
+    ("report", &["report.simulations", "report.probes", "report.sensitivity", "log", "engine"]),
     ("monitor", &["log", "monitor"]),
     ("formula", &["log", "formula"]),
-    ("counterexamples", &["engine"]),
+    ("regress", &[TOP, "axes", "requirements", "guard", "evaluate", "regress", "engine"]),
     ("evidence", &["engine", "evidence"]),
     ("export", &["engine"]),
     ("list", &["preset"]),
@@ -114,12 +113,7 @@ impl SettingKeys {
 pub fn settings(assignments: &[Assignment], command: &str) -> Result<Settings> {
     let mut planned = Planned::from(Table::new());
     planned.assign(assignments, command, Values::One)?;
-    let settings = Settings::take(&mut planned.table)?;
-    let other = planned.stated.keys().find(|key| !Settings::has(key));
-    if let Some(key) = other {
-        bail!("{key} is part of the question, which a resumed run takes from its file");
-    }
-    Ok(settings)
+    planned.settings("a resumed run takes from its file")
 }
 
 /// The assignment of a text to a key.
@@ -304,6 +298,15 @@ impl Planned {
     fn remove_questions(&mut self, is_removed: impl Fn(&str) -> bool) {
         let all = ["evaluate", "compare", "falsify", "margin", "metamorphic", "risk", "harden"];
         self.table.retain(|name, _| !(all.contains(&name) && is_removed(name)));
+    }
+
+    /// Returns the settings alone. `who` says who has the question that an assigned key belongs to.
+    pub fn settings(mut self, who: &str) -> Result<Settings> {
+        let settings = Settings::take(&mut self.table)?;
+        match self.stated.keys().find(|key| !Settings::has(key)) {
+            Some(key) => bail!("{key} is part of the question, which {who}"),
+            None => Ok(settings),
+        }
     }
 
     /// Returns the plan with all of its tables.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
-use mishandle::harden::{FinalRun, final_runs, finished, is_hardening};
+use mishandle::harden::{FinalRun, final_runs, is_hardening};
 use mishandle::resolve::recorded_plan;
 use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::store::RunFile;
@@ -14,7 +14,7 @@ use mishandle_report::{
 };
 use mishandle_text::{path_text, plural, shell_quote};
 
-use super::{ExitStatus, file};
+use super::{ExitStatus, file, path_kind};
 use crate::interrupt::control_flow;
 use crate::show::output;
 use crate::show::progress::Bar;
@@ -49,7 +49,7 @@ impl Options<'_> {
 }
 
 /// Why nothing is simulated.
-pub const NO_SIMULATIONS: &str = "they were not requested (--no-simulations)";
+pub const NO_SIMULATIONS: &str = "they were not requested (report.simulations = false)";
 
 /// Writes the pages of a campaign to the folder `out`: an index, a page for each run, and the
 /// statistics of all runs, also as Markdown.
@@ -133,7 +133,7 @@ type HardeningParts = (Hardening, HardenedModes, Vec<RunReport>);
 
 /// Returns the parts of the page of a finished hardening; `None` after an interruption.
 pub fn hardening(folder: &Path, options: &Options<'_>) -> Result<Option<HardeningParts>> {
-    let found = finished(folder)?.context("the hardening is not finished")?;
+    let found = path_kind::hardening(folder)?;
     let failures = match options.simulations {
         None => Some(HardenedModes::skipped(NO_SIMULATIONS)),
         Some(_) => HardenedModes::simulate(folder, &found, || control_flow().is_break()),

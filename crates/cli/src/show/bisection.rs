@@ -1,9 +1,48 @@
-//! A bisection as text.
+//! A bisection as text, and the command that asks for it.
 
+use std::path::Path;
+
+use mishandle::Plan;
+use mishandle::bisect::{BisectionPlan, BisectionTest};
+use mishandle::plan::assignments;
 use mishandle::results::{BisectedCandidate, Bisection};
-use mishandle_text::plural;
+use mishandle_text::{path_text, plural, shell_quote};
 
 use super::{escape, output};
+
+/// Returns the command that asks a question, with the plan as keys.
+pub fn command(plan: &BisectionPlan) -> String {
+    let path = |path: &Path| shell_quote(&path_text(path));
+    let controllers = path(&plan.controllers);
+    let mut words = vec!["mishandle regress".to_string()];
+    match &plan.test {
+        BisectionTest::Counterexamples(tests) => {
+            words.extend([path(tests), format!("--first-bad {controllers}")]);
+        }
+        BisectionTest::Rate(asked) => {
+            let rate = asked.evaluate.as_ref().and_then(|evaluate| evaluate.rate).unwrap_or_default();
+            words.push(format!("--first-bad {controllers} --rate {rate}"));
+            let keys = asked_keys(asked, rate).into_iter();
+            words.extend(keys.map(|(key, text)| format!("-k {}", shell_quote(&format!("{key}={text}")))));
+        }
+    }
+    words.extend(plan.every.then(|| "-k regress.every=true".to_string()));
+    let is_default = plan.folder == Path::new(BisectionPlan::FOLDER);
+    words.extend((!is_default).then(|| format!("--out {}", path(&plan.folder))));
+    words.join(" ")
+}
+
+/// Returns the keys of a plan that the test by a rate does not set itself.
+fn asked_keys(asked: &Plan, rate: f64) -> Vec<(String, String)> {
+    let Ok(BisectionTest::Rate(mut base)) = BisectionTest::rate(Plan::new("", ""), rate) else {
+        return Vec::new();
+    };
+    // The number of simulations is always stated: its default depends on the other keys.
+    if let Some(evaluate) = &mut base.evaluate {
+        evaluate.episodes = 0;
+    }
+    assignments(asked, &base)
+}
 
 /// Returns the tested candidates and the answer.
 pub fn text(found: &Bisection) -> String {

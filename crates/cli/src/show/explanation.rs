@@ -38,7 +38,7 @@ fn axes_at_nominal(found: &AxesAtNominal, facts: &[AxisFacts]) -> Vec<String> {
     }
     if found.left_out > 0 {
         let axes = scenario::axes(found.left_out as usize);
-        sentences.push(format!("Left out because of `--axes`: {axes} nearer to nominal."));
+        sentences.push(format!("Left out because of `report.axes`: {axes} nearer to nominal."));
     }
     if let Some(reason) = &found.reason {
         sentences.push(format!("Not simulated again with one axis at nominal: {}.", escape::name(reason)));

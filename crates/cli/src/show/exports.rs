@@ -71,6 +71,6 @@ fn result_text(minimized: &Minimized) -> String {
     } else if minimized.interrupted {
         format!("{simulations}: interrupted before the end of the minimization")
     } else {
-        format!("{simulations}: the budget ended before the minimization; give a larger --budget")
+        format!("{simulations}: the budget ended before the minimization; raise regress.budget")
     }
 }

@@ -40,7 +40,7 @@ fn main() -> Result<()> {
     fs::write(root.join(PYTHON), python::module(&types))
 }
 
-/// Returns the file name of a schema: `explain-masking.json` for `explain --masking`.
+/// Returns the file name of a schema: `show-masking.json` for `show --masking`.
 fn file_name(document: &Document) -> String {
     let words = document.command.to_lowercase();
     words.split([' ', '-']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-") + ".json"

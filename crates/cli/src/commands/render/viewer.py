@@ -1,4 +1,4 @@
-"""Shows a recorded simulation in MuJoCo's viewer: `viewer.py FOLDER SPEED`. `mishandle view` writes the folder."""
+"""Shows a recorded simulation in MuJoCo's viewer: `viewer.py FOLDER SPEED`. `mishandle render --view` writes the folder."""
 
 import array
 import json

@@ -2,7 +2,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
-use clap::Args;
 use mishandle::inspect::run_facts;
 use mishandle::results::{RelationCounts, RunFacts, RunSummary};
 use mishandle::store::RunFile;
@@ -13,24 +12,10 @@ use crate::show::escape;
 use crate::show::output;
 use crate::words;
 
-/// List run files with what they contain
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  mishandle runs
-  mishandle runs runs/controllers        the folder of a campaign
-  mishandle runs a.sqlite b.sqlite")]
-pub struct Arguments {
-    /// Run files, or folders that contain run files [default: the folder runs]
-    #[arg(value_name = "PATH", default_value = "runs")]
-    pub paths: Vec<PathBuf>,
-    /// Print one JSON document to stdout
-    #[arg(long)]
-    pub json: bool,
-}
-
-pub fn run(command: &Arguments) -> Result<ExitStatus> {
+/// Lists run files, and those in folders, with what they contain.
+pub fn show(given: &[PathBuf], json: bool) -> Result<ExitStatus> {
     let mut paths = Vec::new();
-    for path in &command.paths {
+    for path in given {
         if path.is_dir() {
             paths.extend(run_files(path)?);
         } else {
@@ -39,7 +24,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         }
     }
     let entries: Vec<RunSummary> = paths.iter().map(|path| summary(path)).collect();
-    if command.json {
+    if json {
         output::json_array(&entries)?;
         return Ok(ExitStatus::Done);
     }

@@ -1,0 +1,73 @@
+use anyhow::Result;
+use mishandle::plan::EngineSettings;
+use mishandle::results::{Answer, Counterexamples, RunShown};
+use mishandle::run::recorded_answer;
+use mishandle::store::{RunFile, RunKind};
+use mishandle::{MishandleError, Plan};
+
+use crate::exit_status::ExitStatus;
+use crate::run;
+use crate::show::{answer, escape, modes, output};
+
+/// Shows the answer of a run and its failure modes.
+pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitStatus> {
+    let answer = of_run(file, engine)?;
+    let modes = mishandle::inspect::failure_modes(file)?;
+    let found =
+        RunShown { answer, counterexamples: mishandle::inspect::counterexamples_result(file, &modes) };
+    if json {
+        output::json(&found)?;
+    } else {
+        output::line(&text(&found))?;
+    }
+    let RunShown { answer, counterexamples } = &found;
+    let name = run::name(file);
+    if let Some(answer) = answer.as_ref().filter(|answer| !answer.is_complete()) {
+        run::report_interruption(file.header().kind, answer.simulations(), &name);
+    }
+    if !counterexamples.modes.is_empty() {
+        output::message(&format!("Explain one with: mishandle show {name} --simulation first"));
+        output::message(&format!("Keep one with: mishandle regress --add {name}"));
+    }
+    Ok(ExitStatus::Done)
+}
+
+/// Returns the answer of a run; `None` if it takes the target, which is not here.
+fn of_run(file: &RunFile, engine: &EngineSettings) -> Result<Option<Answer>> {
+    let header = file.header();
+    let plan = Plan::from_toml(&header.plan)?;
+    if matches!(header.kind, RunKind::Evaluate | RunKind::Falsify) && plan.screening.is_none() {
+        return Ok(Some(recorded_answer(file, None)?));
+    }
+    let found = match mishandle::resolve::recorded_plan(header, engine.moved()) {
+        Ok(resolved) => recorded_answer(file, Some(&resolved)),
+        Err(error) => Err(error),
+    };
+    match found {
+        Ok(found) => Ok(Some(found)),
+        Err(error @ MishandleError::RunMismatch { .. }) => Err(error.into()),
+        Err(error) => {
+            output::message(&format!("the answer is missing, because it takes the target: {error}"));
+            Ok(None)
+        }
+    }
+}
+
+fn text(found: &RunShown) -> String {
+    let Counterexamples { target, formula, failures, not_grouped, space_axes, control_dt, .. } =
+        &found.counterexamples;
+    let modes = modes::Modes {
+        modes: found.counterexamples.modes.iter().collect(),
+        failures: *failures,
+        not_grouped: *not_grouped,
+        axes: space_axes,
+        control_dt: *control_dt,
+    };
+    match &found.answer {
+        Some(answer) if *failures == 0 => answer::text(answer),
+        Some(answer) => format!("{}\n\n{}", answer::text(answer), modes.text()),
+        None => {
+            format!("{}\nformula {}\n{}", escape::name(target), escape::name(formula), modes.text())
+        }
+    }
+}
