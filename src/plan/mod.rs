@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 use declare::plan_table;
 
-pub use edit::{Values, axis_setting, set, set_value};
+pub use edit::{Values, axis_setting, set, set_tables, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::GuardPlan;
 pub use harden::HardenPlan;

@@ -1,5 +1,6 @@
 """The systems of the ablation: shipped controllers under formulas with several predicates, and functions whose parts are known."""
 
+import json
 import math
 import pathlib
 import tomllib
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from formulas import Parts, Term, parse, parts
 from mishandle import _native
+from mishandle.base.documents import Call
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -29,9 +31,11 @@ class System:
 
 def task_system(task: str, controller: str, space: str, formula: str, share: float) -> System:
     """Returns a task whose axes vary in this share of their ranges, around the nominal values."""
-    target = _native.Target.of_task(task, controller, "paper", space, {})
-    axes = [(low, high, "(logarithmic)" in text) for _, _, _, low, high, _, _, text in target.axes]
-    nominal = [axis[5] for axis in target.axes]
+    call = Call("simulate", {}).text(target=task, controller=controller, space=space, falsify={"formula": formula})
+    target = _native.target(call)
+    found_axes = json.loads(target.axes)
+    axes = [(axis["low"], axis["high"], axis["values"] == "logarithmic") for axis in found_axes]
+    nominal = [axis["nominal"] for axis in found_axes]
     text = dict(target.formulas)[formula]
     names = [name for name, _ in target.signals]
     terms = parse(text)
@@ -40,7 +44,7 @@ def task_system(task: str, controller: str, space: str, formula: str, share: flo
         return [value(axis, middle, share, u) for axis, middle, u in zip(axes, nominal, point)]
 
     def simulate(point: Array) -> Parts:
-        [found] = _native.simulate(target, formula=text, scenarios=[scenario(point)], seeds=[0])
+        [found] = _native.simulate(target, values=scenario(point), repeat=1)
         if found["robustness"] is None:
             return without_verdict(sum(len(term.predicates) for term in terms))
         result = parts(terms, dict(zip(names, np.asarray(found["samples"]).T)), WINDOWS)
