@@ -1,12 +1,13 @@
 //! The tests of this package as one program, because linking takes longer than most of them.
 //! A file of this folder is a module here.
 
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a test may panic and print")]
 
 mod bisect;
 mod bits;
 mod cart_pole;
 mod check;
+mod compare_memory;
 mod compare_page;
 #[path = "../examples/your_task/cube_flipping.rs"]
 mod cube_flipping;
@@ -23,6 +24,8 @@ mod isolation;
 mod keep_going;
 mod library_page;
 mod manner;
+#[path = "../crates/store/tests/own_process.rs"]
+mod own_process;
 mod policy_view;
 mod questions;
 mod record;

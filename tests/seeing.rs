@@ -168,9 +168,10 @@ fn episodes(
     let controller = Asking { policy: policy.clone(), asks_always, asked: asked.clone() };
     let component =
         Component { role: "controller".into(), name: "-".into(), hash: "-".into(), file_hash: "".into() };
-    let controller = (Arc::new(controller) as Arc<dyn Controller>, vec![component]);
     let task = task("point-reaching").unwrap();
-    let target = TaskTarget::new(task, Preset::Paper, controller, Noise::default()).unwrap();
+    let target =
+        TaskTarget::new(task, Preset::Paper, Arc::new(controller), vec![component], Noise::default())
+            .unwrap();
     let target = target.target().unwrap();
     let space = target.space(space).unwrap();
     let specification = task.definition().paper.specification().unwrap();

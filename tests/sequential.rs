@@ -88,7 +88,7 @@ fn compared(folder: &Path, compare: ComparePlan, pieces: u64) -> mishandle::resu
         runs = paths.each_ref().map(|path| RunWriter::resume(path).unwrap());
     }
     let [a, b] = paths.map(|path| RunFile::open(path).unwrap());
-    mishandle::inspect::compare(&a, &b).unwrap().result()
+    mishandle::inspect::compare(&a, &b).unwrap()
 }
 
 #[test]
@@ -155,7 +155,7 @@ fn runs_that_rules_ended_are_compared_by_their_common_pairs_at_any_time() {
     };
     let short = run("short", 0.3);
     let long = run("long", 0.15);
-    let found = mishandle::inspect::compare(&short, &long).unwrap().result();
+    let found = mishandle::inspect::compare(&short, &long).unwrap();
     let n = rows(short.path(), 1).len() as u64;
     assert!(n < rows(long.path(), 1).len() as u64 && found.at_any_time);
     // The same target and seeds: no pair differs.

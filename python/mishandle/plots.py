@@ -211,10 +211,11 @@ def plot_comparison(comparison: Comparison, *, ax: Axes | None = None) -> Axes:
         ((False, True), "fixed", {"s": 28, "facecolors": "none", "edgecolors": _SATISFIED}),
         ((True, False), "new", {"s": 28, "color": _VIOLATED, "marker": "x"}),
     ]
+    pairs = comparison.compared
     for outcome, name, style in kinds:
         chosen = [
             (pair.first_robustness, pair.second_robustness)
-            for pair in comparison.compared
+            for pair in pairs
             if (pair.first_succeeds, pair.second_succeeds) == outcome
         ]
         shown = [

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
-use mishandle::evaluation::{Lifetime, SurvivalCurve};
+use mishandle::evaluation::{SurvivalCurve, lifetimes};
+use mishandle::results::Falsification;
+use mishandle::run::recorded_answer;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
 use mishandle_report::{Measurement, Painter, RunReport, Samples, page};
@@ -28,8 +30,7 @@ pub fn report(
     detached(py, target, || {
         let run = RunFile::open(&path)?;
         let resolved = recorded(target, &run)?;
-        let mut report = RunReport::load(&run, &path.to_string_lossy())?;
-        report.add_answer_of(&run, &resolved)?;
+        let mut report = RunReport::load(&run, &path.to_string_lossy(), Some(&resolved))?;
         let mut painter = target.painter.as_ref().map(|painter| PythonPainter { target, painter });
         let painter = painter.as_mut().map(|painter| -> &mut dyn Painter { painter });
         let samples = Samples { probes, sensitivity };
@@ -73,8 +74,9 @@ type Survival = (Vec<(u32, f64)>, Vec<u32>, usize);
 /// Returns the survival curve of the trials of a run.
 #[pyfunction]
 pub fn survival(py: Python<'_>, path: PathBuf) -> PyResult<Survival> {
-    let lifetimes = || Ok(RunReport::load(&RunFile::open(&path)?, "")?.lifetimes());
-    let lifetimes: Vec<Lifetime> = py.detach(lifetimes).map_err(|error: Error| raised(error))?;
+    let found = py.detach(|| recorded_answer(&RunFile::open(&path)?, None)).map_err(raised)?;
+    let found = Falsification::try_from(found).map_err(|error| raised(Error::from(error)))?;
+    let lifetimes = lifetimes(&found.trials, found.budget);
     let curve = SurvivalCurve::new(&lifetimes);
     let steps = std::iter::once((0, 1.0))
         .chain(curve.steps.iter().map(|step| (step.simulations, curve.at(step.simulations))))

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 use std::sync::PoisonError;
 
+use mishandle::MishandleError;
 use mishandle::evaluation::SizeSettings;
-use mishandle::inspect::{Expected, SizeQuestion};
+use mishandle::inspect::{ComparedPair, Expected, SizeQuestion};
 use mishandle::plan::SizePlan;
 use mishandle::random::Seed;
 use mishandle::store::RunFile;
@@ -18,18 +19,24 @@ use crate::{InvalidValueError, raised};
 /// Robustness in both runs, and whether both succeed.
 type Pair = (Option<f64>, Option<f64>, bool, bool);
 
-/// Compares two evaluations of the same scenarios and seeds. Returns the document and all pairs.
+/// Compares two evaluations of the same scenarios and seeds.
 #[pyfunction]
-pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<(String, Vec<Pair>)> {
-    let found = py
-        .detach(|| mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?))
-        .map_err(raised)?;
-    let pairs = found.compared.iter();
-    let pairs = pairs.map(|pair| {
-        (pair.first_robustness, pair.second_robustness, pair.first_succeeds, pair.second_succeeds)
-    });
-    let pairs = pairs.collect();
-    Ok((json(&found.result())?, pairs))
+pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
+    let found = py.detach(|| mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?));
+    json(&found.map_err(raised)?)
+}
+
+/// Returns the pairs of a comparison.
+#[pyfunction]
+pub fn compared_pairs(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Vec<Pair>> {
+    let pairs = || {
+        let runs = (RunFile::open(first)?, RunFile::open(second)?);
+        let pairs = mishandle::inspect::compared_pairs(&runs.0, &runs.1)?;
+        let values =
+            |ComparedPair { robustness: [a, b], succeeds: [first, second], .. }| (a, b, first, second);
+        pairs.map(|pair| pair.map(values)).collect::<Result<Vec<Pair>, MishandleError>>()
+    };
+    py.detach(pairs).map_err(raised)
 }
 
 /// Returns how two runs differ as a document.
@@ -47,9 +54,9 @@ pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyRes
     let page = || {
         let runs = (RunFile::open(first)?, RunFile::open(second)?);
         let found = mishandle::inspect::compare(&runs.0, &runs.1)?;
-        Ok(mishandle_report::comparison_page(&found, [&runs.0, &runs.1]))
+        mishandle_report::comparison_page(&found, [&runs.0, &runs.1])
     };
-    py.detach(page).map_err(|error: mishandle::MishandleError| raised(error))
+    py.detach(page).map_err(|error: MishandleError| raised(error))
 }
 
 /// Evaluates two versions of a system in step until a rule decides. Returns the paths of the run
@@ -78,7 +85,7 @@ pub fn evaluate_pairs(
     let take = |target: &PyTarget| target.pending.lock().unwrap_or_else(PoisonError::into_inner).take();
     match take(first).or_else(|| take(second)) {
         Some(exception) => Err(exception),
-        None => done.map_err(|error: mishandle::MishandleError| raised(error)),
+        None => done.map_err(|error: MishandleError| raised(error)),
     }
 }
 

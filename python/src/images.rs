@@ -67,7 +67,7 @@ impl Images {
         if scenario.is_same(&self.space.nominal()) {
             return Ok(None);
         }
-        let feed = ImageFeed::new(&self.sight, &self.sizes, (&self.space, &scenario), Seed(seed));
+        let feed = ImageFeed::new(&self.sight, &self.sizes, &self.space, &scenario, Seed(seed));
         Ok(Some(ActiveImages(feed.map_err(raised)?)))
     }
 }

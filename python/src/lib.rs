@@ -123,6 +123,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(policy::policy_interface, module)?)?;
     module.add_function(wrap_pyfunction!(policy::policy_target, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
+    module.add_function(wrap_pyfunction!(comparison::compared_pairs, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::diff, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::comparison_page, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::evaluate_pairs, module)?)?;

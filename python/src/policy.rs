@@ -91,11 +91,12 @@ pub fn policy_target(py: Python<'_>, call: &str, policy: Py<PyAny>, document: &s
             sizes: (observation_size, action_size),
         });
         let controller: Arc<dyn Controller> = Arc::new(PythonPolicy(shared.clone()));
-        let controller = (controller, vec![component("policy", policy_name, hash)]);
+        let components = vec![component("policy", policy_name, hash)];
         let mut target = if is_target_file(named) {
-            robot_file(&Plan::new(named, ""))?.target(controller, noise)?
+            robot_file(&Plan::new(named, ""))?.target(controller, components, noise)?
         } else {
-            TaskTarget::new(task(named)?, task_preset(&given.preset)?, controller, noise)?.target()?
+            let preset = task_preset(&given.preset)?;
+            TaskTarget::new(task(named)?, preset, controller, components, noise)?.target()?
         };
         let uncovered = not_covered.into_iter();
         target

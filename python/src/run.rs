@@ -165,7 +165,7 @@ pub(crate) fn run_report(
     probes: Option<u32>,
     sensitivity: u32,
 ) -> Result<RunReport, MishandleError> {
-    let mut report = RunReport::load(run, &run.path().to_string_lossy())?;
+    let mut report = RunReport::load(run, &run.path().to_string_lossy(), None)?;
     let measured = match probes {
         Some(probes) => report
             .measure(run, controller, Samples { probes, sensitivity }, |_, _| ControlFlow::Continue(()))?,

@@ -121,8 +121,8 @@ impl Measured {
         let found = [
             ("space", Some(space.success)),
             ("success", Some(starts.success)),
-            ("strict", starts.strict),
-            ("careful", starts.careful),
+            ("strict", starts.strict_success),
+            ("careful", starts.careful_success),
             ("noise", Some(noise.success)),
         ];
         let measures = found.into_iter().filter_map(|(name, rates)| Some(Measure { name, rates: rates? }));

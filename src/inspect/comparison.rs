@@ -7,131 +7,59 @@ use mishandle_evaluation::{
     decides_strict_success, decides_success, paired_mean_difference, paired_rates, paired_rates_at_any_time,
     sign_test,
 };
-use mishandle_results::{ComparedRun, PairedMeans, PairedRates, Sequential};
+use mishandle_results as results;
+use mishandle_results::{ComparedRun, Comparison, PairedMeans, PairedRates, Sequential};
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, ComponentRecord, RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation};
 
 use crate::error::MishandleError;
 use crate::plan::{ComparePlan, Plan};
+use crate::replay::replay_command;
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
-use crate::run::{PairRule, record, unfinished};
+use crate::run::{PairRule, record, recorded_axes, recorded_scenario, unfinished};
 use mishandle_text::{p_value_phrase, plural, shell_quote};
-
-/// Two evaluations, compared pair by pair: simulation i of both has the same scenario and seed.
-///
-/// The rates and means cover the random simulations. The corners and the center of the initial box
-/// are not a random sample, so they appear among the new and the fixed failures only. A pair whose
-/// scenario the target cannot start, in A or in B, counts nowhere.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Comparison {
-    /// The first run, A.
-    pub first: ComparedRun,
-    /// The second run, B.
-    pub second: ComparedRun,
-    /// Facts in which the runs differ apart from the controller, such as the build. They can cause
-    /// differences, too.
-    pub differences: Vec<String>,
-    /// Name of the target.
-    pub target: String,
-    /// Kind of the target: `task`, `toy` or `python`.
-    pub target_kind: String,
-    /// Text of the formula for success.
-    pub formula: String,
-    /// Axes of the scenarios.
-    pub axes: Vec<AxisRecord>,
-    /// Number of pairs of random simulations that count.
-    pub pairs: u64,
-    /// Number of other pairs of random simulations: the target cannot start from the scenario.
-    pub left_out: u64,
-    /// The rule that ended both evaluations; `None` without one. The difference of the success
-    /// rates and its p-value then hold at any time.
-    pub sequential: Option<Sequential>,
-    /// Whether results decided how many pairs there are.
-    pub at_any_time: bool,
-    /// Success.
-    pub success: PairedRates,
-    /// Strict success; `None` if the target has no such formula.
-    pub strict: Option<PairedRates>,
-    /// Careful success; `None` if one of the runs did not evaluate such a formula.
-    pub careful: Option<PairedRates>,
-    /// Robustness of the success formula, over the pairs in which both values are finite; clipped
-    /// if a rule watches it.
-    pub robustness: PairedMeans,
-    /// Number of dangerous control steps; `None` if the target has no such formula.
-    pub dangerous_steps: Option<PairedMeans>,
-    /// Control step of completion, over the pairs in which both succeed and complete; `None` if the
-    /// target has no such formula.
-    pub completion_step: Option<PairedMeans>,
-    /// Pairs in which A succeeds and B does not.
-    pub new_failures: Vec<ComparedPair>,
-    /// Pairs in which B succeeds and A does not.
-    pub fixed_failures: Vec<ComparedPair>,
-    /// All pairs that count, the new and the fixed failures among them.
-    pub compared: Vec<ComparedPair>,
-}
 
 /// Level below which a p-value counts as a difference.
 const SIGNIFICANT: f64 = 0.05;
 
-impl Comparison {
-    /// Returns in a few words what the success rates say: `B succeeds less often`.
-    pub fn judgment(&self) -> &'static str {
-        let PairedRates { first_only, second_only, p_value, .. } = self.success;
-        if !self.has_verdicts() {
-            return "the success rates are unknown";
-        }
-        match (p_value < SIGNIFICANT, second_only > first_only) {
-            (true, true) => "B succeeds more often",
-            (true, false) => "B succeeds less often",
-            (false, _) => "the success rates do not differ significantly",
-        }
-    }
+/// Largest numbers of new and of fixed failures that are listed.
+const MAX_LISTED: usize = 10_000;
 
-    /// Returns a sentence on the success rates with the numbers behind the judgment.
-    pub fn verdict(&self) -> String {
-        if let Some(name) = self.untested() {
-            return format!("No random simulation of {name} has a verdict, so there is nothing to compare.");
-        }
-        if let Some(sequential) = &self.sequential {
-            return sequential.verdict.clone();
-        }
-        let PairedRates { first_only, second_only, p_value, .. } = self.success;
-        format!(
-            "B fails in {} where A succeeds, and succeeds in {} where A fails: {} ({}, {}).",
-            plural(first_only, "random simulation"),
-            second_only,
-            self.judgment(),
-            if self.at_any_time { "at any time" } else { "exact McNemar test" },
-            p_value_phrase(p_value),
-        )
+/// Returns in a few words what the success rates say: `B succeeds less often`.
+pub fn judgment(success: &PairedRates) -> &'static str {
+    let PairedRates { first_only, second_only, p_value, difference, .. } = success;
+    match (*p_value < SIGNIFICANT, second_only > first_only) {
+        _ if difference.value.is_none() => "the success rates are unknown",
+        (true, true) => "B succeeds more often",
+        (true, false) => "B succeeds less often",
+        (false, _) => "the success rates do not differ significantly",
     }
+}
 
-    /// Returns whether simulations of both runs have a verdict. Otherwise nothing is compared.
-    pub fn has_verdicts(&self) -> bool {
-        self.untested().is_none()
+/// Returns a sentence on the success rates with the numbers behind the judgment.
+fn verdict(success: &PairedRates, sequential: Option<&Sequential>, at_any_time: bool) -> String {
+    let untested = match [success.first, success.second].map(|rate| rate.value.is_some()) {
+        [true, true] => None,
+        [false, false] => Some("A or of B"),
+        [false, true] => Some("A"),
+        [true, false] => Some("B"),
+    };
+    if let Some(name) = untested {
+        return format!("No random simulation of {name} has a verdict, so there is nothing to compare.");
     }
-
-    /// Returns the runs of which no random simulation has a verdict.
-    fn untested(&self) -> Option<&'static str> {
-        match [self.success.first, self.success.second].map(|rate| rate.value.is_some()) {
-            [true, true] => None,
-            [false, false] => Some("A or of B"),
-            [false, true] => Some("A"),
-            [true, false] => Some("B"),
-        }
+    if let Some(sequential) = sequential {
+        return sequential.verdict.clone();
     }
-
-    /// Returns a sentence if controller and target of both have the same hashes.
-    pub fn sameness(&self) -> Option<String> {
-        sameness(&self.first, &self.second)
-    }
-
-    /// Returns whether B fails anywhere where A succeeds.
-    pub fn has_new_failures(&self) -> bool {
-        !self.new_failures.is_empty()
-    }
+    format!(
+        "B fails in {} where A succeeds, and succeeds in {} where A fails: {} ({}, {}).",
+        plural(success.first_only, "random simulation"),
+        success.second_only,
+        judgment(success),
+        if at_any_time { "at any time" } else { "exact McNemar test" },
+        p_value_phrase(success.p_value),
+    )
 }
 
 /// Returns a sentence if controller and target of two runs have the same hashes. It calls them the
@@ -151,23 +79,34 @@ pub fn sameness(a: &ComparedRun, b: &ComparedRun) -> Option<String> {
     ))
 }
 
-fn paired_means(pairs: &[(f64, f64)], seed: Seed, at_any_time: bool) -> PairedMeans {
-    let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
-    let count = |is: fn(&(f64, f64)) -> bool| pairs.iter().filter(|pair| is(pair)).count() as u64;
-    let smaller = count(|(a, b)| b < a);
-    let larger = count(|(a, b)| b > a);
-    PairedMeans {
-        first: mean(&first),
-        second: mean(&second),
-        difference: paired_mean_difference(&first, &second, seed),
-        smaller,
-        larger,
-        p_value: if at_any_time {
-            sign_test_at_any_time(smaller, larger)
-        } else {
-            sign_test(smaller, larger)
-        },
+/// A number of both runs, of the pairs that have it.
+#[derive(Default)]
+struct Columns([Vec<f64>; 2]);
+
+impl Columns {
+    fn add(&mut self, pair: &Pair, value: impl Fn(&Episode) -> Option<f64>) {
+        let [first, second] = pair.episodes.each_ref().map(value);
+        if let Some((first, second)) = first.zip(second) {
+            self.0[0].push(first);
+            self.0[1].push(second);
+        }
+    }
+
+    fn means(&self, seed: Seed, at_any_time: bool) -> PairedMeans {
+        let [first, second] = &self.0;
+        let mean = |values: &[f64]| (!values.is_empty()).then(|| mishandle_evaluation::mean(values));
+        let count = |is: fn(&(&f64, &f64)) -> bool| first.iter().zip(second).filter(is).count() as u64;
+        let smaller = count(|(a, b)| b < a);
+        let larger = count(|(a, b)| b > a);
+        let test = if at_any_time { sign_test_at_any_time } else { sign_test };
+        PairedMeans {
+            first: mean(first),
+            second: mean(second),
+            difference: paired_mean_difference(first, second, seed),
+            smaller,
+            larger,
+            p_value: test(smaller, larger),
+        }
     }
 }
 
@@ -179,28 +118,94 @@ fn sign_test_at_any_time(smaller: u64, larger: u64) -> f64 {
     sequence.p_value()
 }
 
-/// A simulation of both runs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ComparedPair {
-    /// Number of the trial: 1 for random simulations, 2 for corners and center.
-    pub trial: u32,
-    /// Number of the simulation within the trial.
-    pub number: u32,
-    /// Random seed of both simulations.
-    pub seed: u64,
-    /// Scenario of both simulations: one value per axis.
-    pub scenario: Vec<Option<f64>>,
-    /// Robustness of A; `None` without a verdict.
-    pub first_robustness: Option<f64>,
-    /// Robustness of B; `None` without a verdict.
-    pub second_robustness: Option<f64>,
-    /// Whether A succeeds.
-    pub first_succeeds: bool,
-    /// Whether B succeeds.
-    pub second_succeeds: bool,
+/// Numbers of pairs by who has a property, and of simulations of both runs that decide it.
+#[derive(Default)]
+struct Rates {
+    counts: PairedCounts,
+    verdicts: [u64; 2],
 }
 
-/// Compares two evaluations with the same target, space, formula, noise, scenarios and seeds.
+impl Rates {
+    fn add(&mut self, pair: &Pair, holds: fn(&Episode) -> bool, decides: fn(&Episode) -> bool) {
+        let [first, second] = &pair.episodes;
+        self.counts.add(holds(first), holds(second));
+        self.verdicts[0] += u64::from(decides(first));
+        self.verdicts[1] += u64::from(decides(second));
+    }
+
+    fn rates(&self, at_any_time: bool) -> PairedRates {
+        let rates = if at_any_time { paired_rates_at_any_time } else { paired_rates };
+        rates(self.counts, self.verdicts)
+    }
+}
+
+/// Counts of the random pairs, at 16 bytes a pair for each mean.
+#[derive(Default)]
+struct Counted {
+    pairs: u64,
+    success: Rates,
+    strict: Rates,
+    careful: Rates,
+    without_verdict: [EndCounts; 2],
+    robustness: Columns,
+    dangerous_steps: Columns,
+    completion_steps: Columns,
+}
+
+impl Counted {
+    /// Adds a pair. `bounds` are those to which a rule clips the robustness.
+    fn add(&mut self, pair: &Pair, bounds: Option<[f64; 2]>) {
+        self.pairs += 1;
+        self.success.add(pair, Episode::is_success, decides_success);
+        self.strict.add(pair, Episode::is_strict_success, decides_strict_success);
+        self.careful.add(pair, Episode::is_careful_success, decides_careful_success);
+        for (counts, episode) in self.without_verdict.iter_mut().zip(&pair.episodes) {
+            count_end(counts, episode);
+        }
+        self.robustness.add(pair, |episode| match bounds {
+            Some([low, high]) => episode.robustness().map(|rho| rho.clamp(low, high)),
+            None => episode.robustness().filter(|rho| rho.is_finite()),
+        });
+        self.dangerous_steps.add(pair, |episode| episode.verdict.dangerous_steps.map(|steps| steps as f64));
+        self.completion_steps.add(pair, |episode| {
+            episode.verdict.completion_step.filter(|_| episode.is_success()).map(|step| step as f64)
+        });
+    }
+}
+
+/// The pairs of which one simulation succeeds: new failures and fixed ones, each with the number of
+/// those that are not listed.
+#[derive(Default)]
+struct Changes([(Vec<results::ComparedPair>, u64); 2]);
+
+impl Changes {
+    fn add(&mut self, pair: &Pair, runs: [&RunFile; 2]) {
+        let [a, b] = &pair.rows;
+        let (listed, failing) = match pair.episodes.each_ref().map(Episode::is_success) {
+            [true, false] => (&mut self.0[0], runs[1]),
+            [false, true] => (&mut self.0[1], runs[0]),
+            _ => return,
+        };
+        if listed.0.len() == MAX_LISTED {
+            listed.1 += 1;
+            return;
+        }
+        let RunHeader { axes, target, .. } = failing.header();
+        listed.0.push(results::ComparedPair {
+            trial: a.trial,
+            simulation: a.number,
+            seed: results::Seed(a.seed),
+            scenario: recorded_scenario(axes, &a.scenario),
+            first_robustness: a.robustness.map(Into::into),
+            second_robustness: b.robustness.map(Into::into),
+            replay: replay_command(&target.kind, failing.path(), a.trial, a.number),
+        });
+    }
+}
+
+/// Compares two evaluations pair by pair: simulation i of both has the same target, space, formula,
+/// noise, scenario and seed. A pair whose scenario the target cannot start, in A or in B, counts
+/// nowhere. A pair takes 48 bytes, a failure that is listed about 500.
 ///
 /// # Errors
 /// [`NotComparable`](MishandleError::NotComparable) if a run is not an evaluation or not complete,
@@ -229,103 +234,81 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
             return Err(MishandleError::NotComparable { problem });
         }
     }
-    let seed = Seed(a.seed);
-    let mut pairs = Vec::new();
-    for (row_a, row_b) in random_rows(first, second)? {
-        pairs.push(pair(row_a, row_b)?);
+    let plan = Plan::from_toml(&a.plan)?;
+    let bounds = plan.compare.and_then(|compare| compare.robustness_bounds);
+    let mut rule = PairRule::new(&plan);
+    let has_rule = [a, b].iter().any(|header| stops_by_itself(header));
+    let at_any_time = rule.is_some() || has_rule;
+    let mut all = 0_u64;
+    let mut counted = Counted::default();
+    let mut changes = Changes::default();
+    for pair in random_pairs(first, second)? {
+        let pair = pair?;
+        all += 1;
+        if let Some(rule) = &mut rule {
+            rule.add(&pair.episodes[0], &pair.episodes[1]);
+        }
+        if pair.counts() {
+            counted.add(&pair, bounds);
+            changes.add(&pair, [first, second]);
+        }
     }
     let mut differences = differences(a, b);
-    let rule = pair_rule(a, &pairs)?;
-    let has_rule = [a, b].iter().any(|header| stops_by_itself(header));
     if has_rule {
         differences.push(format!(
-            "number of simulations: a rule of A or of B chose it; compared are the first {} of both",
-            pairs.len()
+            "number of simulations: a rule of A or of B chose it; compared are the first {all} of both"
         ));
     }
-    let at_any_time = rule.is_some() || has_rule;
     match corner_pairs(first, second)? {
-        Some(corners) => pairs.extend(corners),
+        Some(corners) => {
+            corners.iter().filter(|pair| pair.counts()).for_each(|pair| changes.add(pair, [first, second]));
+        }
         None => differences.push(
             "corners: A and B simulate them with other seeds or other numbers of simulations, so they are not compared".to_string(),
         ),
     }
-    let is_random = |pair: &&Pair| pair.rows[0].trial != Corners::TRIAL;
-    let planned = pairs.iter().filter(is_random).count();
-    pairs.retain(|pair| pair.episodes.iter().all(|episode| episode.end.counts_in_rates()));
-    let random: Vec<&Pair> = pairs.iter().filter(is_random).collect();
-    let without_verdict = |index: usize| {
-        let mut counts = EndCounts::default();
-        random.iter().for_each(|pair| count_end(&mut counts, &pair.episodes[index]));
-        counts
-    };
     let has =
         |name: &str| [a, b].iter().all(|header| header.formulas.iter().any(|formula| formula.name == name));
-    let rates = |holds: fn(&Episode) -> bool, decides: fn(&Episode) -> bool| {
-        let mut counts = PairedCounts::default();
-        let mut verdicts = [0; 2];
-        for pair in &random {
-            let [first, second] = &pair.episodes;
-            counts.add(holds(first), holds(second));
-            verdicts[0] += u64::from(decides(first));
-            verdicts[1] += u64::from(decides(second));
+    let means = |columns: Columns| columns.means(Seed(a.seed), at_any_time);
+    let sequential = rule.as_ref().map(PairRule::result);
+    let mut success = counted.success.rates(at_any_time);
+    let mut robustness = means(counted.robustness);
+    if let (Some(rule), Some(found)) = (&rule, &sequential) {
+        let (difference, p_value) = rule.success();
+        success.p_value = p_value;
+        if success.difference.value.is_some() {
+            success.difference = difference;
         }
-        if at_any_time { paired_rates_at_any_time(counts, verdicts) } else { paired_rates(counts, verdicts) }
-    };
-    let means = |value: &dyn Fn(&Episode) -> Option<f64>| {
-        let values: Vec<(f64, f64)> =
-            random.iter().filter_map(|pair| value(&pair.episodes[0]).zip(value(&pair.episodes[1]))).collect();
-        paired_means(&values, seed, at_any_time)
-    };
-    let clipped =
-        rule.as_ref().map(PairRule::result).and_then(|found| Some((found.robustness_bounds?, found)));
-    let compared: Vec<ComparedPair> = pairs.iter().map(Pair::compared).collect();
-    let failures = |succeeds: [bool; 2]| {
-        let is_it = |pair: &&ComparedPair| [pair.first_succeeds, pair.second_succeeds] == succeeds;
-        compared.iter().filter(is_it).cloned().collect()
-    };
+        if bounds.is_some() {
+            robustness.difference = found.interval;
+            robustness.p_value = found.p_value.unwrap_or(1.0);
+        }
+    }
+    let [first_ends, second_ends] = counted.without_verdict;
+    let Changes([(new_failures, more_new_failures), (fixed_failures, more_fixed_failures)]) = changes;
     Ok(Comparison {
-        first: compared_run(first, without_verdict(0)),
-        second: compared_run(second, without_verdict(1)),
-        differences,
         target: a.target.name.clone(),
         target_kind: a.target.kind.clone(),
         formula: a.formula.clone(),
-        axes: a.axes.clone(),
-        pairs: random.len() as u64,
-        left_out: (planned - random.len()) as u64,
-        success: match &rule {
-            Some(rule) => {
-                let (difference, p_value) = rule.success();
-                let found = rates(Episode::is_success, decides_success);
-                let has_value = found.difference.value.is_some();
-                let difference = if has_value { difference } else { found.difference };
-                PairedRates { difference, p_value, ..found }
-            }
-            None => rates(Episode::is_success, decides_success),
-        },
-        sequential: rule.as_ref().map(PairRule::result),
-        strict: has("strict").then(|| rates(Episode::is_strict_success, decides_strict_success)),
-        careful: has("careful").then(|| rates(Episode::is_careful_success, decides_careful_success)),
+        first: compared_run(first, first_ends),
+        second: compared_run(second, second_ends),
+        differences,
         at_any_time,
-        robustness: match clipped {
-            Some(([low, high], found)) => PairedMeans {
-                difference: found.interval,
-                p_value: found.p_value.unwrap_or(1.0),
-                ..means(&|episode| episode.robustness().map(|rho| rho.clamp(low.0, high.0)))
-            },
-            None => means(&|episode| episode.robustness().filter(|rho| rho.is_finite())),
-        },
-        dangerous_steps: has("safe")
-            .then(|| means(&|episode| episode.verdict.dangerous_steps.map(|steps| steps as f64))),
-        completion_step: has("completion").then(|| {
-            means(&|episode| {
-                episode.verdict.completion_step.filter(|_| episode.is_success()).map(|step| step as f64)
-            })
-        }),
-        new_failures: failures([true, false]),
-        fixed_failures: failures([false, true]),
-        compared,
+        pairs: counted.pairs,
+        left_out: all - counted.pairs,
+        verdict: verdict(&success, sequential.as_ref(), at_any_time),
+        success,
+        strict_success: has("strict").then(|| counted.strict.rates(at_any_time)),
+        careful_success: has("careful").then(|| counted.careful.rates(at_any_time)),
+        sequential,
+        robustness,
+        dangerous_steps: has("safe").then(|| means(counted.dangerous_steps)),
+        completion_step: has("completion").then(|| means(counted.completion_steps)),
+        new_failures,
+        more_new_failures,
+        fixed_failures,
+        more_fixed_failures,
+        space_axes: recorded_axes(&a.axes),
     })
 }
 
@@ -336,34 +319,59 @@ fn stops_by_itself(header: &RunHeader) -> bool {
     plan.and_then(|plan| plan.evaluate).is_some_and(|evaluate| evaluate.until.is_some())
 }
 
-/// Returns the rule that ended both runs, after all their pairs; `None` without one.
-fn pair_rule(header: &RunHeader, pairs: &[Pair]) -> Result<Option<PairRule>, MishandleError> {
-    let mut rule = PairRule::new(&Plan::from_toml(&header.plan)?);
-    if let Some(rule) = &mut rule {
-        pairs.iter().for_each(|Pair { episodes: [a, b], .. }| rule.add(a, b));
-    }
-    Ok(rule)
-}
-
-/// Returns the random simulations of both runs side by side.
-fn random_rows(
-    first: &RunFile,
-    second: &RunFile,
-) -> Result<impl Iterator<Item = (Simulation, Simulation)>, MishandleError> {
-    let rows = |run: &RunFile| run.trial_simulations(RANDOM_TRIAL).collect::<Result<Vec<_>, _>>();
-    let a = rows(first)?;
-    let b = rows(second)?;
+/// Iterates over the pairs of random simulations.
+fn random_pairs<'a>(
+    first: &'a RunFile,
+    second: &'a RunFile,
+) -> Result<impl Iterator<Item = Result<Pair, MishandleError>> + use<'a>, MishandleError> {
+    let [a, b] = [first.last_simulation_number(RANDOM_TRIAL)?, second.last_simulation_number(RANDOM_TRIAL)?];
     // A rule can end one of them earlier. The first simulations of both are pairs.
     let has_rule = [first, second].iter().any(|run| stops_by_itself(run.header()));
-    if a.len() != b.len() && !has_rule {
-        let problem = format!(
-            "A has {} random simulations and B has {}; evaluate both with the same --episodes",
-            a.len(),
-            b.len()
-        );
+    if a != b && !has_rule {
+        let problem =
+            format!("A has {a} random simulations and B has {b}; evaluate both with the same --episodes");
         return Err(MishandleError::NotComparable { problem });
     }
-    Ok(a.into_iter().zip(b))
+    let rows = first.trial_simulations(RANDOM_TRIAL).zip(second.trial_simulations(RANDOM_TRIAL));
+    Ok(rows.map(|(a, b)| pair(a?, b?)))
+}
+
+/// A simulation of both runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ComparedPair {
+    /// Number of the trial: 1 for random simulations, 2 for corners and center.
+    pub trial: u32,
+    /// Number of the simulation within the trial.
+    pub number: u32,
+    /// Scenario of both simulations: one value per axis.
+    pub scenario: Vec<Option<f64>>,
+    /// Robustness of A and of B; `None` without a verdict.
+    pub robustness: [Option<f64>; 2],
+    /// Whether A and whether B succeeds.
+    pub succeeds: [bool; 2],
+}
+
+/// Iterates over the pairs that count in a [comparison](compare), those of the corners last.
+///
+/// # Errors
+/// Those of [`compare`] that concern simulations.
+pub fn compared_pairs<'a>(
+    first: &'a RunFile,
+    second: &'a RunFile,
+) -> Result<impl Iterator<Item = Result<ComparedPair, MishandleError>> + use<'a>, MishandleError> {
+    let corners = corner_pairs(first, second)?.unwrap_or_default();
+    let pairs = random_pairs(first, second)?.chain(corners.into_iter().map(Ok));
+    let counting = pairs.filter(|pair| pair.as_ref().map_or(true, Pair::counts));
+    Ok(counting.map(|pair| {
+        let Pair { rows: [a, b], episodes } = pair?;
+        Ok(ComparedPair {
+            trial: a.trial,
+            number: a.number,
+            robustness: [a.robustness, b.robustness],
+            succeeds: episodes.each_ref().map(Episode::is_success),
+            scenario: a.scenario,
+        })
+    }))
 }
 
 /// Returns the pairs of the corners and the center; `None` if the runs simulate them differently,
@@ -385,18 +393,9 @@ struct Pair {
 }
 
 impl Pair {
-    fn compared(&self) -> ComparedPair {
-        let [a, b] = &self.rows;
-        ComparedPair {
-            trial: a.trial,
-            number: a.number,
-            seed: a.seed,
-            scenario: a.scenario.clone(),
-            first_robustness: a.robustness,
-            second_robustness: b.robustness,
-            first_succeeds: self.episodes[0].is_success(),
-            second_succeeds: self.episodes[1].is_success(),
-        }
+    /// Returns whether the target can start from the scenario, in A and in B.
+    fn counts(&self) -> bool {
+        self.episodes.iter().all(|episode| episode.end.counts_in_rates())
     }
 }
 

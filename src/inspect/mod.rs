@@ -19,7 +19,7 @@ mod space_coverage;
 mod traces;
 
 pub use axes_at_nominal::axes_at_nominal;
-pub use comparison::{ComparedPair, Comparison, compare, sameness};
+pub use comparison::{ComparedPair, compare, compared_pairs, judgment, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
     Conjunct, ExplainedSimulation, Explanation, PredicateHistory, common_unit, explain, explain_episode,

@@ -174,8 +174,8 @@ impl TargetCameras {
     ) -> Vec<u8> {
         let SeenEpisode { view, frames, seed } = seen;
         let frame = frames[camera][step];
-        let scene = (&view.scene, &view.cameras[frame.camera]);
-        let shot = frame.shot(scene, |step| states[step].as_slice(), *seed);
+        let camera = &view.cameras[frame.camera];
+        let shot = frame.shot(&view.scene, camera, |step| states[step].as_slice(), *seed);
         let mut rgb = vec![0; 3 * shot.camera.size.pixels()];
         self.studio.render(&[shot], &mut [Output { rgb: Some(&mut rgb), depth: None, segments: None }]);
         rgb
@@ -227,7 +227,7 @@ impl TargetCameras {
     ) -> Vec<Vec<u16>> {
         let shot = |frame: &Frame| {
             let state = |step: usize| states[step].as_slice();
-            frame.shot((scene, &cameras[frame.camera]), state, seed)
+            frame.shot(scene, &cameras[frame.camera], state, seed)
         };
         let shots: Vec<StateShot<'_>> = shots.iter().map(shot).collect();
         let pixels = |shot: &StateShot<'_>| shot.camera.size.pixels();

@@ -32,6 +32,7 @@ pub use guard::GuardPlan;
 pub use harden::HardenPlan;
 pub use keys::{Key, keys};
 pub use metamorphic::{MetamorphicPlan, RelationPlan};
+pub use mishandle_results::StartRegion;
 pub use mishandle_training::AxisSetting;
 pub use read::table;
 pub use risk::RiskPlan;
@@ -174,17 +175,6 @@ plan_table! {
         /// audit sample.
         pub confirm: f64 = 0.1, keys::SHARE;
     }
-}
-
-/// Region from which an evaluation draws initial states.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StartRegion {
-    /// The whole initial box.
-    #[default]
-    Whole,
-    /// The part of the box from which the task is feasible.
-    Reachable,
 }
 
 plan_table! {

@@ -25,8 +25,8 @@ pub fn described_target(plan: &Plan) -> Result<Target, MishandleError> {
         return target(plan);
     }
     let robot = robot_file(plan)?;
-    let idle = idle(robot.observation_size(), robot.actions());
-    Ok(robot.target(idle, Noise::default())?)
+    let (controller, components) = idle(robot.observation_size(), robot.actions());
+    Ok(robot.target(controller, components, Noise::default())?)
 }
 
 /// Returns a controller whose actions are 0.

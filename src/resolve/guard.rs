@@ -117,10 +117,12 @@ pub(crate) fn guard(
         file_hash: String::new(),
     };
     let fallback_of = |component| Component { role: "fallback".to_string(), ..component };
-    let sizes = (layout.observation_size(), layout.action_size());
+    let observation_size = layout.observation_size();
+    let action_size = layout.action_size();
     let components: Vec<Component> = std::iter::once(own).chain(component.map(fallback_of)).collect();
     let identity = Component::joint_hash(&components);
-    let guard = Guard::new(identity, watch, switch, fallback, settings.privileged, sizes)?;
+    let guard =
+        Guard::new(identity, watch, switch, fallback, settings.privileged, observation_size, action_size)?;
     Ok((guard, components))
 }
 

@@ -38,8 +38,8 @@ pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
         let option = "a task preset other than `paper`";
         return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
     }
-    let (robot, controller, noise) = parts(plan)?;
-    Ok(robot.target(controller, noise)?)
+    let (robot, (controller, components), noise) = parts(plan)?;
+    Ok(robot.target(controller, components, noise)?)
 }
 
 /// As [`robot_target`], for recordings of its states and for other engines.

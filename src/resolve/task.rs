@@ -67,10 +67,10 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
         });
     }
     let controller = load_controller(task, &plan.controller, plan.stochastic)?;
-    let controller = guarded(plan, controller, &guarded_loop(task.definition()), |name| {
+    let (controller, components) = guarded(plan, controller, &guarded_loop(task.definition()), |name| {
         load_controller(task, name, false)
     })?;
-    Ok(TaskTarget::new(task, preset, controller, noise)?)
+    Ok(TaskTarget::new(task, preset, controller, components, noise)?)
 }
 
 /// Returns what a guard must know about a task.

@@ -1,7 +1,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{
-    CornerReport, Corners, Evaluation, EvaluationError, FormulaRoles, ScreenedProgress, evaluate_corners,
+    CornerCounter, Corners, Evaluation, EvaluationError, FormulaRoles, ScreenedProgress, evaluate_corners,
     evaluate_screened,
 };
 use mishandle_results::Answer;
@@ -169,7 +169,7 @@ fn screened(journal: &Journal<'_>, plan: &ScreeningPlan, watch: Watch<'_>) -> Re
             return Ok((report, None));
         };
         let progress = ScreenedProgress { screened: report.failures.trials, confirmed: report.confirmed() };
-        let mut found = corner_report(resolved, corners);
+        let mut found = corner_counter(resolved, corners);
         let mut is_stopped = false;
         evaluate_corners(&mut system, corners, requests.random.batch, &mut found, |_| {
             let flow = watch(progress);
@@ -187,13 +187,13 @@ fn screened(journal: &Journal<'_>, plan: &ScreeningPlan, watch: Watch<'_>) -> Re
     Ok(Found { answer: Answer::Evaluation(Box::new(found)), ended, is_checked: false })
 }
 
-/// Returns the report on the corners before their simulations.
-pub(crate) fn corner_report(resolved: &ResolvedPlan, corners: &Corners) -> CornerReport {
+/// Counts no simulation of the corners yet.
+pub(crate) fn corner_counter(resolved: &ResolvedPlan, corners: &Corners) -> CornerCounter {
     let starts = resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts);
     let reachable = |scenario: &Scenario| {
         resolved.target.reachable.as_ref().map(|reachable| reachable(&resolved.space, scenario))
     };
-    corners.report(
+    corners.counter(
         FormulaRoles::of(&resolved.specification),
         starts == Some(StartRegion::Reachable),
         reachable,

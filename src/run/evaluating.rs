@@ -3,22 +3,25 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle_evaluation::{CornerReport, Corners, FormulaRoles, MetricCounter, evaluate_corners};
+use mishandle_evaluation::{
+    CornerCounter, Corners, FormulaRoles, MetricCounter, complement, evaluate_corners,
+};
 use mishandle_results::{Answer, Evaluation};
-use mishandle_rollout::{AxisKind, Episode, Request, Seed};
+use mishandle_rollout::{AxisKind, Episode, Request, Scenario, Seed};
 use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
 use crate::error::MishandleError;
 use crate::plan::{Plan, StartRegion};
+use crate::resolve::recorded_plan;
 use crate::run::ask::Found;
 use crate::run::completion::unfinished;
 use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
-use crate::run::evaluate::{Requests, check_trials, corner_report, evaluation_simulations};
+use crate::run::evaluate::{Requests, check_trials, corner_counter, evaluation_simulations};
 use crate::run::facts::Facts;
 use crate::run::journal::{Journal, JournalSystem};
 use crate::run::rate_rule::RateRule;
 use crate::run::record;
-use crate::run::result::{corners_result, evaluation_result};
+use crate::run::result::evaluation_result;
 
 /// The task preset whose completion times include failed episodes, as in the code of the original
 /// benchmark.
@@ -27,7 +30,7 @@ const COUNTS_FAILURES: &str = "code";
 /// Results of the simulations so far.
 struct Counted {
     metrics: MetricCounter,
-    corners: Option<CornerReport>,
+    corners: Option<CornerCounter>,
     rule: Option<RateRule>,
     pairs: Pairs,
     /// Number of simulations.
@@ -35,11 +38,9 @@ struct Counted {
 }
 
 impl Counted {
-    /// Counts nothing yet. `corners` is the report on the corners before their simulations.
-    fn new(plan: &Plan, roles: FormulaRoles, corners: Option<CornerReport>) -> Counted {
-        let metrics = MetricCounter::new(roles)
-            .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
-            .with_intervals_at_any_time(stops_by_itself(plan));
+    /// Counts nothing yet.
+    fn new(plan: &Plan, roles: FormulaRoles, corners: Option<CornerCounter>) -> Counted {
+        let metrics = metric_counter(plan, roles);
         let rule = plan.evaluate.as_ref().and_then(RateRule::new);
         Counted { metrics, corners, rule, pairs: Pairs::default(), done: 0 }
     }
@@ -84,12 +85,15 @@ impl Counted {
         let mut metrics = self.metrics.report(Seed(plan.seed));
         if let Some(rule) = self.rule.as_ref().filter(|_| metrics.success_rate.value.is_some()) {
             metrics.success_rate = rule.estimate();
+            // Earlier looks of the rule can narrow the interval.
+            if metrics.violations + self.metrics.successes() == metrics.success_rate.n {
+                metrics.violation_rate = complement(metrics.success_rate);
+            }
         }
-        let corners = self.corners.as_ref();
         let rule = self.rule.as_ref().zip(plan.evaluate.as_ref());
         Answer::Evaluation(Box::new(Evaluation {
             metrics,
-            corners: corners.map(|report| corners_result(facts.space.axes(), report)),
+            corners: self.corners.as_ref().map(CornerCounter::report),
             sequential: rule.map(|(rule, evaluate)| rule.result(evaluate)),
             control: arm.and_then(|(nominal, is_single)| {
                 self.pairs.result(nominal, is_single, stops_by_itself(plan))
@@ -126,7 +130,7 @@ impl<'a> Evaluating<'a> {
         // A process that was killed here can have started the first of them alone.
         journal.start(requests.trials())?;
         let statuses = journal.read(trials)?;
-        let corners = requests.corners.as_ref().map(|corners| corner_report(resolved, corners));
+        let corners = requests.corners.as_ref().map(|corners| corner_counter(resolved, corners));
         let mut counted = Counted::new(plan, FormulaRoles::of(&resolved.specification), corners);
         journal.rows(Some(RANDOM_TRIAL), |episode| {
             counted.add_recorded(requests, episode)?;
@@ -306,6 +310,13 @@ impl<'a> Evaluating<'a> {
     }
 }
 
+/// Counts no simulation of an evaluation yet.
+pub fn metric_counter(plan: &Plan, roles: FormulaRoles) -> MetricCounter {
+    MetricCounter::new(roles)
+        .with_completion_times_of_failures(plan.preset == COUNTS_FAILURES)
+        .with_intervals_at_any_time(stops_by_itself(plan))
+}
+
 /// Returns whether the results of an evaluation decide how many simulations it has.
 pub fn stops_by_itself(plan: &Plan) -> bool {
     plan.compare.is_some() || plan.evaluate.as_ref().is_some_and(|evaluate| evaluate.until.is_some())
@@ -337,18 +348,25 @@ pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
     Ok(counted.answer(facts, Some((&nominal, is_single)), run.path(), is_complete))
 }
 
-/// Returns the report on the corners of a recorded evaluation before their simulations: with one or
-/// with several seeds for each corner, as the recorded number of simulations says. Reachable starts
-/// have no report, because only the target knows which corners count.
-fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerReport>, MishandleError> {
-    let evaluate = facts.plan.evaluate.as_ref();
-    if !evaluate.is_some_and(|evaluate| evaluate.corners && evaluate.starts == StartRegion::Whole) {
-        return Ok(None);
-    }
+/// Counts no simulation of the corners of a recorded evaluation yet: with one or with several seeds
+/// for each corner, as the last recorded simulation says. Only the target knows which corners
+/// count if the starts must be reachable.
+fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerCounter>, MishandleError> {
+    let evaluate = facts.plan.evaluate.as_ref().filter(|evaluate| evaluate.corners);
+    let Some(starts) = evaluate.map(|evaluate| evaluate.starts) else { return Ok(None) };
     let last = run.last_simulation_number(Corners::TRIAL)?;
     let planned = [false, true].map(|is_random| Corners::new(&facts.space, is_random, Seed(facts.plan.seed)));
-    let planned = planned.into_iter().flatten().find(|corners| corners.simulations() == last);
-    Ok(planned.map(|corners| corners.report(facts.roles, false, |_| None)))
+    let Some(row) = run.recorded(Corners::TRIAL, last)? else { return Ok(None) };
+    let place = Scenario::new(row.scenario);
+    let is_last = |request: Request| request.scenario.is_same(&place);
+    let planned = planned.into_iter().flatten().find(|corners| corners.request(last).is_some_and(is_last));
+    Ok(planned.and_then(|corners| match starts {
+        StartRegion::Whole => Some(corners.counter(facts.roles, false, |_| None)),
+        StartRegion::Reachable => {
+            let resolved = recorded_plan(run.header(), None).ok()?;
+            Some(corner_counter(&resolved, &corners))
+        }
+    }))
 }
 
 fn add_random(rule: &mut Option<RateRule>, pairs: &mut Pairs, episode: &Episode) {

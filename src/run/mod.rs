@@ -52,7 +52,7 @@ pub(crate) use control::{ControlArm, shares_arm};
 pub use control::{TRIAL as CONTROL_TRIAL, system_of};
 pub use end_text::end_text;
 pub use evaluate::{evaluation_request, evaluation_simulations, rejects_scenarios};
-pub use evaluating::stops_by_itself;
+pub use evaluating::{metric_counter, stops_by_itself};
 pub use opening::Opening;
 pub(crate) use paired::PairRule;
 pub use paired::evaluate_pairs;

@@ -39,7 +39,7 @@ pub fn targets(task: &str) -> [Target; 2] {
         hash: String::new(),
         file_hash: String::new(),
     };
-    let file = robot.target((built_in.controller().clone(), vec![component]), Noise::default()).unwrap();
+    let file = robot.target(built_in.controller().clone(), vec![component], Noise::default()).unwrap();
     [built_in.target().unwrap(), file]
 }
 

@@ -33,7 +33,7 @@ fn seen(values: &[(&str, &str)], sizes: [[usize; 2]; 2], seed: u64) -> Vec<[Vec<
     let (sight, space) = sight();
     let scenario = scenario(&space, values);
     let sizes = sizes.map(|[width, height]| Size::new(width, height).unwrap());
-    let mut feed = ImageFeed::new(&sight, &sizes, (&space, &scenario), Seed(seed)).unwrap();
+    let mut feed = ImageFeed::new(&sight, &sizes, &space, &scenario, Seed(seed)).unwrap();
     let image = |step: usize, camera: usize| vec![(step + 100 * camera) as u8; 3 * sizes[camera].pixels()];
     let step = |step: usize| {
         let [mut left, mut right] = [0, 1].map(|camera| image(step, camera));

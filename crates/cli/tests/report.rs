@@ -175,7 +175,7 @@ fn the_verdict_counts_only_simulations_with_one() {
 }
 
 #[test]
-fn a_random_search_has_a_failure_rate_and_a_target_that_always_fails_is_named() {
+fn a_random_search_counts_its_failures_and_a_target_that_always_fails_is_named() {
     let bench = Bench::new();
     bench.check("falsify toy/sphere-2d --search random --trials 12 --budget 60 --seed 1 --out run.sqlite", 1);
     bench.check("report run.sqlite --no-simulations --out a.html", 0);

@@ -60,7 +60,7 @@ fn guard(formula: &str, switch: Switch, fallback: Fallback, is_privileged: bool)
     let names = ["x", "y"].map(String::from);
     let formula = Formula::parse(formula).expect("a formula");
     let watch = Watch::new(&formula, &names, 0.1, STEPS).expect("a watch");
-    Guard::new(String::new(), watch, switch, fallback, is_privileged, (2, 1)).expect("a guard")
+    Guard::new(String::new(), watch, switch, fallback, is_privileged, 2, 1).expect("a guard")
 }
 
 /// Observations of a simulation.
@@ -222,6 +222,6 @@ fn a_formula_of_the_future_has_no_way_back() {
     let names = ["x", "y"].map(String::from);
     let formula = Formula::parse("always[0:5](x >= 0)").expect("a formula");
     let watch = Watch::new(&formula, &names, 0.1, STEPS).expect("a watch");
-    let made = Guard::new(String::new(), watch, switch(0.0, Some(0.1)), fallbacks().remove(0), false, (2, 1));
+    let made = Guard::new(String::new(), watch, switch(0.0, Some(0.1)), fallbacks().remove(0), false, 2, 1);
     assert!(made.is_err_and(|error| error.to_string().contains("no way back")));
 }

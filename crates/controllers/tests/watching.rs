@@ -41,7 +41,7 @@ fn act(threshold: f64, observation: f32) -> (f32, bool) {
     let watch = Watch::new(&formula, &["x".to_string()], 0.1, 10).expect("a watch");
     let switch = Switch::new(threshold, None, 0).expect("a switch");
     let hold = Fallback::Hold(Motion { meanings: vec![Meaning::Increment], limit: 1.0 });
-    let guard = Guard::new(String::new(), watch, switch, hold, false, (1, 1)).expect("a guard");
+    let guard = Guard::new(String::new(), watch, switch, hold, false, 1, 1).expect("a guard");
     let guarded = Guarded::new(Arc::new(Broken(None)), guard);
     let mut worker = guarded.worker();
     let mut state = vec![0.0; guarded.state_size()];

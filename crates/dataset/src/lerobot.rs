@@ -81,8 +81,7 @@ impl LeRobotWriter {
     }
 
     /// Returns the values of the columns [`EVERY`] of an episode.
-    fn every(&self, index: usize, episode: (usize, bool), first: usize) -> [Vec<f64>; 7] {
-        let (frames, is_success) = episode;
+    fn every(&self, index: usize, first: usize, frames: usize, is_success: bool) -> [Vec<f64>; 7] {
         let of = |value: &dyn Fn(usize) -> f64| (0..frames).map(value).collect();
         let is_last = |frame: usize| frame + 1 == frames;
         [
@@ -158,7 +157,7 @@ impl LeRobotWriter {
         let mut every: [Vec<f64>; 7] = Default::default();
         let mut first = 0;
         for (index, Written { frames, is_success, .. }) in self.episodes.iter().enumerate() {
-            let values = self.every(index, (*frames, *is_success), first);
+            let values = self.every(index, first, *frames, *is_success);
             every.iter_mut().zip(values).for_each(|(all, values)| all.extend(values));
             first += frames;
         }
@@ -275,7 +274,7 @@ impl Writer for LeRobotWriter {
             columns.push((column.name.clone(), Column::Images(files)));
             images.push(counts);
         }
-        let every = self.every(index, (episode.frames, episode.is_success), first);
+        let every = self.every(index, first, episode.frames, episode.is_success);
         for ((name, kind), values) in EVERY.iter().zip(&every) {
             let column = match *kind {
                 "bool" => Column::Flags(values.iter().map(|value| *value > 0.0).collect()),

@@ -204,8 +204,9 @@ impl AxisRateCounter {
         }
         let totals: Vec<Count> = self.counts.iter().map(Count::sum).collect();
         let p_value = |count: Count, total: Count| {
-            let others = (total.successes - count.successes, total.n - count.n);
-            (count.n > 0 && others.1 > 0).then(|| fisher_test((count.successes, count.n), others))
+            let others = Count { n: total.n - count.n, successes: total.successes - count.successes };
+            let row = |count: Count| [count.successes, count.n - count.successes];
+            (count.n > 0 && others.n > 0).then(|| fisher_test([row(count), row(others)]))
         };
         let raw: Vec<Option<f64>> = self
             .counts

@@ -3,6 +3,8 @@
 
 use std::ops::ControlFlow;
 
+use mishandle_results as results;
+use mishandle_results::CornerPoint;
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Space, System,
 };
@@ -42,6 +44,7 @@ const CHILD: u64 = u64::MAX;
 /// Simulation i, counted from 1, runs point (i - 1) / `seeds`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Corners {
+    names: Vec<String>,
     points: Vec<Scenario>,
     seeds: u32,
     seed: Seed,
@@ -88,8 +91,12 @@ impl Corners {
                 f64::from(u8::from(is_high))
             })
         };
-        let points = (0..count).map(corner).chain([point(&|_| 0.5)]).collect();
-        Some(Corners { points, seeds: if depends_on_seed { SEEDS } else { 1 }, seed: seed.child(CHILD) })
+        Some(Corners {
+            names: space.axes().iter().map(|axis| axis.name.clone()).collect(),
+            points: (0..count).map(corner).chain([point(&|_| 0.5)]).collect(),
+            seeds: if depends_on_seed { SEEDS } else { 1 },
+            seed: seed.child(CHILD),
+        })
     }
 
     /// Returns the number of simulations.
@@ -106,37 +113,33 @@ impl Corners {
         Some(Request { trial: Corners::TRIAL, number, ..Request::new(scenario, seed) })
     }
 
-    /// Returns the report before the first simulation, of the formulas in `roles`. `is_reachable`
-    /// returns whether success is possible from a point, `None` if this is unknown.
-    pub fn report(
+    /// Counts no simulation yet, for the formulas in `roles`. `is_reachable` returns whether
+    /// success is possible from a point, `None` if this is unknown.
+    pub fn counter(
         &self,
         roles: FormulaRoles,
         excludes_unreachable: bool,
         is_reachable: impl Fn(&Scenario) -> Option<bool>,
-    ) -> CornerReport {
-        let result = |scenario: &Scenario| CornerResult {
-            scenario: scenario.clone(),
-            is_reachable: is_reachable(scenario),
-            n: 0,
-            invalid_starts: 0,
-            verdicts: [0; 3],
-            successes: 0,
+    ) -> CornerCounter {
+        let last = self.points.len().saturating_sub(1);
+        let point = |(index, scenario): (usize, &Scenario)| CornerPoint {
+            kind: if index == last { "center" } else { "corner" }.to_string(),
+            scenario: self.names.iter().zip(scenario.values().iter().copied()).collect(),
+            reachable: is_reachable(scenario),
             strict_successes: roles.strict.then_some(0),
             careful_successes: roles.careful.then_some(0),
-            diverged: 0,
-            invalid: 0,
-            failed: 0,
-            undecided: 0,
+            ..CornerPoint::default()
         };
-        let points = self.points.iter().map(result).collect();
-        CornerReport { points, seeds: self.seeds, excludes_unreachable }
+        let counter = |point| PointCounter { point, verdicts: [0; 3] };
+        let points = self.points.iter().enumerate().map(point).map(counter).collect();
+        CornerCounter { points, seeds: self.seeds, excludes_unreachable }
     }
 }
 
-/// Runs the simulations of `corners` that `report` does not contain, in batches of `batch`, and
-/// adds them to `report`.
+/// Runs the simulations of `corners` that `counter` does not contain, in batches of `batch`, and
+/// adds them to `counter`.
 ///
-/// `on_batch` receives the episodes of each batch, in order. If it breaks, the report covers the
+/// `on_batch` receives the episodes of each batch, in order. If it breaks, `counter` has the
 /// simulations so far.
 ///
 /// # Errors
@@ -145,18 +148,18 @@ pub fn evaluate_corners<E: From<EvaluationError>>(
     system: &mut dyn System,
     corners: &Corners,
     batch: usize,
-    report: &mut CornerReport,
+    counter: &mut CornerCounter,
     mut on_batch: impl FnMut(&[Episode]) -> Result<ControlFlow<()>, E>,
 ) -> Result<(), E> {
     loop {
-        let first = report.simulations() + 1;
+        let first = counter.simulations() + 1;
         let requests: Vec<Request> =
             (first..).map_while(|number| corners.request(number)).take(batch.max(1)).collect();
         if requests.is_empty() {
             return Ok(());
         }
         let episodes = simulate(system, &requests)?;
-        episodes.iter().for_each(|episode| report.add(episode));
+        episodes.iter().for_each(|episode| counter.add(episode));
         if on_batch(&episodes)?.is_break() {
             return Ok(());
         }
@@ -169,102 +172,78 @@ fn sobol_is_upper_half(index: u32, dimension: usize) -> bool {
     (gray & SOBOL_DIGITS[dimension % SOBOL_DIGITS.len()]).count_ones() % 2 == 1
 }
 
-/// Results of the simulations of one point.
+/// Counts the simulations of a point.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CornerResult {
-    /// The scenario.
-    pub scenario: Scenario,
-    /// Whether success is possible from this initial state; `None` if the target does not know.
-    pub is_reachable: Option<bool>,
-    /// Number of simulations.
-    pub n: u32,
-    /// Number of simulations that cannot start. They decide nothing.
-    pub invalid_starts: u32,
-    /// Numbers of simulations with a verdict on success, strict success and careful success; 0
-    /// without the formula.
-    pub verdicts: [u32; 3],
-    /// Number of simulations with success.
-    pub successes: u32,
-    /// Number of simulations with success and strict success; `None` without a strict formula.
-    pub strict_successes: Option<u32>,
-    /// Number of simulations with success and careful success; `None` without a careful formula.
-    pub careful_successes: Option<u32>,
-    /// Number of simulations that diverged. Like the next two, they are not successes.
-    pub diverged: u32,
-    /// Number of simulations that ended because the controller or the environment returned a value
-    /// that is not finite.
-    pub invalid: u32,
-    /// Number of simulations that could not start, crashed or took too long.
-    pub failed: u32,
-    /// Number of other simulations that left success undecided.
-    pub undecided: u32,
+struct PointCounter {
+    point: CornerPoint,
+    /// Numbers of simulations with a verdict on success, strict success and careful success.
+    verdicts: [u32; 3],
 }
 
-impl CornerResult {
-    /// Returns whether all simulations that started succeed; `None` if none has a verdict.
-    pub fn succeeds(&self) -> Option<bool> {
-        self.all(self.successes, 0)
-    }
-
-    /// Returns whether all simulations that started succeed strictly; `None` if none has a verdict,
-    /// and without a strict formula.
-    pub fn succeeds_strictly(&self) -> Option<bool> {
-        self.all(self.strict_successes?, 1)
-    }
-
-    /// Returns whether all simulations that started succeed carefully; `None` if none has a
-    /// verdict, and without a careful formula.
-    pub fn succeeds_carefully(&self) -> Option<bool> {
-        self.all(self.careful_successes?, 2)
-    }
-
-    fn all(&self, successes: u32, kind: usize) -> Option<bool> {
-        (self.verdicts[kind] > 0).then_some(successes == self.n - self.invalid_starts)
+impl PointCounter {
+    /// Returns whether all simulations that started succeed, strictly (kind 1) or carefully
+    /// (kind 2); `None` if none has a verdict, and without the formula.
+    fn succeeds(&self, kind: usize) -> Option<bool> {
+        let CornerPoint { successes, strict_successes, careful_successes, .. } = self.point;
+        let successes = [Some(successes), strict_successes, careful_successes][kind]?;
+        (self.verdicts[kind] > 0).then_some(successes == self.point.started())
     }
 }
 
-/// Results of the corners and the center. They are counts of chosen points, not estimates, so they
-/// have no intervals.
+/// Counts the simulations of the corners and the center.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CornerReport {
+pub struct CornerCounter {
     /// The corners and, as the last point, the center.
-    pub points: Vec<CornerResult>,
-    /// Number of simulations per point.
-    pub seeds: u32,
-    /// Whether unreachable points do not count.
-    pub excludes_unreachable: bool,
+    points: Vec<PointCounter>,
+    seeds: u32,
+    excludes_unreachable: bool,
 }
 
-impl CornerReport {
-    /// Returns the corners that count.
-    pub fn corners(&self) -> impl Iterator<Item = &CornerResult> {
-        let corners = &self.points[..self.points.len().saturating_sub(1)];
-        corners.iter().filter(|point| self.counts(point))
-    }
-
-    /// Returns the center if it counts.
-    pub fn center(&self) -> Option<&CornerResult> {
-        self.points.last().filter(|point| self.counts(point))
+impl CornerCounter {
+    /// Returns the results of the simulations so far.
+    pub fn report(&self) -> results::Corners {
+        let (corners, center) = self.points.split_at(self.points.len().saturating_sub(1));
+        let corners: Vec<&PointCounter> = corners.iter().filter(|found| self.counts(found)).collect();
+        let center = center.iter().find(|found| self.counts(found));
+        let count = |holds: &dyn Fn(&PointCounter) -> bool| {
+            corners.iter().filter(|found| holds(found)).count() as u64
+        };
+        let all = |kind| count(&|found| found.succeeds(kind) == Some(true));
+        let at_center = |kind| center.and_then(|found| found.succeeds(kind));
+        let has_strict = self.points.iter().any(|found| found.point.strict_successes.is_some());
+        let has_careful = self.points.iter().any(|found| found.point.careful_successes.is_some());
+        let point = |found: &PointCounter| CornerPoint { counts: self.counts(found), ..found.point.clone() };
+        results::Corners {
+            seeds: self.seeds,
+            n: corners.len() as u64,
+            without_verdict: count(&|found| found.succeeds(0).is_none()),
+            succeeding: all(0),
+            strictly_succeeding: has_strict.then(|| all(1)),
+            carefully_succeeding: has_careful.then(|| all(2)),
+            center_succeeds: at_center(0),
+            center_strictly_succeeds: at_center(1),
+            center_carefully_succeeds: at_center(2),
+            points: self.points.iter().map(point).collect(),
+        }
     }
 
     /// Returns whether a point counts: not if it is excluded as unreachable, or the target cannot
     /// start from it.
-    pub fn counts(&self, point: &CornerResult) -> bool {
-        let is_excluded = self.excludes_unreachable && point.is_reachable == Some(false);
-        !is_excluded && (point.n == 0 || point.invalid_starts < point.n)
+    fn counts(&self, found: &PointCounter) -> bool {
+        let CornerPoint { reachable, n, .. } = found.point;
+        let is_excluded = self.excludes_unreachable && reachable == Some(false);
+        !is_excluded && (n == 0 || found.point.started() > 0)
     }
 
     /// Returns the number of simulations so far.
     pub fn simulations(&self) -> u32 {
-        self.points.iter().map(|point| point.n).sum()
+        self.points.iter().map(|found| found.point.n).sum()
     }
 
     /// Adds the next simulation. It may come from a record.
     pub fn add(&mut self, episode: &Episode) {
         let index = self.simulations() / self.seeds.max(1);
-        let Some(point) = self.points.get_mut(index as usize) else { return };
-        let success = episode.is_success();
-        let strict = episode.is_strict_success();
+        let Some(PointCounter { point, verdicts }) = self.points.get_mut(index as usize) else { return };
         point.n += 1;
         point.invalid_starts += u32::from(!episode.end.counts_in_rates());
         let decided = [
@@ -272,15 +251,16 @@ impl CornerReport {
             point.strict_successes.is_some() && decides_strict_success(episode),
             point.careful_successes.is_some() && decides_careful_success(episode),
         ];
-        point.verdicts.iter_mut().zip(decided).for_each(|(count, decided)| *count += u32::from(decided));
+        verdicts.iter_mut().zip(decided).for_each(|(count, decided)| *count += u32::from(decided));
         match episode.end {
             EpisodeEnd::Diverged { .. } => point.diverged += 1,
             end if end.is_invalid() => point.invalid += 1,
             end if end.is_failed() => point.failed += 1,
             _ => point.undecided += u32::from(episode.verdict.success.is_none()),
         }
-        point.successes += u32::from(success);
-        point.strict_successes = point.strict_successes.map(|successes| successes + u32::from(strict));
+        point.successes += u32::from(episode.is_success());
+        let strict = u32::from(episode.is_strict_success());
+        point.strict_successes = point.strict_successes.map(|successes| successes + strict);
         let careful = u32::from(episode.is_careful_success());
         point.careful_successes = point.careful_successes.map(|successes| successes + careful);
     }
@@ -349,8 +329,8 @@ mod tests {
     #[test]
     fn simulations_without_a_verdict_are_counted_by_reason() {
         let corners = Corners::new(&space(2), true, Seed(0)).unwrap();
-        let mut report =
-            corners.report(FormulaRoles { strict: true, ..FormulaRoles::default() }, false, |_| None);
+        let mut counter =
+            corners.counter(FormulaRoles { strict: true, ..FormulaRoles::default() }, false, |_| None);
         let episode = |end, success: Option<f64>| Episode {
             request: corners.request(1).unwrap(),
             trace: Trace::new(Arc::from([])),
@@ -371,9 +351,9 @@ mod tests {
             (EpisodeEnd::InvalidSignal { step: 1, index: 0 }, None),
             (EpisodeEnd::InvalidReward { step: 1, index: 0 }, None),
         ] {
-            report.add(&episode(end, success));
+            counter.add(&episode(end, success));
         }
-        let point = &report.points[0];
+        let point = &counter.report().points[0];
         assert_eq!((point.n, point.successes, point.strict_successes), (8, 1, Some(1)));
         assert_eq!((point.diverged, point.invalid, point.undecided), (1, 3, 2));
     }
@@ -383,7 +363,7 @@ mod tests {
         let corners = Corners::new(&space(1), false, Seed(0)).unwrap();
         let roles = FormulaRoles { strict: true, careful: true, ..FormulaRoles::default() };
         let found = |seeds: u32, ends: &[(EpisodeEnd, Option<f64>)]| {
-            let mut report = CornerReport { seeds, ..corners.report(roles, false, |_| None) };
+            let mut counter = CornerCounter { seeds, ..corners.counter(roles, false, |_| None) };
             for (end, rho) in ends {
                 let verdict = Verdict {
                     robustness: *rho,
@@ -392,7 +372,7 @@ mod tests {
                     careful: *rho,
                     ..Verdict::default()
                 };
-                report.add(&Episode {
+                counter.add(&Episode {
                     request: corners.request(1).unwrap(),
                     trace: Trace::new(Arc::from([])),
                     trace_digest: None,
@@ -403,10 +383,9 @@ mod tests {
                     end: *end,
                 });
             }
-            let point = &report.points[0];
-            let succeeds = [point.succeeds(), point.succeeds_strictly(), point.succeeds_carefully()];
-            assert!(succeeds.iter().all(|other| *other == succeeds[0]), "{succeeds:?}");
-            (report.counts(point), succeeds[0])
+            let found = [0, 1, 2].map(|kind| counter.points[0].succeeds(kind));
+            assert!(found.iter().all(|other| *other == found[0]), "{found:?}");
+            (counter.report().points[0].counts, found[0])
         };
         let passed = (EpisodeEnd::Completed, Some(1.0));
         for end in crate::ends::WITHOUT_VERDICT {

@@ -30,8 +30,8 @@ pub fn sign_test(first: u64, second: u64) -> f64 {
     (2.0 * tail).min(1.0)
 }
 
-/// Returns the two-sided p-value of Fisher's exact test that two independent rates, `successes` of
-/// `n` each, are equal.
+/// Returns the two-sided p-value of Fisher's exact test that two independent rates are equal. The
+/// rows of the table are the two groups, its columns the numbers of successes and of failures.
 ///
 /// It sums the probabilities of all tables with the same margins that are at most as probable as
 /// this one.
@@ -40,19 +40,21 @@ pub fn sign_test(first: u64, second: u64) -> f64 {
 /// ```
 /// use mishandle_evaluation::fisher_test;
 /// // 3 of 3 against 0 of 3: the two extreme ones of C(6, 3) = 20 equally probable arrangements.
-/// assert!((fisher_test((3, 3), (0, 3)) - 0.1).abs() < 1e-12);
+/// assert!((fisher_test([[3, 0], [0, 3]]) - 0.1).abs() < 1e-12);
 /// ```
 ///
 /// # Reference
 /// Fisher, "Statistical Methods for Research Workers", 1934, section 21.02.
-pub fn fisher_test((first, n_first): (u64, u64), (second, n_second): (u64, u64)) -> f64 {
+pub fn fisher_test([first, second]: [[u64; 2]; 2]) -> f64 {
+    let n_first = first[0] + first[1];
+    let n_second = second[0] + second[1];
     let total = n_first + n_second;
-    let successes = first + second;
+    let successes = first[0] + second[0];
     let logs = ln_factorials(total);
     let log_choose = |n: u64, k: u64| logs[n as usize] - logs[k as usize] - logs[(n - k) as usize];
     let log_probability =
         |k: u64| log_choose(n_first, k) + log_choose(n_second, successes - k) - log_choose(total, successes);
-    let observed = log_probability(first).exp();
+    let observed = log_probability(first[0]).exp();
     let possible = successes.saturating_sub(n_second)..=successes.min(n_first);
     let p: f64 = possible
         .map(|k| log_probability(k).exp())
@@ -95,16 +97,16 @@ mod tests {
     /// SciPy: `fisher_exact`, in `tests/reference/statistics.py`.
     #[test]
     fn fisher_tests_match_scipy() {
-        for ([a, b, c, d], expected) in [
-            ([8, 2, 1, 5], 0.034_965_034_965_034_975),
-            ([30, 0, 7, 23], 1.741_091_350_220_271_5e-10),
-            ([3, 27, 9, 21], 0.104_164_736_603_072_04),
-            ([0, 30, 0, 30], 1.0),
-            ([930, 70, 93, 7], 1.0),
-            ([100, 0, 97, 3], 0.246_231_155_778_894_48),
+        for (table, expected) in [
+            ([[8, 2], [1, 5]], 0.034_965_034_965_034_975),
+            ([[30, 0], [7, 23]], 1.741_091_350_220_271_5e-10),
+            ([[3, 27], [9, 21]], 0.104_164_736_603_072_04),
+            ([[0, 30], [0, 30]], 1.0),
+            ([[930, 70], [93, 7]], 1.0),
+            ([[100, 0], [97, 3]], 0.246_231_155_778_894_48),
         ] {
-            let found = fisher_test((a, a + b), (c, c + d));
-            assert!((found / expected - 1.0).abs() < 1e-9, "{a} {b} {c} {d}: {found}, not {expected}");
+            let found = fisher_test(table);
+            assert!((found / expected - 1.0).abs() < 1e-9, "{table:?}: {found}, not {expected}");
         }
     }
 }

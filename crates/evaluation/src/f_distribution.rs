@@ -10,7 +10,7 @@ const BISECTIONS: usize = 200;
 
 /// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds
 /// with probability `tail`.
-pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
+pub(crate) fn f_upper_quantile(tail: f64, first: u32, second: u32) -> f64 {
     // x / (1 - x) = first / second F has a beta distribution.
     let x = beta_quantile(1.0 - tail, first, second);
     f64::from(second) / f64::from(first) * x / (1.0 - x)
@@ -19,12 +19,12 @@ pub(crate) fn f_upper_quantile(tail: f64, (first, second): (u32, u32)) -> f64 {
 /// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is
 /// with this probability.
 pub(crate) fn beta_quantile(probability: f64, first: u32, second: u32) -> f64 {
-    let ln_beta = ln_beta((first, second));
+    let beta = Beta::new(first, second);
     let mut low = 0.0_f64;
     let mut high = 1.0_f64;
     for _ in 0..BISECTIONS {
         let middle = 0.5 * (low + high);
-        if incomplete_beta(middle, (first, second), ln_beta) < probability {
+        if beta.below(middle) < probability {
             low = middle;
         } else {
             high = middle;
@@ -33,25 +33,37 @@ pub(crate) fn beta_quantile(probability: f64, first: u32, second: u32) -> f64 {
     low
 }
 
-/// Returns the logarithm of the beta function of first / 2 and second / 2.
-pub(crate) fn ln_beta((first, second): (u32, u32)) -> f64 {
-    ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second)
+/// The beta distribution with the parameters a and b.
+pub(crate) struct Beta {
+    a: f64,
+    b: f64,
+    /// Logarithm of the beta function of a and b.
+    pub ln_beta: f64,
 }
 
-/// Returns the regularized incomplete beta function I_x(first / 2, second / 2) (Abramowitz and
-/// Stegun, "Handbook of Mathematical Functions", 26.5.8). `ln_beta` is the logarithm of the
-/// complete one.
-pub(crate) fn incomplete_beta(x: f64, (first, second): (u32, u32), ln_beta: f64) -> f64 {
-    if x <= 0.0 || x >= 1.0 {
-        return x.clamp(0.0, 1.0);
+impl Beta {
+    /// Makes the distribution with the parameters first / 2 and second / 2.
+    pub(crate) fn new(first: u32, second: u32) -> Beta {
+        Beta {
+            a: f64::from(first) / 2.0,
+            b: f64::from(second) / 2.0,
+            ln_beta: ln_gamma_of_half(first) + ln_gamma_of_half(second) - ln_gamma_of_half(first + second),
+        }
     }
-    let a = f64::from(first) / 2.0;
-    let b = f64::from(second) / 2.0;
-    // The fraction converges fast below the mean; above it, the complement is computed.
-    if x > a / (a + b) {
-        return 1.0 - incomplete_beta(1.0 - x, (second, first), ln_beta);
+
+    /// Returns the probability of a value below `x`: the regularized incomplete beta function
+    /// I_x(a, b) (Abramowitz and Stegun, "Handbook of Mathematical Functions", 26.5.8).
+    pub(crate) fn below(&self, x: f64) -> f64 {
+        let &Beta { a, b, ln_beta } = self;
+        if x <= 0.0 || x >= 1.0 {
+            return x.clamp(0.0, 1.0);
+        }
+        // The fraction converges fast below the mean; above it, the complement is computed.
+        if x > a / (a + b) {
+            return 1.0 - Beta { a: b, b: a, ln_beta }.below(1.0 - x);
+        }
+        (a * x.ln() + b * (-x).ln_1p() - ln_beta).exp() / a * fraction(x, a, b)
     }
-    (a * x.ln() + b * (-x).ln_1p() - ln_beta).exp() / a * fraction(x, a, b)
 }
 
 /// Returns 1 / (1 + d₁ / (1 + d₂ / (1 + …))), evaluated from the front by Lentz's method.
@@ -82,17 +94,17 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_tables() {
         // Upper 2.5 % and 5 % points of tables in textbooks.
-        for (tail, degrees, value) in [
-            (0.025, (1, 1), 647.79),
-            (0.025, (2, 5), 8.434),
-            (0.025, (5, 2), 39.298),
-            (0.025, (10, 10), 3.717),
-            (0.025, (20, 10), 3.419),
-            (0.05, (5, 18), 2.773),
-            (0.05, (120, 60), 1.467),
+        for (tail, [first, second], value) in [
+            (0.025, [1, 1], 647.79),
+            (0.025, [2, 5], 8.434),
+            (0.025, [5, 2], 39.298),
+            (0.025, [10, 10], 3.717),
+            (0.025, [20, 10], 3.419),
+            (0.05, [5, 18], 2.773),
+            (0.05, [120, 60], 1.467),
         ] {
-            let found = f_upper_quantile(tail, degrees);
-            assert!((found / value - 1.0).abs() < 3e-4, "{degrees:?}: {found}");
+            let found = f_upper_quantile(tail, first, second);
+            assert!((found / value - 1.0).abs() < 3e-4, "{first} and {second}: {found}");
         }
     }
 
@@ -101,7 +113,7 @@ mod tests {
         // P(F > x) = 1 / (1 + x).
         for tail in [0.5, 0.025, 1e-6] {
             let exact = 1.0 / tail - 1.0;
-            assert!((f_upper_quantile(tail, (2, 2)) / exact - 1.0).abs() < 1e-9, "{tail}");
+            assert!((f_upper_quantile(tail, 2, 2) / exact - 1.0).abs() < 1e-9, "{tail}");
         }
     }
 }

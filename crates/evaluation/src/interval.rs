@@ -35,6 +35,12 @@ pub fn bound_without_failures(n: u64) -> f64 {
     -(0.05_f64.ln() / n as f64).exp_m1()
 }
 
+/// Returns the estimate of the rate of the opposite event.
+pub fn complement(rate: Estimate) -> Estimate {
+    let opposite = |rate: Option<f64>| rate.map(|rate| 1.0 - rate);
+    Estimate { value: opposite(rate.value), low: opposite(rate.high), high: opposite(rate.low), n: rate.n }
+}
+
 /// Returns the rate `successes` / `n` with its Wilson score interval.
 ///
 /// ```text
@@ -143,34 +149,41 @@ pub fn clopper_pearson(successes: u64, n: u64, confidence: f64) -> Estimate {
 /// Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13. Small samples:
 /// Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69, 2015.
 pub fn bootstrap_mean(values: &[f64], seed: Seed) -> Estimate {
-    let n = values.len() as u64;
-    if n == 0 {
-        return Estimate::default();
-    }
-    let value = Some(mean(values));
-    if values.len() < SMALLEST_SAMPLE || are_equal(values) {
-        return Estimate { value, low: None, high: None, n };
-    }
+    let value = (!values.is_empty()).then(|| mean(values));
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let mut means: Vec<f64> = (0..RESAMPLES)
-        .map(|resample| {
-            let mut sequence = Sequence::new(seed.child(resample).0, 0);
-            let resampled: Vec<f64> = (0..n).map(|_| sorted[sequence.below(n) as usize]).collect();
-            mean(&resampled)
-        })
-        .collect();
+    let bounds = bootstrap_bounds(&sorted, seed);
+    let [low, high] = [0, 1].map(|end| bounds.map(|bounds| bounds[end]));
+    Estimate { value, low, high, n: values.len() as u64 }
+}
+
+/// Returns the bounds of [`bootstrap_mean`] of sorted values; `None` for a degenerate sample.
+pub(crate) fn bootstrap_bounds(sorted: &[f64], seed: Seed) -> Option<[f64; 2]> {
+    if sorted.len() < SMALLEST_SAMPLE || are_equal(sorted) {
+        return None;
+    }
+    let n = sorted.len() as u64;
+    let resampled = |resample: u64| {
+        let mut sequence = Sequence::new(seed.child(resample).0, 0);
+        (0..n).map(move |_| sorted[sequence.below(n) as usize])
+    };
+    let mut means: Vec<f64> =
+        (0..RESAMPLES).map(|resample| mean_of(sorted.len(), || resampled(resample))).collect();
     means.sort_by(f64::total_cmp);
-    Estimate { value, low: Some(quantile(&means, 0.025)), high: Some(quantile(&means, 0.975)), n }
+    Some([quantile(&means, 0.025), quantile(&means, 0.975)])
 }
 
 /// Returns the mean of numbers, which is finite if they are: also if their sum overflows.
 pub fn mean(values: &[f64]) -> f64 {
-    let n = values.len() as f64;
-    let sum = values.iter().sum::<f64>();
-    if !sum.is_finite() && values.iter().all(|value| value.is_finite()) {
+    mean_of(values.len(), || values.iter().copied())
+}
+
+fn mean_of<I: Iterator<Item = f64>>(n: usize, values: impl Fn() -> I) -> f64 {
+    let n = n as f64;
+    let sum = values().sum::<f64>();
+    if !sum.is_finite() && values().all(f64::is_finite) {
         // Rounded parts of the largest number can have an infinite sum, too.
-        values.iter().map(|value| value / n).sum::<f64>().clamp(-f64::MAX, f64::MAX)
+        values().map(|value| value / n).sum::<f64>().clamp(-f64::MAX, f64::MAX)
     } else {
         sum / n
     }

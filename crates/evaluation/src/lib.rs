@@ -57,13 +57,13 @@ mod two_stage;
 pub use axis_rates::AxisRateCounter;
 pub use betting::{betting_mean, betting_mean_at};
 pub use chi_squared::chi_squared_tail;
-pub use corners::{CornerReport, CornerResult, Corners, evaluate_corners};
+pub use corners::{CornerCounter, Corners, evaluate_corners};
 pub use effect::vargha_delaney;
 pub use ends::count_end;
 pub use error::EvaluationError;
 pub use exact::{fisher_test, sign_test};
 pub use holm::holm;
-pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, mean, wilson};
+pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, complement, mean, wilson};
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{
@@ -83,6 +83,6 @@ pub use sequential::{
     anytime_rate, pair_size, rate_size,
 };
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
-pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, log_rank};
+pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, lifetimes, log_rank};
 pub use two_phase::TwoPhase;
 pub use two_stage::{TwoStage, two_stage};

@@ -5,7 +5,7 @@ use mishandle_rollout::{Episode, EpisodeEnd, Seed, Specification};
 use mishandle_stl::is_satisfied;
 
 use crate::betting::anytime_mean;
-use crate::{anytime_rate, betting_mean, bootstrap_mean, wilson};
+use crate::{anytime_rate, betting_mean, bootstrap_mean, complement, wilson};
 
 /// The optional formulas of a specification. Each of them defines a metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -99,6 +99,9 @@ pub struct MetricCounter {
     undecided: u64,
     strict_undecided: u64,
     careful_undecided: u64,
+    violations: u64,
+    /// Number of simulations with a robustness of the requirement.
+    evaluated: u64,
     success: Count,
     strict: Count,
     careful: Count,
@@ -162,6 +165,8 @@ impl MetricCounter {
     pub fn add(&mut self, episode: &Episode) {
         let verdict = &episode.verdict;
         self.simulations += 1;
+        self.violations += u64::from(episode.is_violated());
+        self.evaluated += u64::from(episode.robustness().is_some());
         if matches!(episode.end, EpisodeEnd::Diverged { .. }) {
             self.diverged += 1;
             return;
@@ -213,6 +218,8 @@ impl MetricCounter {
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             careful_undecided: self.roles.careful.then_some(self.careful_undecided),
+            violations: self.violations,
+            violation_rate: complement(interval(self.evaluated - self.violations, self.evaluated)),
             success_rate: self.success.rate(started, interval),
             strict_success_rate: self.roles.strict.then(|| self.strict.rate(started, interval)),
             careful_success_rate: self.roles.careful.then(|| self.careful.rate(started, interval)),

@@ -6,7 +6,8 @@ use mishandle_random::Seed;
 
 use mishandle_results::PairedRates;
 
-use crate::{DifferenceSequence, Estimate, anytime_rate, bootstrap_mean, mean, rate, sign_test, wilson};
+use crate::interval::bootstrap_bounds;
+use crate::{DifferenceSequence, Estimate, anytime_rate, mean, rate, sign_test, wilson};
 
 /// Numbers of pairs by who has a property, such as success.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -136,8 +137,8 @@ pub fn paired_rates_at_any_time(counts: PairedCounts, verdicts: [u64; 2]) -> Pai
 /// over the pairs.
 ///
 /// Resampling pairs keeps what both have in common, such as a difficult scenario, so the interval
-/// is narrower than that of two independent samples. See [`bootstrap_mean`] for its coverage and
-/// its degenerate cases.
+/// is narrower than that of two independent samples. See
+/// [`bootstrap_mean`](crate::bootstrap_mean) for its coverage and its degenerate cases.
 ///
 /// # Example
 /// ```
@@ -154,40 +155,34 @@ pub fn paired_mean_difference(first: &[f64], second: &[f64], seed: Seed) -> Esti
     // Half the difference of two finite numbers is finite.
     let is_huge = first.iter().zip(second).any(|(first, second)| !(second - first).is_finite());
     let scale = if is_huge { 0.5 } else { 1.0 };
-    let differences: Vec<f64> =
+    let mut sorted: Vec<f64> =
         first.iter().zip(second).map(|(first, second)| scale * second - scale * first).collect();
+    let n = sorted.len() as u64;
+    let value = (n > 0).then(|| mean(&sorted));
+    // Adding 0 makes -0 positive.
+    sorted.iter_mut().for_each(|difference| *difference += 0.0);
+    sorted.sort_by(f64::total_cmp);
     // The resamples pick sorted values, so those of the negated sample would be others. The
     // bootstrap gets the same sample for both directions: of the sorted differences and their
     // negatives, the one that is larger in lexicographic order.
-    let sorted = |sign: f64| {
-        // Adding 0 makes -0 positive.
-        let mut values: Vec<f64> = differences.iter().map(|difference| sign * difference + 0.0).collect();
-        values.sort_by(f64::total_cmp);
-        values
-    };
-    let forward = sorted(1.0);
-    let backward = sorted(-1.0);
-    let order = forward.iter().zip(&backward).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
-    let direct = || bootstrap_mean(&forward, seed);
-    let Estimate { low, high, n, .. } = match order {
-        Some(Ordering::Less) => mirrored(bootstrap_mean(&backward, seed)),
-        Some(_) => direct(),
+    let negatives = sorted.iter().rev().map(|difference| 0.0 - difference);
+    let order = sorted.iter().zip(negatives).map(|(a, b)| a.total_cmp(&b)).find(|order| order.is_ne());
+    if order == Some(Ordering::Less) {
+        sorted.reverse();
+        sorted.iter_mut().for_each(|difference| *difference = 0.0 - *difference);
+    }
+    let bounds = bootstrap_bounds(&sorted, seed).map(|[low, high]| match order {
+        Some(Ordering::Less) => [-high, -low],
+        Some(_) => [low, high],
         // The sample is symmetric, and so is its interval.
         None => {
-            let found = direct();
-            let half = found.low.zip(found.high).map(|(low, high)| 0.5 * high - 0.5 * low);
-            Estimate { low: half.map(|half| -half), high: half, ..found }
+            let half = 0.5 * high - 0.5 * low;
+            [-half, half]
         }
-    };
-    let value = (n > 0).then(|| mean(&differences));
-    let unscaled = |value: Option<f64>| value.map(|value| value / scale);
-    Estimate { value: unscaled(value), low: unscaled(low), high: unscaled(high), n }
-}
-
-/// Returns the estimate of the negated sample.
-fn mirrored(found: Estimate) -> Estimate {
-    let negated = |value: Option<f64>| value.map(|value| -value);
-    Estimate { value: negated(found.value), low: negated(found.high), high: negated(found.low), n: found.n }
+    });
+    let unscaled = |value: f64| value / scale;
+    let [low, high] = [0, 1].map(|end| bounds.map(|bounds| unscaled(bounds[end])));
+    Estimate { value: value.map(unscaled), low, high, n }
 }
 
 #[cfg(test)]
@@ -253,7 +248,9 @@ mod tests {
         for second in [&other, &alternating] {
             let found = paired_mean_difference(&first, second, Seed(3));
             let mirror = paired_mean_difference(second, &first, Seed(3));
-            assert_eq!(mirrored(found), mirror);
+            let Estimate { value, low, high, n } = found;
+            let [value, low, high] = [value, high, low].map(|value| value.map(|value: f64| -value));
+            assert_eq!(Estimate { value, low, high, n }, mirror);
             assert!(found.low < found.value && found.value < found.high, "{found:?}");
         }
         assert_eq!(paired_mean_difference(&[], &[], Seed(3)), Estimate::default());

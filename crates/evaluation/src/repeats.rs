@@ -70,7 +70,8 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     if groups.len() < 2 || n < 2 || !groups.iter().all(is_usable) {
         return unknown;
     }
-    let degrees = ((groups.len() - 1) as u32, (groups.len() * (n - 1)) as u32);
+    let first = (groups.len() - 1) as u32;
+    let second = (groups.len() * (n - 1)) as u32;
     let k = groups.len() as f64;
     let n = n as f64;
     // The share does not depend on the unit of the values, but squares of huge ones overflow.
@@ -88,11 +89,10 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     // (M_b - M_w) / (M_b + (n - 1) M_w), with M_b and M_w multiplied by the quantiles of their
     // ratio.
     let share = |between: f64, within: f64| ((between - within) / (between + (n - 1.0) * within)).max(0.0);
-    let (first, second) = degrees;
     Estimate {
         value: Some(share(between, within)),
-        low: Some(share(between, within * f_upper_quantile(TAIL, (first, second)))),
-        high: Some(share(between * f_upper_quantile(TAIL, (second, first)), within)),
+        low: Some(share(between, within * f_upper_quantile(TAIL, first, second))),
+        high: Some(share(between * f_upper_quantile(TAIL, second, first), within)),
         ..unknown
     }
 }

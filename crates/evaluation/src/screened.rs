@@ -9,7 +9,9 @@ use mishandle_rollout::{Episode, Request, RolloutError, Screen, ScreenedEpisode,
 
 use crate::run::simulate;
 use crate::two_phase::OthersSample;
-use crate::{EndCounts, Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase, count_end};
+use crate::{
+    EndCounts, Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase, complement, count_end,
+};
 
 /// Confidence of the intervals.
 const CONFIDENCE: f64 = 0.95;
@@ -102,6 +104,8 @@ pub struct ScreenedEvaluation {
     pub screened_without_verdict: u64,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
+    /// Number of simulations of the system that violate the requirement.
+    pub violations: u64,
     /// Number of simulations of the system without a verdict. They are not successes.
     pub without_verdict: u64,
     /// Why simulations of the system have no verdict.
@@ -163,6 +167,7 @@ impl ScreenedEvaluation {
         }
         self.screened_without_verdict += selection.without_verdict;
         self.overflows += selection.overflows;
+        self.violations += flagged.violations + sampled.violations;
         self.without_verdict += flagged.without_verdict + sampled.without_verdict;
         self.invalid_starts[0] += flagged.invalid_starts;
         self.invalid_starts[1] += sampled.invalid_starts;
@@ -180,6 +185,7 @@ struct Repeated {
     simulations: u64,
     /// Numbers of simulations without success, without strict success, and with any danger.
     events: [u64; 3],
+    violations: u64,
     without_verdict: u64,
     invalid_starts: u64,
     ends: EndCounts,
@@ -189,6 +195,7 @@ struct Repeated {
 impl Repeated {
     fn add(&mut self, episode: &Episode) {
         self.simulations += 1;
+        self.violations += u64::from(episode.is_violated());
         self.without_verdict += u64::from(episode.robustness().is_none());
         count_end(&mut self.ends, episode);
         if !episode.end.counts_in_rates() {
@@ -205,17 +212,6 @@ impl Repeated {
                 robustness: episode.verdict.success.filter(|_| episode.end.has_verdict()),
             });
         }
-    }
-}
-
-/// Returns the estimate of the rate of the opposite event.
-fn complement(estimate: Estimate) -> Estimate {
-    let opposite = |rate: Option<f64>| rate.map(|rate| 1.0 - rate);
-    Estimate {
-        value: opposite(estimate.value),
-        low: opposite(estimate.high),
-        high: opposite(estimate.low),
-        n: estimate.n,
     }
 }
 

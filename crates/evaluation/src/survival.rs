@@ -1,6 +1,8 @@
 //! Survival analysis: Kaplan-Meier curve, restricted mean and log-rank test of simulations to
 //! failure.
 
+use mishandle_results::Trial;
+
 use crate::interval::Z;
 use crate::{Estimate, chi_squared_tail};
 
@@ -29,6 +31,17 @@ impl Lifetime {
     pub fn censored(simulations: u32) -> Lifetime {
         Lifetime { simulations, failed: false }
     }
+}
+
+/// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within its
+/// budget, so its trial is censored at the budget.
+pub fn lifetimes(trials: &[Trial], budget: u32) -> Vec<Lifetime> {
+    let lifetime = |trial: &Trial| match (trial.first_violation, trial.end.as_deref()?) {
+        (Some(number), _) => Some(Lifetime::failed(number)),
+        (None, "search ended") => Some(Lifetime::censored(trial.simulations.max(budget))),
+        (None, _) => Some(Lifetime::censored(trial.simulations)),
+    };
+    trials.iter().filter_map(lifetime).collect()
 }
 
 /// A step of a [`SurvivalCurve`].

@@ -1,6 +1,6 @@
 //! Exact interval of a rate whose number of trials depends on the first of them.
 
-use crate::f_distribution::{incomplete_beta, ln_beta};
+use crate::f_distribution::Beta;
 use crate::{Estimate, clopper_pearson};
 
 /// Bisections, each of which halves the error of a bound.
@@ -145,36 +145,28 @@ impl Joint {
 struct Binomial {
     n: u64,
     count: u64,
-    /// Logarithm of the beta function of n - count and count + 1.
-    ln_beta: f64,
+    /// The beta distribution with the parameters n - count and count + 1, which is below 1 - p with
+    /// the probability of at most `count` successes; `None` if `count` is n.
+    beta: Option<Beta>,
 }
 
 impl Binomial {
     fn new(n: u64, count: u64) -> Binomial {
-        let ln_beta = if count < n { ln_beta(Self::halves(n, count)) } else { 0.0 };
-        Binomial { n, count, ln_beta }
-    }
-
-    fn halves(n: u64, count: u64) -> (u32, u32) {
-        (2 * (n - count) as u32, 2 * (count + 1) as u32)
+        let beta = (count < n).then(|| Beta::new(2 * (n - count) as u32, 2 * (count + 1) as u32));
+        Binomial { n, count, beta }
     }
 
     /// Returns the probability of at most `count` successes.
     fn at_most(&self, p: f64) -> f64 {
-        if self.count >= self.n {
-            return 1.0;
-        }
-        incomplete_beta(1.0 - p, Self::halves(self.n, self.count), self.ln_beta)
+        self.beta.as_ref().map_or(1.0, |beta| beta.below(1.0 - p))
     }
 
     /// Returns the probability of `count` successes.
     fn probability(&self, p: f64) -> f64 {
         let count = self.count as f64;
+        let Some(beta) = &self.beta else { return p.powf(count) };
         let others = (self.n - self.count) as f64;
-        if self.count == self.n {
-            return p.powf(count);
-        }
-        (count * p.ln() + others * (-p).ln_1p() - self.ln_beta).exp() / others
+        (count * p.ln() + others * (-p).ln_1p() - beta.ln_beta).exp() / others
     }
 }
 

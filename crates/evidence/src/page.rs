@@ -15,13 +15,10 @@ pub(crate) fn text(
     file: &str,
     resolved: Result<&ResolvedPlan, &str>,
 ) -> Result<String, EvidenceError> {
-    let mut report = RunReport::load(run, file)?;
+    let mut report = RunReport::load(run, file, resolved.ok())?;
     report.hide_paths();
-    match resolved {
-        Ok(resolved) => report.add_answer_of(run, resolved)?,
-        Err(why) => {
-            report.add_note(format!("Simulations cannot be replayed from the folder of evidence: {why}."));
-        }
+    if let Err(why) = resolved {
+        report.add_note(format!("Simulations cannot be replayed from the folder of evidence: {why}."));
     }
     report.note_no_simulations("the page shows what the run file contains");
     Ok(page(&[report]))

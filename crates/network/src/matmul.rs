@@ -131,8 +131,10 @@ pub trait Kernels: Sized {
     /// once.
     fn add_transposed_product(
         rows: usize,
-        a: (&[Lanes<Self>], usize),
-        b: (&[Lanes<Self>], usize),
+        a: &[Lanes<Self>],
+        a_columns: usize,
+        b: &[Lanes<Self>],
+        b_columns: usize,
         c: &mut [Self],
     );
 
@@ -175,11 +177,13 @@ macro_rules! compile_kernels {
             #[inline(never)]
             fn add_transposed_product(
                 rows: usize,
-                a: (&[Lanes<Self>], usize),
-                b: (&[Lanes<Self>], usize),
+                a: &[Lanes<Self>],
+                a_columns: usize,
+                b: &[Lanes<Self>],
+                b_columns: usize,
                 c: &mut [Self],
             ) {
-                add_transposed_product(rows, a, b, c);
+                add_transposed_product(rows, a, a_columns, b, b_columns, c);
             }
 
             #[inline(never)]
@@ -312,8 +316,10 @@ impl<T: Scalar> Operands<'_, T> {
 #[inline(always)]
 fn add_transposed_product<T: Scalar>(
     rows: usize,
-    (a, a_columns): (&[Lanes<T>], usize),
-    (b, b_columns): (&[Lanes<T>], usize),
+    a: &[Lanes<T>],
+    a_columns: usize,
+    b: &[Lanes<T>],
+    b_columns: usize,
     c: &mut [T],
 ) {
     for (bp, b) in b.chunks_exact(rows).enumerate() {

@@ -167,12 +167,7 @@ impl<T: Scalar> Mlp<T> {
         for (l, shape) in self.shapes.iter().enumerate().rev() {
             if let Some(flat) = parameter_gradient.as_deref_mut() {
                 let (weight, bias) = shape.split_mut(flat);
-                T::add_transposed_product(
-                    rows,
-                    (gradient, shape.outputs),
-                    (&values[l], shape.inputs),
-                    weight,
-                );
+                T::add_transposed_product(rows, gradient, shape.outputs, &values[l], shape.inputs, weight);
                 matmul::add_row_sum(rows, gradient, bias);
             }
             if l == 0 && input_gradient.is_none() {

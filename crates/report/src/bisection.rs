@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle::MishandleError;
-use mishandle::inspect::{Comparison, compare};
+use mishandle::inspect::compare;
 use mishandle::results::{BisectedCandidate, Bisection};
 use mishandle::store::RunFile;
 use mishandle_text::{path_text, plural, shell_quote};
@@ -18,8 +18,8 @@ use crate::violated_counterexamples::ViolatedCounterexamples;
 /// Runs and simulations of the last passing and the first failing candidate of a bisection.
 #[derive(Debug, Default)]
 pub struct BisectionEvidence {
-    /// Of a test by a rate: their comparison, pair by pair, and their runs.
-    pub compared: Option<(Comparison, [RunFile; 2])>,
+    /// Of a test by a rate: the section about their comparison, pair by pair.
+    comparison: String,
     /// The pages of these runs.
     pub reports: Vec<RunReport>,
     /// Of a test by counterexamples: those that the first failing one violates.
@@ -47,8 +47,8 @@ impl BisectionEvidence {
             runs.push(run);
             evidence.reports.push(report);
         }
-        if let Ok(runs) = <[RunFile; 2]>::try_from(runs) {
-            evidence.compared = Some((compare(&runs[0], &runs[1])?, runs));
+        if let [good, bad] = &runs[..] {
+            evidence.comparison = comparison_section(&compare(good, bad)?, [good, bad])?;
         }
         Ok(Some(evidence))
     }
@@ -94,10 +94,10 @@ pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String
     );
     body += &format!("<h3>Run it again</h3>\n<pre>{}</pre>\n</section>\n", lines(&commands(found)));
     body += &evidence.violated.html();
-    if let Some((comparison, [good, bad])) = &evidence.compared {
+    if !evidence.comparison.is_empty() {
         body +=
             "<p>Below, <b>A</b> is the last candidate that passes and <b>B</b> the first that fails.</p>\n";
-        body += &comparison_section(comparison, [good.header(), bad.header()]);
+        body += &evidence.comparison;
     }
     body.extend((1..).zip(&evidence.reports).map(|(id, report)| section::section(report, id)));
     let title = format!("bisection of {}", plural(found.candidates.len() as u64, "candidate"));

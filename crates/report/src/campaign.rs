@@ -1,8 +1,6 @@
 //! Pages of a campaign: one page per run, and an index that leads to them.
 
-use mishandle::evaluation::wilson;
-use mishandle::results::Answer;
-use mishandle::store::{RunKind, TrialStatus};
+use mishandle::results::{Answer, Estimate};
 use mishandle_text::{plural, probability_text};
 
 use crate::hardening::{self, HardeningSummary};
@@ -74,43 +72,35 @@ impl Verdict {
                     share: Some(value.unwrap_or(0.0)),
                 }
             }
-            _ if report.has_answer() => {
+            Some(Answer::Evaluation(found)) => {
+                let rate = &found.metrics.violation_rate;
+                let text = format!("{} of {} scenarios fail", found.metrics.violations, rate.n);
+                Verdict::of_rate(text, rate, found.metrics.simulations)
+            }
+            Some(Answer::Falsification(found)) => {
+                let text = format!("{} of {} trials falsified", words::falsified(found), found.trials.len());
+                Verdict::of_rate(text, &found.falsification_rate, found.simulations)
+            }
+            Some(Answer::Hardening(_)) | None => {
                 Verdict { text: "no answer".to_string(), interval: None, share: Some(0.0) }
             }
-            _ => Verdict::of_counts(report),
         }
     }
 
-    /// Returns the verdict of an evaluation or falsification.
-    fn of_counts(report: &RunReport) -> Verdict {
-        let ((failing, all), name) = if report.is_evaluation() {
-            (words::evaluated(report), "scenarios fail")
-        } else {
-            let (failing, all) = words::falsified(report);
-            ((failing as u64, all as u64), "trials falsified")
-        };
-        let rate = wilson(failing, all);
-        let interval = if report.is_evaluation() {
-            words::failure_interval(report, failing, all)
-        } else {
-            rate.low.zip(rate.high).map(<[f64; 2]>::from)
-        };
-        Verdict {
-            text: format!("{failing} of {all} {name}"),
-            interval: interval.map(|bounds| bounds.map(percent)),
-            share: rate.value,
-        }
+    /// Returns the verdict of an evaluation or falsification with this rate of failures.
+    fn of_rate(text: String, rate: &Estimate, simulations: u64) -> Verdict {
+        let interval = rate.low.zip(rate.high).map(|(low, high)| [low, high].map(percent));
+        Verdict { text, interval, share: rate.value.or((simulations > 0).then_some(0.0)) }
     }
 }
 
 impl RunSummary {
     /// Summarizes a run whose page or section is at `href`. `name` is its name in the campaign.
     pub fn new(report: &RunReport, name: &str, href: &str) -> RunSummary {
-        let planned =
-            report.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(1, |plan| plan.trials);
-        let has_ended = |trial: &&crate::load::Trial| trial.summary.trial.status != TrialStatus::Running;
-        let ended = report.trials.iter().filter(has_ended).count();
-        let is_falsification = report.header.kind == RunKind::Falsify;
+        let median = match &report.answer {
+            Some(Answer::Falsification(found)) => found.median_simulations,
+            _ => None,
+        };
         RunSummary {
             name: name.to_string(),
             href: href.to_string(),
@@ -118,8 +108,8 @@ impl RunSummary {
             search: report.header.search.clone(),
             space: report.header.space.clone(),
             verdict: Verdict::new(report),
-            is_complete: ended == report.trials.len() && ended as u64 >= u64::from(planned),
-            median: words::median(report).filter(|_| is_falsification),
+            is_complete: report.answer.as_ref().is_some_and(Answer::is_complete),
+            median,
             modes: report.modes.modes.len(),
             worst: words::worst(report),
             simulations: report.counts.simulations,

@@ -1,7 +1,7 @@
 //! Commands that run a simulation again.
 
+use mishandle::replay::replay_command;
 use mishandle::resolve::{has_scene, is_python};
-use mishandle::store::RunHeader;
 use mishandle_text::shell_quote;
 
 use crate::load::RunReport;
@@ -11,7 +11,7 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
     let run = shell_quote(&report.path);
     let at = format!("--trial {trial} --simulation {number}");
     let explain = format!("mishandle explain {run} {at}");
-    let replay = replay_command(&report.header, &report.path, trial, number);
+    let replay = replay_command(&report.header.target.kind, report.path.as_ref(), trial, number);
     let mut lines = if is_python(&report.header.target.kind) {
         let comment = "# in Python, with the same system, formula and space as the run:".to_string();
         vec![explain, comment, replay]
@@ -22,10 +22,4 @@ pub fn details(report: &RunReport, trial: u32, number: u32) -> String {
         lines.push(format!("mishandle render --run {run} {at} --out failure.mp4"));
     }
     format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", crate::html::lines(&lines))
-}
-
-/// Returns the command that replays a simulation; a line of Python if the target is a Python
-/// system.
-pub fn replay_command(header: &RunHeader, path: &str, trial: u32, number: u32) -> String {
-    mishandle::replay::replay_command(&header.target.kind, path.as_ref(), trial, number)
 }

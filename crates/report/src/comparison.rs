@@ -1,15 +1,15 @@
 //! The page of a comparison: what the second controller breaks and fixes, and where.
 
 use crate::charts::{Area, Chart, LinkedMark, Mark, Panel, Series, Shape};
-use mishandle::evaluation::{Corners, Estimate};
-use mishandle::inspect::{ComparedPair, Comparison};
-use mishandle::results::{ComparedRun, PairedMeans, PairedRates};
+use mishandle::MishandleError;
+use mishandle::evaluation::Corners;
+use mishandle::inspect::{ComparedPair, compared_pairs, judgment, sameness};
+use mishandle::results::{self, ComparedRun, Comparison, Estimate, Number, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
 use mishandle::run::{has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
-use crate::commands::replay_command;
 use crate::html::{figure, number, percent, short, table, text, visible};
 use crate::map::{SIZE, axis_label};
 use crate::page::Document;
@@ -20,6 +20,9 @@ use crate::{color, section, words};
 /// Largest numbers of rows in the tables of new and of fixed failures, and of commands below each.
 const MAX_ROWS: usize = 150;
 const MAX_COMMANDS: usize = 20;
+
+/// Largest number of pairs, evenly spaced, that rank the axes and of which dots are chosen.
+const MAX_SAMPLE: u64 = 3000;
 
 /// Largest number of marks of each outcome in a chart, and of dots.
 const MAX_MARKS: usize = 400;
@@ -33,10 +36,42 @@ const PAIR_AXES: usize = 3;
 
 /// Returns the page about a comparison of these runs: one HTML file without scripts, which loads
 /// nothing.
-pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> String {
+///
+/// # Errors
+/// If a run cannot be read.
+pub fn comparison_page(found: &Comparison, runs: [&RunFile; 2]) -> Result<String, MishandleError> {
     let title = format!("comparison of {}", text(&short(&found.target, 60)));
-    let body = comparison_section(found, runs.map(RunFile::header));
-    Document { title: &title, up: None, body: &body }.html()
+    let body = comparison_section(found, runs)?;
+    Ok(Document { title: &title, up: None, body: &body }.html())
+}
+
+/// The pairs that charts show.
+#[derive(Default)]
+struct Shown {
+    /// Evenly spaced pairs of any outcome.
+    sample: Vec<ComparedPair>,
+    /// The first pairs with each outcome, in its order, and the numbers of all of them.
+    marks: [Vec<ComparedPair>; 4],
+    counts: [u64; 4],
+}
+
+impl Shown {
+    fn new(found: &Comparison, [first, second]: [&RunFile; 2]) -> Result<Shown, MishandleError> {
+        let every = found.pairs.div_ceil(MAX_SAMPLE).max(1);
+        let mut shown = Shown::default();
+        for (index, pair) in (0_u64..).zip(compared_pairs(first, second)?) {
+            let pair = pair?;
+            let outcome = Outcome::of(&pair) as usize;
+            shown.counts[outcome] += 1;
+            if shown.marks[outcome].len() < MAX_MARKS {
+                shown.marks[outcome].push(pair.clone());
+            }
+            if index.is_multiple_of(every) {
+                shown.sample.push(pair);
+            }
+        }
+        Ok(shown)
+    }
 }
 
 /// Outcome of a pair.
@@ -50,11 +85,11 @@ enum Outcome {
 
 impl Outcome {
     fn of(pair: &ComparedPair) -> Outcome {
-        match (pair.first_succeeds, pair.second_succeeds) {
-            (true, true) => Outcome::BothSucceed,
-            (false, false) => Outcome::BothFail,
-            (false, true) => Outcome::Fixed,
-            (true, false) => Outcome::New,
+        match pair.succeeds {
+            [true, true] => Outcome::BothSucceed,
+            [false, false] => Outcome::BothFail,
+            [false, true] => Outcome::Fixed,
+            [true, false] => Outcome::New,
         }
     }
 
@@ -69,28 +104,29 @@ impl Outcome {
 }
 
 /// Returns the section about a comparison.
-pub(crate) fn comparison_section(found: &Comparison, headers: [&RunHeader; 2]) -> String {
-    let header = headers[0];
+pub(crate) fn comparison_section(found: &Comparison, runs: [&RunFile; 2]) -> Result<String, MishandleError> {
+    let header = runs[0].header();
     let axes: Vec<Axis> = header.axes.iter().map(recorded_axis).collect();
-    let ranking = ranking(found, &axes, has_random_rows(headers[0]));
+    let shown = Shown::new(found, runs)?;
+    let ranking = ranking(&shown.sample, &axes, has_random_rows(header));
     let mut columns: Vec<usize> = (0..axes.len()).collect();
     if columns.len() > MAX_COLUMNS {
         columns = ranking.first(MAX_COLUMNS);
     }
-    let view = View { found, headers, axes: &axes, ranking, columns };
+    let view = View { shown, axes: &axes, ranking, columns };
     let target = text(&short(&found.target, 60));
     let mut out = format!(
         "<section class=\"run\">\n<h2>{target}: {}.</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
          same scenarios with the same seeds.</p>\n<p><b>Requirement:</b> {}</p>\n<p>{}</p>\n{}",
-        found.judgment(),
+        judgment(&found.success),
         name(&found.first),
         name(&found.second),
         section::requirement(header),
-        text(&found.verdict()) + &corners_text(found),
+        text(&found.verdict) + &corners_text(found),
         tiles(found),
     );
     let mut notes: Vec<String> = Vec::new();
-    notes.extend(found.sameness().map(|sentence| text(&sentence) + "."));
+    notes.extend(sameness(&found.first, &found.second).map(|sentence| text(&sentence) + "."));
     notes.extend(without_verdict(found));
     notes.extend(found.differences.iter().map(|what| format!("A and B also differ in {}.", text(what))));
     if !notes.is_empty() {
@@ -99,10 +135,11 @@ pub(crate) fn comparison_section(found: &Comparison, headers: [&RunHeader; 2]) -
     }
     out.push_str(&format!("<h3>Differences</h3>\n{}", differences(found)));
     out.push_str(&format!("<h3>Where they differ</h3>\n{}", view.figures()));
-    let new = view.failures("New failures: A succeeds, B fails", "new", &found.new_failures, 1);
-    let fixed = view.failures("Fixed failures: A fails, B succeeds", "fixed", &found.fixed_failures, 0);
+    let [new, fixed] = found.changes();
+    let new = view.failures("New failures: A succeeds, B fails", "new", &found.new_failures, new);
+    let fixed = view.failures("Fixed failures: A fails, B succeeds", "fixed", &found.fixed_failures, fixed);
     out.push_str(&format!("<h3>New failures</h3>\n{new}<h3>Fixed failures</h3>\n{fixed}"));
-    out + &format!("<h3>What was compared</h3>\n{}</section>\n", facts(found, header))
+    Ok(out + &format!("<h3>What was compared</h3>\n{}</section>\n", facts(found, header)))
 }
 
 /// Names a run by its controller, or by its file.
@@ -122,8 +159,8 @@ fn name(run: &ComparedRun) -> String {
 /// Says how many of the new and the fixed failures are at the corners, which the verdict leaves
 /// out.
 fn corners_text(found: &Comparison) -> String {
-    let corners = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial == Corners::TRIAL).count();
-    match (corners(&found.new_failures), corners(&found.fixed_failures)) {
+    let [new, fixed] = found.changes();
+    match (new - found.success.first_only, fixed - found.success.second_only) {
         (0, 0) => String::new(),
         (new, fixed) => format!(
             " At the corners and the center of the initial box, which are no random sample, {} new and {fixed} fixed.",
@@ -149,13 +186,12 @@ fn without_verdict(found: &Comparison) -> Vec<String> {
 }
 
 fn tiles(found: &Comparison) -> String {
-    let random = |pairs: &[ComparedPair]| pairs.iter().filter(|pair| pair.trial != Corners::TRIAL).count();
     let rate = |rate: &Estimate| rate.value.map_or("–".to_string(), percent);
     let tiles = [
         (rate(&found.success.first), "of A's random simulations succeed"),
         (rate(&found.success.second), "of B's random simulations succeed"),
-        (random(&found.new_failures).to_string(), "new failures in random simulations"),
-        (random(&found.fixed_failures).to_string(), "fixed failures in random simulations"),
+        (found.success.first_only.to_string(), "new failures in random simulations"),
+        (found.success.second_only.to_string(), "fixed failures in random simulations"),
         (found.pairs.to_string(), "pairs of random simulations"),
     ];
     let tile = |(value, name): &(String, &str)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
@@ -183,8 +219,8 @@ fn differences(found: &Comparison) -> String {
     let mut rows = Vec::new();
     let rates = [
         ("success rate (%)", Some(&found.success)),
-        ("strict success rate (%)", found.strict.as_ref()),
-        ("careful success rate (%)", found.careful.as_ref()),
+        ("strict success rate (%)", found.strict_success.as_ref()),
+        ("careful success rate (%)", found.careful_success.as_ref()),
     ];
     for (name, rates) in rates.into_iter().filter_map(|(name, rates)| Some((name, rates?))) {
         let PairedRates { first, second, difference, p_value, .. } = rates;
@@ -227,8 +263,7 @@ fn differences(found: &Comparison) -> String {
 }
 
 struct View<'a> {
-    found: &'a Comparison,
-    headers: [&'a RunHeader; 2],
+    shown: Shown,
     axes: &'a [Axis],
     /// The axes by their effect on the change of the robustness.
     ranking: Ranking,
@@ -236,15 +271,18 @@ struct View<'a> {
     columns: Vec<usize>,
 }
 
-fn ranking(found: &Comparison, space: &[Axis], is_random: bool) -> Ranking {
+fn ranking(pairs: &[ComparedPair], space: &[Axis], is_random: bool) -> Ranking {
     let value = |pair: &ComparedPair, axis: usize| pair.scenario.get(axis).copied().flatten();
-    let has_values =
-        |axis: &usize| found.compared.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
+    let has_values = |axis: &usize| pairs.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
     let axes: Vec<usize> =
         (0..space.len()).filter(|axis| !space[*axis].is_fixed() && has_values(axis)).collect();
-    let change = |pair: &ComparedPair| Some(pair.second_robustness? - pair.first_robustness?);
-    let change = |pair: &ComparedPair| change(pair).filter(|change| change.is_finite());
-    Ranking::new(space, &axes, (&found.compared, is_random), value, change)
+    Ranking::new(space, &axes, (pairs, is_random), value, change)
+}
+
+/// Returns the change of the robustness if it is finite.
+fn change(pair: &ComparedPair) -> Option<f64> {
+    let [first, second] = pair.robustness;
+    Some(second? - first?).filter(|change| change.is_finite())
 }
 
 impl View<'_> {
@@ -263,9 +301,8 @@ impl View<'_> {
 
     fn scatter(&self) -> String {
         let finite = |value: Option<f64>| value.filter(|rho| rho.is_finite());
-        let at =
-            |pair: &ComparedPair| Some([finite(pair.first_robustness)?, finite(pair.second_robustness)?]);
-        let shown: Vec<[f64; 2]> = self.found.compared.iter().filter_map(at).collect();
+        let at = |pair: &ComparedPair| Some([finite(pair.robustness[0])?, finite(pair.robustness[1])?]);
+        let shown: Vec<[f64; 2]> = self.drawn().filter_map(at).collect();
         let [low, high] = crate::space::sane(around(shown.iter().flatten().copied()));
         let mut areas = Vec::new();
         if low < 0.0 && high > 0.0 {
@@ -277,7 +314,7 @@ impl View<'_> {
         lines.push(Series::new(color::LIMIT, Mark::DashedLine, [[0.0, low], [0.0, high]]));
         let axes = [linear("robustness of A", [low, high]), linear("robustness of B", [low, high])];
         let svg = self.chart(axes, areas, lines, &at, "Robustness of B against robustness of A");
-        let missing = self.found.compared.len() - shown.len();
+        let missing = self.drawn().count() - shown.len();
         let missing = match missing {
             0 => String::new(),
             n => format!(
@@ -313,12 +350,9 @@ impl View<'_> {
         match self.ranking.shown(PAIR_AXES)[..] {
             [] => Vec::new(),
             [axis] => {
-                let at = |pair: &ComparedPair| {
-                    let change = pair.second_robustness? - pair.first_robustness?;
-                    Some([value(pair, axis)?, Some(change).filter(|change| change.is_finite())?])
-                };
+                let at = |pair: &ComparedPair| Some([value(pair, axis)?, change(pair)?]);
                 let x = chart_axis(&self.axes[axis]);
-                let range = around(self.found.compared.iter().filter_map(|pair| at(pair).map(|[_, y]| y)));
+                let range = around(self.drawn().filter_map(|pair| at(pair).map(|[_, y]| y)));
                 let limit = Series::new(color::LIMIT, Mark::DashedLine, x.range.map(|end| [end, 0.0]));
                 let what = format!("Change of the robustness over {}", self.axes[axis].name);
                 let y = linear("robustness, B − A", range);
@@ -341,9 +375,8 @@ impl View<'_> {
         at: &dyn Fn(&ComparedPair) -> Option<[f64; 2]>,
         what: &str,
     ) -> String {
-        let of =
-            |outcome: Outcome| self.found.compared.iter().filter(move |pair| Outcome::of(pair) == outcome);
-        let dots: Vec<[f64; 2]> = of(Outcome::BothSucceed).filter_map(at).collect();
+        let both_succeed = self.shown.sample.iter().filter(|pair| Outcome::of(pair) == Outcome::BothSucceed);
+        let dots: Vec<[f64; 2]> = both_succeed.filter_map(at).collect();
         let every = dots.len().div_ceil(MAX_DOTS).max(1);
         series.push(Series::new(color::PASS, Mark::Dot, dots.into_iter().step_by(every)));
         let mut marks = Vec::new();
@@ -353,11 +386,11 @@ impl View<'_> {
                 Outcome::Fixed => (Shape::Ring, color::PASS, Some("fixed")),
                 _ => (Shape::Square, color::LIMIT, None),
             };
-            for (index, pair) in of(outcome).take(MAX_MARKS).enumerate() {
+            for (index, pair) in self.shown.marks[outcome as usize].iter().enumerate() {
                 let Some([x, y]) = at(pair) else { continue };
                 let href = list
                     .filter(|_| index < MAX_ROWS)
-                    .map_or(String::new(), |list| format!("#{}", row_id(list, pair)));
+                    .map_or(String::new(), |list| format!("#{}", row_id(list, pair.trial, pair.number)));
                 // The Tab key stops at the first of each kind.
                 let is_tab_stop = index == 0;
                 marks.push(LinkedMark {
@@ -371,7 +404,7 @@ impl View<'_> {
                 });
             }
         }
-        let count = |outcome| of(outcome).count();
+        let count = |outcome: Outcome| self.shown.counts[outcome as usize];
         let label = format!(
             "{what}: {} new failures, {} fixed failures, {} fail in both",
             count(Outcome::New),
@@ -398,14 +431,21 @@ impl View<'_> {
             outcome.words(),
             pair.trial,
             pair.number,
-            robustness(pair.first_robustness),
-            robustness(pair.second_robustness),
+            robustness(pair.robustness[0]),
+            robustness(pair.robustness[1]),
             values.join(", ")
         )
     }
 
-    /// Returns a table of failures of run `failing`, with the commands that replay them.
-    fn failures(&self, caption: &str, list: &str, pairs: &[ComparedPair], failing: usize) -> String {
+    /// Returns the pairs of the charts: those with marks, and the dots.
+    fn drawn(&self) -> impl Iterator<Item = &ComparedPair> {
+        let is_dot = |pair: &&ComparedPair| Outcome::of(pair) == Outcome::BothSucceed;
+        let marks = self.shown.marks[1..].iter().flatten();
+        self.shown.sample.iter().filter(is_dot).chain(marks)
+    }
+
+    /// Returns a table of the first of `all` failures, with the commands that replay them.
+    fn failures(&self, caption: &str, list: &str, pairs: &[results::ComparedPair], all: u64) -> String {
         if pairs.is_empty() {
             return "<p>None.</p>\n".to_string();
         }
@@ -414,28 +454,29 @@ impl View<'_> {
         head.extend(self.columns.iter().map(|axis| axis_label(&self.axes[*axis])));
         head.push("seed".to_string());
         let head: String = head.iter().map(|cell| format!("<th scope=\"col\">{cell}</th>")).collect();
-        let row = |pair: &ComparedPair| {
+        let rho = |value: Option<Number>| robustness(value.map(|value| value.0));
+        let row = |pair: &results::ComparedPair| {
             let value = |axis: &usize| {
-                let found = pair.scenario.get(*axis).copied().flatten();
+                let found = pair.scenario.get(&self.axes[*axis].name).copied().flatten();
                 format!("<td>{}</td>", text(&value_text(&self.axes[*axis], found)))
             };
             let values: String = self.columns.iter().map(value).collect();
             format!(
                 "<tr id=\"{}\"><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{values}<td class=\"seed\">{}</td></tr>\n",
-                row_id(list, pair),
+                row_id(list, pair.trial, pair.simulation),
                 pair.trial,
-                pair.number,
-                robustness(pair.first_robustness),
-                robustness(pair.second_robustness),
-                pair.seed
+                pair.simulation,
+                rho(pair.first_robustness),
+                rho(pair.second_robustness),
+                pair.seed.0
             )
         };
         let rows: String = pairs.iter().take(MAX_ROWS).map(row).collect();
         let mut notes = Vec::new();
-        if pairs.len() > MAX_ROWS {
+        if all > MAX_ROWS as u64 {
             notes.push(format!(
-                "The first {MAX_ROWS} of {} are shown; <code>mishandle compare --json</code> lists all.",
-                pairs.len()
+                "The first {MAX_ROWS} of {all} are shown; <code>mishandle compare --json</code> lists {}.",
+                if all > pairs.len() as u64 { "more" } else { "all" }
             ));
         }
         if self.axes.len() > self.columns.len() {
@@ -456,17 +497,11 @@ impl View<'_> {
         } else {
             format!("<p class=\"notes\">{}</p>\n", notes.join(" "))
         };
-        let run = if failing == 0 { &self.found.first } else { &self.found.second };
-        let commands: Vec<String> = pairs
-            .iter()
-            .take(MAX_COMMANDS)
-            .map(|pair| replay_command(self.headers[failing], &run.run, pair.trial, pair.number))
-            .collect();
+        let commands: Vec<String> = pairs.iter().take(MAX_COMMANDS).map(|pair| pair.replay.clone()).collect();
         format!(
-            "<div class=\"scroll tall\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption} ({})</caption>\
+            "<div class=\"scroll tall\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\"><table><caption>{caption} ({all})</caption>\
              <thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>\n{notes}<details><summary>Run {} \
              again</summary><pre>{}</pre></details>\n",
-            pairs.len(),
             if pairs.len() > MAX_COMMANDS { format!("the first {MAX_COMMANDS}") } else { "them".to_string() },
             crate::html::lines(&commands)
         )
@@ -477,8 +512,8 @@ fn robustness(value: Option<f64>) -> String {
     value.map_or("no verdict".to_string(), number)
 }
 
-fn row_id(list: &str, pair: &ComparedPair) -> String {
-    format!("{list}-t{}-s{}", pair.trial, pair.number)
+fn row_id(list: &str, trial: u32, number: u32) -> String {
+    format!("{list}-t{trial}-s{number}")
 }
 
 /// Returns the table of both runs and what they share.

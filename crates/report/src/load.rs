@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use mishandle::evaluation::{Corners, Lifetime};
+use mishandle::evaluation::{Corners, Lifetime, lifetimes};
 use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
 use mishandle::portable::portable_plan;
-use mishandle::results::{Answer, AxisRates, Evaluation, Requirement};
+use mishandle::results::{Answer, AxisRates, Requirement};
 use mishandle::rollout::Axis;
-use mishandle::run::{recorded_answer, recorded_axis, recorded_episode, requirements, stops_by_itself};
+use mishandle::run::{recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
-use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialStatus, TrialSummary};
+use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 use crate::measure::Measured;
@@ -44,22 +44,17 @@ pub struct RunReport {
     pub(crate) trials: Vec<Trial>,
     /// Some of the simulations, all failures among them unless they are very many.
     pub(crate) points: Vec<Point>,
-    /// Of an evaluation: the robustness of all random simulations, and the simulations of corners.
+    /// Of an evaluation: the robustness of all random simulations.
     pub(crate) robustness: Vec<f64>,
-    pub(crate) corners: Vec<CornerSimulation>,
-    /// The answer of an evaluation, also of an unfinished one.
-    pub(crate) evaluation: Option<Evaluation>,
+    /// The answer, also of an unfinished run; `None` if it is missing, with a note.
+    pub(crate) answer: Option<Answer>,
     /// The requirements with a verdict of their own.
     pub(crate) requirements: Vec<Requirement>,
-    /// Whether the results decide how many simulations there are.
-    pub(crate) stops_by_itself: bool,
     pub(crate) modes: FailureModes,
     /// Of a falsification whose trials keep going.
     pub(crate) survey: Option<ModeSurvey>,
     /// The representatives of the first modes, explained.
     pub(crate) representatives: Vec<ExplainedSimulation>,
-    /// Of a margin or a failure probability: the answer.
-    pub(crate) answer: Option<Answer>,
     /// Of a margin: the simulation with the smallest disturbance that was found, explained.
     pub(crate) witness: Option<ExplainedSimulation>,
     pub(crate) measured: Option<Measured>,
@@ -93,15 +88,6 @@ pub struct Point {
     pub is_linked: bool,
 }
 
-/// A simulation at a corner or the center of the initial box.
-#[derive(Clone, Debug)]
-pub struct CornerSimulation {
-    pub point: Point,
-    /// Whether it succeeds strictly, and carefully; `None` without such a formula.
-    pub strict: Option<bool>,
-    pub careful: Option<bool>,
-}
-
 impl Point {
     pub fn fails(&self) -> bool {
         self.robustness.is_some_and(is_violated)
@@ -126,9 +112,17 @@ impl RunReport {
     /// Reads the facts of a run. `path` is its name on the page and in the commands that the page
     /// shows.
     ///
+    /// `resolved` is the plan of the run with a target that is not part of this program, such as a
+    /// Python system, or whose files were moved. If the answer takes the target, and it is missing,
+    /// the page says so.
+    ///
     /// # Errors
     /// If the run cannot be read, or a formula has no finite value on a recorded trace.
-    pub fn load(run: &RunFile, path: &str) -> Result<RunReport, MishandleError> {
+    pub fn load(
+        run: &RunFile,
+        path: &str,
+        resolved: Option<&ResolvedPlan>,
+    ) -> Result<RunReport, MishandleError> {
         let header = run.header().clone();
         let counts = run.counts()?;
         let mut trials: Vec<Trial> = run
@@ -157,19 +151,23 @@ impl RunReport {
         let every = others.div_ceil((MAX_POINTS - MAX_FAILURES) as u64).max(1);
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
-        let has = |name: &str| header.formulas.iter().any(|formula| formula.name == name);
-        let has_strict = has("strict");
-        let has_careful = has("careful");
         let mut notes = Vec::new();
-        let mut evaluation = None;
-        if header.kind == RunKind::Evaluate {
-            match recorded_answer(run, None) {
-                Ok(answer) => evaluation = Some(answer.try_into().map_err(MishandleError::from)?),
-                Err(error) => notes.push(format!("The rates are missing: {error}.")),
+        let is_direct = plan.as_ref().is_some_and(|plan| plan.screening.is_none());
+        let needs_target = !(is_direct && matches!(header.kind, RunKind::Evaluate | RunKind::Falsify));
+        let answer = match recorded_answer(run, resolved.filter(|_| needs_target)) {
+            Ok(answer) => Some(answer),
+            Err(_) if counts.simulations == 0 => None,
+            Err(error) => {
+                notes.push(format!("The answer is missing: {error}."));
+                None
             }
-        }
+        };
+        let witness = match &answer {
+            Some(Answer::Margin(found)) => found.witness.as_ref(),
+            _ => None,
+        };
+        let witness = witness.map(|witness| explain(run, WITNESS_TRIAL, witness.simulation, None));
         let mut robustness = Vec::new();
-        let mut corners = Vec::new();
         let mut points = Vec::new();
         let mut index = 0_u64;
         let mut failures = 0_usize;
@@ -189,18 +187,8 @@ impl RunReport {
                     trial.first_failure = Some(number);
                 }
             }
-            match simulation.trial {
-                _ if header.kind != RunKind::Evaluate => {}
-                Corners::TRIAL => {
-                    let episode = recorded_episode(&simulation);
-                    let point = Point::from(simulation.clone());
-                    let strict = has_strict.then(|| episode.is_strict_success());
-                    let careful = has_careful.then(|| episode.is_careful_success());
-                    if episode.end.counts_in_rates() {
-                        corners.push(CornerSimulation { point, strict, careful });
-                    }
-                }
-                _ => robustness.extend(rho),
+            if header.kind == RunKind::Evaluate && simulation.trial != Corners::TRIAL {
+                robustness.extend(rho);
             }
             let mut point = Point::from(simulation);
             let is_chosen = is_representative(point.trial, point.number);
@@ -232,9 +220,9 @@ impl RunReport {
         notes.extend(preflight.chain(reasons));
         Ok(RunReport {
             path: path.to_string(),
-            stops_by_itself: plan.as_ref().is_some_and(stops_by_itself),
             plan,
-            evaluation,
+            answer,
+            witness: witness.transpose()?,
             requirements: requirements(run)?.unwrap_or_default(),
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
@@ -242,60 +230,13 @@ impl RunReport {
             trials,
             points,
             robustness,
-            corners,
             modes,
             survey,
             representatives,
-            answer: None,
-            witness: None,
             measured: None,
             no_simulations: None,
             notes,
         })
-    }
-
-    /// Adds the answer of a margin, a metamorphic test or a failure probability, which follows from
-    /// the recorded simulations and the target. `controller` is the present path of the run's
-    /// controller, if the file was moved. If the target of the run is not available, the page says
-    /// so.
-    ///
-    /// # Errors
-    /// If the simulations are not those that the question asks.
-    pub fn add_answer(&mut self, run: &RunFile, controller: Option<&str>) -> Result<(), MishandleError> {
-        if !self.has_answer() {
-            return Ok(());
-        }
-        match mishandle::resolve::recorded_plan(run.header(), controller) {
-            Ok(resolved) => self.add_answer_of(run, &resolved),
-            Err(error) => {
-                self.add_note(format!("The answer is missing, because it takes the target: {error}."));
-                Ok(())
-            }
-        }
-    }
-
-    /// Like [`add_answer`](Self::add_answer), with a target that is not part of this program, such
-    /// as a Python system.
-    ///
-    /// # Errors
-    /// If the simulations are not those that the question asks.
-    pub fn add_answer_of(&mut self, run: &RunFile, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
-        if !self.has_answer() || self.counts.simulations == 0 {
-            return Ok(());
-        }
-        let answer = recorded_answer(run, Some(resolved))?;
-        if let Answer::Margin(found) = &answer
-            && let Some(witness) = &found.witness
-        {
-            self.witness = Some(explain(run, WITNESS_TRIAL, witness.simulation, None)?);
-        }
-        self.answer = Some(answer);
-        Ok(())
-    }
-
-    /// Returns whether the run is a margin, a metamorphic test or a failure probability.
-    pub(crate) fn has_answer(&self) -> bool {
-        matches!(self.header.kind, RunKind::Margin | RunKind::Metamorphic | RunKind::Risk)
     }
 
     /// Says on the page that nothing was simulated, and why.
@@ -327,7 +268,15 @@ impl RunReport {
 
     /// Returns success over the values of the axes, of an evaluation.
     pub(crate) fn axis_rates(&self) -> Option<&AxisRates> {
-        self.evaluation.as_ref()?.axis_rates.as_ref()
+        match &self.answer {
+            Some(Answer::Evaluation(found)) => found.axis_rates.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// Returns whether the results decide how many simulations there are.
+    pub(crate) fn stops_by_itself(&self) -> bool {
+        self.plan.as_ref().is_some_and(stops_by_itself)
     }
 
     pub(crate) fn is_evaluation(&self) -> bool {
@@ -339,20 +288,11 @@ impl RunReport {
         self.trials.iter().filter(|trial| trial.summary.counts.simulations > 0)
     }
 
-    /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within
-    /// its budget, so its trial is censored at the budget.
-    pub fn lifetimes(&self) -> Vec<Lifetime> {
-        let budget =
-            self.plan.as_ref().and_then(|plan| plan.falsify.as_ref()).map_or(0, |falsify| falsify.budget);
-        let lifetime = |trial: &Trial| {
-            let last = trial.summary.counts.simulations as u32;
-            match (trial.first_failure, trial.summary.trial.status) {
-                (Some(number), _) => Some(Lifetime::failed(number)),
-                (None, TrialStatus::Running) => None,
-                (None, TrialStatus::Converged) => Some(Lifetime::censored(last.max(budget))),
-                (None, _) => Some(Lifetime::censored(last)),
-            }
-        };
-        self.searches().filter_map(lifetime).collect()
+    /// Returns the lifetimes of the trials that ended, of a falsification.
+    pub(crate) fn lifetimes(&self) -> Vec<Lifetime> {
+        match &self.answer {
+            Some(Answer::Falsification(found)) => lifetimes(&found.trials, found.budget),
+            _ => Vec::new(),
+        }
     }
 }

@@ -3,16 +3,16 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use mishandle::evaluation::{Corners, Estimate, Repeats, wilson};
+use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, wilson};
 use mishandle::falsification::{Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
-use mishandle::results::Noise;
+use mishandle::results::{self, Noise};
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
 use crate::RunReport;
-use crate::load::{CornerSimulation, MAX_MODES, Point};
+use crate::load::MAX_MODES;
 use crate::pictures::{self, Painter, PictureError, Pictures};
 use crate::sensitivity::{self, Sensitivity};
 
@@ -37,7 +37,7 @@ pub struct Measured {
     /// Total effects of the axes.
     pub sensitivity: Option<Sensitivity>,
     /// Corners and center of the initial box. For an evaluation, they are in the run file.
-    pub corners: Vec<CornerSimulation>,
+    pub corners: Option<results::Corners>,
 }
 
 /// Numbers of random scenarios of the simulations of a report.
@@ -205,16 +205,19 @@ impl RunReport {
         if let Some(corners) = corners {
             let requests: Vec<Request> =
                 (1..=corners.simulations()).filter_map(|number| corners.request(number)).collect();
+            let mut counter = corners.counter(FormulaRoles::default(), false, |_| None);
             for batch in requests.chunks(BATCH) {
                 if is_interrupted.get() {
                     break;
                 }
-                for episode in system.rollout(batch)? {
+                for mut episode in system.rollout(batch)? {
                     let _ = count(&episode);
-                    let corner = CornerSimulation { point: point(&episode), strict: None, careful: None };
-                    measured.corners.extend(episode.end.counts_in_rates().then_some(corner));
+                    // The page says where the requirement of the run fails.
+                    episode.verdict.success = episode.verdict.robustness;
+                    counter.add(&episode);
                 }
             }
+            measured.corners = Some(counter.report());
         }
         if is_interrupted.get() {
             return Ok(Measurement::Interrupted);
@@ -297,19 +300,6 @@ fn patch(
     }
     let volume = bounds.iter().map(|[low, high]| high - low).product();
     Ok(Patch { volume, failures: failing, failing: wilson(failing, decided) })
-}
-
-fn point(episode: &Episode) -> Point {
-    let Request { number, seed, ref scenario, .. } = episode.request;
-    Point {
-        trial: Corners::TRIAL,
-        number,
-        seed: seed.0,
-        scenario: scenario.values().to_vec(),
-        robustness: episode.robustness(),
-        end: "",
-        is_linked: false,
-    }
 }
 
 #[cfg(test)]

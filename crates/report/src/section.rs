@@ -1,7 +1,7 @@
 //! The section of one run.
 
 use mishandle::resolve::recorded_guard;
-use mishandle::results::{Answer, Noise};
+use mishandle::results::{Answer, Metrics, Noise};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 use mishandle::store::{RunHeader, RunKind};
 
@@ -45,7 +45,7 @@ pub fn section(report: &RunReport, id: usize) -> String {
     }
     if let Some(rates) = report.axis_rates() {
         out.push_str(&axis_rates::section(rates, "the random simulations"));
-        if report.stops_by_itself {
+        if report.stops_by_itself() {
             out.push_str(
                 "<p>All these intervals hold at any time, because a rule ended the evaluation.</p>\n",
             );
@@ -57,8 +57,12 @@ pub fn section(report: &RunReport, id: usize) -> String {
     if let Some(noise) = report.measured.as_ref().and_then(|measured| measured.noise) {
         out.push_str(&format!("<h3>Noise</h3>\n<p>{}</p>\n", noise_text(&noise)));
     }
-    if !report.has_answer() {
-        let heading = if report.is_evaluation() { "How robust it is" } else { "How the search went" };
+    let heading = match report.header.kind {
+        RunKind::Evaluate => Some("How robust it is"),
+        RunKind::Falsify => Some("How the search went"),
+        _ => None,
+    };
+    if let Some(heading) = heading {
         out.push_str(&format!("<h3 id=\"r{id}-search\">{heading}</h3>\n{}", curves::figures(report)));
     }
     if report.header.kind == RunKind::Falsify {
@@ -98,12 +102,26 @@ fn tiles(report: &RunReport) -> String {
         Some(Answer::Margin(found)) => margin::tiles(found),
         Some(Answer::Metamorphic(found)) => metamorphic::tiles(found),
         Some(Answer::Risk(found)) => risk::tiles(found),
-        _ => simulation_tiles(report),
+        Some(Answer::Evaluation(found)) => {
+            let Metrics { violations, violation_rate, .. } = &found.metrics;
+            vec![(format!("{violations} of {}", violation_rate.n), "random scenarios fail".to_string())]
+        }
+        Some(Answer::Falsification(found)) => {
+            let median = found.median_simulations.map_or("–".to_string(), |median| median.to_string());
+            vec![
+                (
+                    format!("{} of {}", words::falsified(found), found.trials.len()),
+                    "trials falsified".to_string(),
+                ),
+                (median, "simulations to a failure (median)".to_string()),
+            ]
+        }
+        Some(Answer::Hardening(_)) | None => Vec::new(),
     };
     let modes = report.modes.modes.len();
     tiles.push((modes.to_string(), if modes == 1 { "failure mode" } else { "failure modes" }.to_string()));
     tiles.push((words::worst(report).map_or("–".to_string(), number), "lowest robustness".to_string()));
-    if report.answer.is_none() {
+    if matches!(report.answer, Some(Answer::Evaluation(_) | Answer::Falsification(_)) | None) {
         tiles.push((report.counts.simulations.to_string(), "simulations".to_string()));
     }
     let share =
@@ -111,23 +129,6 @@ fn tiles(report: &RunReport) -> String {
     tiles.extend(share.map(|share| (percent(1.0 - share), "of the variance is noise".to_string())));
     let tile = |(value, name): &(String, String)| format!("<div><dd>{value}</dd><dt>{name}</dt></div>");
     format!("<dl class=\"tiles\">{}</dl>\n", tiles.iter().map(tile).collect::<String>())
-}
-
-/// Returns the key numbers of an evaluation or falsification.
-fn simulation_tiles(report: &RunReport) -> Vec<(String, String)> {
-    if report.is_evaluation() {
-        let (failing, decided) = words::evaluated(report);
-        return vec![(format!("{failing} of {decided}"), "random scenarios fail".to_string())];
-    }
-    if report.has_answer() {
-        return Vec::new();
-    }
-    let (found, trials) = words::falsified(report);
-    let median = words::median(report).map_or("–".to_string(), |median| median.to_string());
-    vec![
-        (format!("{found} of {trials}"), "trials falsified".to_string()),
-        (median, "simulations to a failure (median)".to_string()),
-    ]
 }
 
 fn noise_text(noise: &Noise) -> String {

@@ -1,11 +1,11 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
-use mishandle::evaluation::Estimate;
-use mishandle::results::Requirement;
+use mishandle::results::{Answer, CornerPoint, Estimate, Requirement};
+use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
 
 use crate::html::{number, percent, table, text};
-use crate::load::{CornerSimulation, Point, RunReport};
+use crate::load::{Point, RunReport};
 use crate::map::axis_label;
 use crate::space::value_text;
 
@@ -101,12 +101,12 @@ pub fn rates(report: &RunReport) -> String {
 
 /// Returns what the intervals of the rates are.
 pub fn interval_head(report: &RunReport) -> &'static str {
-    if report.stops_by_itself { "95 % interval at any time" } else { "95 % interval" }
+    if report.stops_by_itself() { "95 % interval at any time" } else { "95 % interval" }
 }
 
 /// Returns the rows of the rates of an evaluation: name, value, interval and number of simulations.
 pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
-    let Some(evaluation) = &report.evaluation else { return Vec::new() };
+    let Some(Answer::Evaluation(evaluation)) = &report.answer else { return Vec::new() };
     let found = &evaluation.metrics;
     let steps = |value: f64| format!("{} ({} s)", number(value), number(value * report.header.control_dt));
     let row = |(name, estimate, show): (&str, Option<Estimate>, &dyn Fn(f64) -> String)| {
@@ -146,7 +146,7 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
 /// Returns sentences about the rates: what fails only under the perturbation, and what ended the
 /// evaluation.
 pub fn rate_notes(report: &RunReport) -> Vec<String> {
-    let Some(found) = &report.evaluation else { return Vec::new() };
+    let Some(Answer::Evaluation(found)) = &report.answer else { return Vec::new() };
     let control = found.control.iter().map(|control| {
         format!(
             "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.{}",
@@ -263,121 +263,64 @@ pub fn axes(report: &RunReport) -> String {
     table("Axes of the space", &head, &rows) + &more(report.axes.len(), MAX_AXES, "axes")
 }
 
-/// Says at how many corners all simulations succeed strictly and carefully; empty without such
-/// formulas.
-fn manner(report: &RunReport, simulations: &[&CornerSimulation]) -> String {
-    type Holds = fn(&CornerSimulation) -> Option<bool>;
-    let manners: [(&str, Holds); 2] =
-        [("strictly", |found| found.strict), ("carefully", |found| found.careful)];
-    let sentence = |(name, holds): (&str, Holds)| {
-        let mut corners: Vec<(&[Option<f64>], bool)> = Vec::new();
-        for simulation in simulations.iter().filter(|found| !is_center(report, &found.point.scenario)) {
-            let scenario = &simulation.point.scenario[..];
-            let holds = holds(simulation)?;
-            match corners.iter_mut().find(|(known, _)| *known == scenario) {
-                Some((_, all)) => *all &= holds,
-                None => corners.push((scenario, holds)),
-            }
-        }
-        let all = corners.iter().filter(|(_, holds)| *holds).count();
-        Some(format!(" All simulations succeed {name} at {all} of {} corners.", corners.len()))
-    };
-    manners.into_iter().filter_map(sentence).collect()
-}
-
-/// Returns whether a scenario is the center of the initial box: not at the end of an axis of the
-/// initial state.
-fn is_center(report: &RunReport, scenario: &[Option<f64>]) -> bool {
-    let mut starts = report.header.axes.iter().zip(scenario).filter(|(axis, _)| axis.kind == "start");
-    starts.any(|(axis, value)| value.is_some_and(|value| value != axis.low && value != axis.high))
-}
-
 /// Returns what happens at the corners and the center of the initial box; `None` if they were not
 /// simulated.
 pub fn corners(report: &RunReport) -> Option<String> {
-    let recorded: Vec<&CornerSimulation> = if report.is_evaluation() {
-        report.corners.iter().collect()
-    } else {
-        report.measured.iter().flat_map(|measured| &measured.corners).collect()
-    };
-    // Points with their numbers of failing, decided and all simulations.
-    let mut places: Vec<(&Point, [u32; 3])> = Vec::new();
-    for CornerSimulation { point, .. } in &recorded {
-        let counts = [u32::from(point.fails()), u32::from(point.robustness.is_some()), 1];
-        match places.iter_mut().find(|(place, _)| place.scenario == point.scenario) {
-            Some((_, known)) => known.iter_mut().zip(counts).for_each(|(known, count)| *known += count),
-            None => places.push((point, counts)),
-        }
-    }
-    if places.is_empty() {
-        return None;
-    }
-    let is_failing = |(_, [failing, ..]): &&(&Point, [u32; 3])| *failing > 0;
-    let failing: Vec<&(&Point, [u32; 3])> = places.iter().filter(is_failing).collect();
-    let (centers, corners): (Vec<_>, Vec<_>) =
-        places.iter().partition(|(place, _)| is_center(report, &place.scenario));
-    let count = |places: &[&(&Point, [u32; 3])], is: &dyn Fn(&[u32; 3]) -> bool| {
-        places.iter().filter(|(_, counts)| is(counts)).count()
-    };
-    let failing_corners = count(&corners, &|[failing, ..]| *failing > 0);
-    let undecided = count(&corners, &|[_, decided, _]| *decided == 0);
-    let seeds = places.iter().map(|(_, [.., all])| *all).max().unwrap_or(1);
+    let found = match &report.answer {
+        Some(Answer::Evaluation(found)) => found.corners.as_ref(),
+        _ => report.measured.as_ref().and_then(|measured| measured.corners.as_ref()),
+    }?;
+    // An interrupted evaluation has not simulated all of them.
+    let points: Vec<&CornerPoint> = found.points.iter().filter(|point| point.counts && point.n > 0).collect();
+    let (corners, center): (Vec<&CornerPoint>, Vec<&CornerPoint>) =
+        points.iter().copied().partition(|point| point.kind == "corner");
+    let n = corners.len();
+    let without_verdict = corners.iter().filter(|point| !point.has_verdict()).count();
+    let failing_corners = corners.iter().filter(|point| point.violations() > 0).count();
+    let seeds = found.seeds;
     let each = if seeds > 1 { format!(" in at least one of {seeds} simulations") } else { String::new() };
     let verb = if failing_corners == 1 { "fails" } else { "fail" };
-    let center = match centers.first() {
+    let center = match center.first() {
         None => "was not simulated",
-        Some((_, [_, 0, _])) => "has no verdict",
-        Some((_, [0, ..])) => "does not",
+        Some(center) if center.verdicts() == 0 => "has no verdict",
+        Some(center) if center.violations() == 0 => "does not",
         Some(_) => "fails",
     };
-    let is_tested = undecided < corners.len();
-    let rest = match undecided {
-        _ if !is_tested => String::new(),
-        0 => String::new(),
-        n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
-    };
-    let (what, manner) = if is_tested {
-        let what =
-            format!("{failing_corners} of the {} corners of the initial box {verb}{each}", corners.len());
-        (what, manner(report, &recorded))
+    let is_tested = without_verdict < n;
+    let what = if is_tested {
+        let rest = match without_verdict {
+            0 => String::new(),
+            n => format!(" {} without a verdict.", mishandle_text::plural(n as u64, "corner")),
+        };
+        let manners = [("strictly", found.strictly_succeeding), ("carefully", found.carefully_succeeding)];
+        let manner = manners.into_iter().filter_map(|(name, all)| {
+            Some(format!(" All simulations succeed {name} at {} of {n} corners.", all?))
+        });
+        format!(
+            "{failing_corners} of the {n} corners of the initial box {verb}{each}; its center {center}.{rest}{}",
+            manner.collect::<String>()
+        )
     } else {
-        ("No simulation at the corners of the initial box has a verdict".to_string(), String::new())
+        format!("No simulation at the corners of the initial box has a verdict; its center {center}.")
     };
-    let intro = format!(
-        "<p>{what}; its center {center}.{rest}{manner} Random scenarios hardly ever meet a corner.</p>\n"
-    );
-    let rows: Vec<Vec<String>> = failing
-        .iter()
-        .take(MAX_CORNERS)
-        .map(|(place, [failing, decided, _])| {
-            let named = report
-                .axes
-                .iter()
-                .zip(&place.scenario)
-                .filter(|(axis, value)| **value != axis.nominal || axis.nominal.is_none());
-            let values: Vec<String> = named
-                .take(VALUE_COLUMNS)
-                .map(|(axis, value)| {
-                    format!(
-                        "{} = {}",
-                        text(&crate::html::short(&axis.name, 30)),
-                        text(&value_text(axis, *value))
-                    )
-                })
-                .collect();
-            let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };
-            vec![
-                place,
-                format!(
-                    "{failing} of {decided} ({})",
-                    percent(f64::from(*failing) / f64::from((*decided).max(1)))
-                ),
-            ]
-        })
-        .collect();
-    Some(if rows.is_empty() {
-        intro
-    } else {
-        intro + &table("Failing corners", &["place", "failures"], &rows)
-    })
+    let intro = format!("<p>{what} Random scenarios hardly ever meet a corner.</p>\n");
+    let row = |point: &&CornerPoint| {
+        let values = report.axes.iter().zip(point.scenario.values().copied());
+        let named = values.filter(|(axis, value)| *value != axis.nominal || axis.nominal.is_none());
+        let value = |(axis, value): (&Axis, Option<f64>)| {
+            format!("{} = {}", text(&crate::html::short(&axis.name, 30)), text(&value_text(axis, value)))
+        };
+        let values: Vec<String> = named.take(VALUE_COLUMNS).map(value).collect();
+        let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };
+        let failures = point.violations();
+        let decided = point.verdicts();
+        let share = percent(f64::from(failures) / f64::from(decided.max(1)));
+        vec![place, format!("{failures} of {decided} ({share})")]
+    };
+    let failing = points.iter().filter(|point| point.violations() > 0);
+    let rows: Vec<Vec<String>> = failing.take(MAX_CORNERS).map(row).collect();
+    if rows.is_empty() {
+        return Some(intro);
+    }
+    Some(intro + &table("Failing corners", &["place", "failures"], &rows))
 }

@@ -23,8 +23,7 @@ fn asked(plan: &Plan, calls: u64) -> (Answer, String) {
     });
     let answer = answer.unwrap();
     let run = RunFile::open(&path).unwrap();
-    let mut report = RunReport::load(&run, "runs/run.sqlite").unwrap();
-    report.add_answer(&run, None).unwrap();
+    let report = RunReport::load(&run, "runs/run.sqlite", None).unwrap();
     (answer, page(&[report]))
 }
 

@@ -96,12 +96,15 @@ fn write(path: &Path, header: &RunHeader, trials: &[(u32, bool)]) {
     writer.close().unwrap();
 }
 
-fn html(axes: usize, text: &str, trials: &[(u32, bool)]) -> String {
+/// The plan of a falsification of four trials.
+const PLAN: &str = "target = \"toy/sphere-2d\"\n[falsify]\ntrials = 4\nbudget = 3\n";
+
+fn html(axes: usize, text: &str, plan: &str, trials: &[(u32, bool)]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.sqlite");
-    write(&path, &header(axes, text), trials);
+    write(&path, &RunHeader { plan: plan.into(), ..header(axes, text) }, trials);
     let run = RunFile::open(&path).unwrap();
-    let mut report = RunReport::load(&run, &format!("runs/{text}.sqlite")).unwrap();
+    let mut report = RunReport::load(&run, &format!("runs/{text}.sqlite"), None).unwrap();
     report.add_note(format!("note {text}"));
     page(&[report])
 }
@@ -110,7 +113,7 @@ fn html(axes: usize, text: &str, trials: &[(u32, bool)]) -> String {
 fn the_numbers_are_those_of_the_run() {
     // Failures after 1 and 2 simulations, ends without a failure after 2 and 3: survival 3/4, then
     // 3/4 * 2/3 = 1/2.
-    let html = html(2, "", &[(1, true), (2, true), (2, false), (3, false)]);
+    let html = html(2, "", PLAN, &[(1, true), (2, true), (2, false), (3, false)]);
     for part in [
         "<h2>car with controller mine violates its requirement in 2 of 4 trials. The first failure comes after a median of 2 \
          simulations.</h2>",
@@ -127,8 +130,8 @@ fn the_numbers_are_those_of_the_run() {
 
 #[test]
 fn hostile_names_are_text() {
-    for axes in 1..=5 {
-        let html = html(axes, HOSTILE, &[(1, true), (3, true), (3, false)]);
+    for (axes, plan) in (1..=5).flat_map(|axes| [(axes, PLAN), (axes, HOSTILE)]) {
+        let html = html(axes, HOSTILE, plan, &[(1, true), (3, true), (3, false)]);
         for part in ["<script", "<img", "onerror=alert(2)>\"", "\u{202e}", "\u{1b}"] {
             assert!(!html.contains(part), "{axes} axes: {part}");
         }
@@ -150,7 +153,7 @@ fn hostile_names_are_text_in_tables_of_rates_and_in_markdown() {
     let plan = "target = \"toy/sphere-2d\"\n[evaluate]\nepisodes = 300\n";
     let header = RunHeader { kind: RunKind::Evaluate, plan: plan.into(), ..header(3, HOSTILE) };
     write(&path, &header, &[(300, true)]);
-    let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite").unwrap();
+    let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite", None).unwrap();
     let html = page(std::slice::from_ref(&report));
     let text = markdown(&[report]);
     assert!(html.contains("Which axes matter</h3>"), "{html}");
@@ -162,7 +165,7 @@ fn hostile_names_are_text_in_tables_of_rates_and_in_markdown() {
 
 #[test]
 fn a_run_without_simulations_has_a_page() {
-    let html = html(2, "", &[]);
+    let html = html(2, "", PLAN, &[]);
     assert!(html.contains("No trial of car with controller mine has started."));
 }
 

@@ -50,12 +50,36 @@ pub struct Comparison {
     pub completion_step: Option<PairedMeans>,
     /// Conclusion from the success rates, in a sentence.
     pub verdict: String,
-    /// Simulations in which A succeeds and B does not; exit code 1 if there are any.
+    /// Simulations in which A succeeds and B does not, at most 10,000; exit code 1 if there are
+    /// any.
     pub new_failures: Vec<ComparedPair>,
-    /// Simulations in which B succeeds and A does not.
+    /// Number of further ones; missing if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub more_new_failures: u64,
+    /// Simulations in which B succeeds and A does not, at most 10,000.
     pub fixed_failures: Vec<ComparedPair>,
+    /// Number of further ones; missing if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub more_fixed_failures: u64,
     /// The axes of the scenarios.
     pub space_axes: Vec<AxisFacts>,
+}
+
+impl Comparison {
+    /// Returns whether simulations of both runs have a verdict. Otherwise nothing is compared.
+    pub fn has_verdicts(&self) -> bool {
+        self.success.first.value.is_some() && self.success.second.value.is_some()
+    }
+
+    /// Returns the numbers of new and of fixed failures.
+    pub fn changes(&self) -> [u64; 2] {
+        let all = |listed: &[ComparedPair], more: u64| listed.len() as u64 + more;
+        [all(&self.new_failures, self.more_new_failures), all(&self.fixed_failures, self.more_fixed_failures)]
+    }
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// A run of a comparison.

@@ -1,4 +1,4 @@
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential, Subject,
@@ -16,7 +16,8 @@ pub struct Evaluation {
     pub subject: Subject,
     /// Region of the initial states: `whole` or `reachable`.
     #[serde(rename = "box")]
-    pub starts: String,
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
+    pub starts: StartRegion,
     /// Whether any initial state was rejected as unreachable and drawn again.
     pub leaves_out_starts: bool,
     /// Whether all simulations of the plan are finished; `false` after an interruption, exit
@@ -52,6 +53,17 @@ pub struct Evaluation {
     /// With screening, up to 100 simulations of MuJoCo C without success; missing without it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub failures: Option<Vec<ScreenedFailure>>,
+}
+
+/// Region from which an evaluation draws initial states.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartRegion {
+    /// The whole initial box.
+    #[default]
+    Whole,
+    /// The part of the box from which the task is feasible.
+    Reachable,
 }
 
 /// The same starts and seeds with every other axis at nominal: what the controller does without the
@@ -127,6 +139,11 @@ pub struct Metrics {
     /// formula.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub careful_undecided: Option<u64>,
+    /// Number of simulations that violate the requirement.
+    pub violations: u64,
+    /// Fraction of the simulations with a verdict on the requirement that violate it, with its
+    /// Wilson interval.
+    pub violation_rate: Estimate,
     /// Fraction of the started simulations that satisfy the success formula, with its Wilson
     /// interval.
     pub success_rate: Estimate,
@@ -219,7 +236,7 @@ pub struct Corners {
 }
 
 /// The simulations of a corner or of the center.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CornerPoint {
     /// `corner` or `center`.
@@ -260,7 +277,17 @@ impl CornerPoint {
 
     /// Returns whether any simulation has a verdict.
     pub fn has_verdict(&self) -> bool {
-        self.diverged + self.invalid + self.failed + self.undecided < self.n
+        self.verdicts() > 0
+    }
+
+    /// Returns the number of simulations with a verdict.
+    pub fn verdicts(&self) -> u32 {
+        self.n - (self.diverged + self.invalid + self.failed + self.undecided)
+    }
+
+    /// Returns the number of simulations that violate success.
+    pub fn violations(&self) -> u32 {
+        self.verdicts() - self.successes
     }
 }
 

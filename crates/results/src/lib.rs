@@ -89,7 +89,9 @@ pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Mini
 pub use demonstrations::Demonstrations;
 pub use document::{SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
-pub use evaluation::{Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure};
+pub use evaluation::{
+    Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure, StartRegion,
+};
 pub use evidence::{
     Evidence, EvidenceCheck, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation,
     VerifiedCheck, VerifiedRun,

@@ -62,7 +62,8 @@ impl<'a> Experiment<'a> {
     pub(crate) fn new(
         system: &'a mut dyn System,
         scenarios: &'a Scenarios,
-        (budget, batch): (u64, usize),
+        budget: u64,
+        batch: usize,
         watch: &'a mut dyn FnMut(u64) -> ControlFlow<()>,
     ) -> Experiment<'a> {
         let batch = batch.max(1);

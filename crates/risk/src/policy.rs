@@ -71,7 +71,7 @@ impl Policy {
     }
 
     /// Returns the logarithm of the density of `n` draws divided by that of standard normal ones.
-    pub(crate) fn log_ratio(&self, n: f64, products: &[f64], (moments, squares): (&[f64], f64)) -> f64 {
+    pub(crate) fn log_ratio(&self, n: f64, products: &[f64], moments: &[f64], squares: f64) -> f64 {
         let residual = residual(&self.theta, products, moments, squares);
         0.5 * (squares - residual / self.variance) - 0.5 * n * self.variance.ln()
     }
@@ -166,7 +166,7 @@ mod tests {
             .iter()
             .map(|(f, z)| normal(*z, policy.draw(f, 0.0), policy.variance) - normal(*z, 0.0, 1.0))
             .sum();
-        let found = policy.log_ratio(sums.n, &sums.products, (&sums.moments, sums.squares));
+        let found = policy.log_ratio(sums.n, &sums.products, &sums.moments, sums.squares);
         assert!((found - expected).abs() < 1e-8 * expected.abs(), "{found}, not {expected}");
     }
 

@@ -89,8 +89,7 @@ pub fn risk(
     settings: &Settings,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Report, RiskError> {
-    let mut experiment =
-        Experiment::new(system, scenarios, (settings.simulations, settings.batch), &mut watch);
+    let mut experiment = Experiment::new(system, scenarios, settings.simulations, settings.batch, &mut watch);
     let mut parts = Parts::default();
     let is_complete = match parts.run(&mut experiment, settings) {
         Ok(()) => true,

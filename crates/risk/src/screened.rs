@@ -102,7 +102,7 @@ pub fn screened_risk(
             ControlFlow::Break(())
         }
     };
-    let mut experiment = Experiment::new(system, scenarios, (u64::MAX, batch), &mut on_confirmed);
+    let mut experiment = Experiment::new(system, scenarios, u64::MAX, batch, &mut on_confirmed);
     let mut is_complete = true;
     while counts.trials < simulations && is_complete {
         let count = SCREENED_CHUNK.min(simulations - counts.trials);

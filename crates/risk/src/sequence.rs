@@ -89,7 +89,7 @@ pub(crate) fn sequence(
     let mut all = Vec::with_capacity(n as usize);
     while experiment.left() > 0 {
         let count = CHUNK.min(experiment.left());
-        all.extend(simulate(experiment, &layout, (&proposal, false), &mut random, count)?.iter().map(weight));
+        all.extend(simulate(experiment, &layout, &proposal, false, &mut random, count)?.iter().map(weight));
     }
     let found = regions(&all, largest, &monte_carlo);
     Ok(Some(Importance { fitting, components: proposal.components(), ..found }))
@@ -111,7 +111,7 @@ fn fit(
     for round in 0..ROUNDS {
         let Some(proposal) = proposals.last() else { break };
         let mut random = Sequence::new(seed.0, 1 + round);
-        let drawn = simulate(experiment, layout, (proposal, true), &mut random, n)?;
+        let drawn = simulate(experiment, layout, proposal, true, &mut random, n)?;
         // The latest proposal has drawn nothing before.
         for (sample, density) in &mut samples {
             *density += n as f64 * proposal.ratio(layout, sample);
@@ -180,24 +180,26 @@ fn is_below(robustness: f64, level: f64) -> bool {
 fn simulate(
     experiment: &mut Experiment<'_>,
     layout: &Layout,
-    (proposal, is_fit): (&SequenceProposal, bool),
+    proposal: &SequenceProposal,
+    is_fit: bool,
     random: &mut Sequence,
     n: u64,
 ) -> Result<Vec<Sample>, Stop> {
     let scenarios = experiment.scenarios;
     let mut draws: Vec<Draw> = (0..n).map(|_| proposal.draw(layout, scenarios, random)).collect();
-    steered(experiment, layout, (Choice::Proposal(proposal), is_fit), &mut draws)
+    steered(experiment, layout, Choice::Proposal(proposal), is_fit, &mut draws)
 }
 
 /// Simulates draws again, for what a proposal would have seen.
 fn given(experiment: &mut Experiment<'_>, layout: &Layout, draws: &[Draw]) -> Result<Vec<Sample>, Stop> {
-    steered(experiment, layout, (Choice::Given(draws), false), &mut draws.to_vec())
+    steered(experiment, layout, Choice::Given(draws), false, &mut draws.to_vec())
 }
 
 fn steered(
     experiment: &mut Experiment<'_>,
     layout: &Layout,
-    (choice, is_fit): (Choice<'_>, bool),
+    choice: Choice<'_>,
+    is_fit: bool,
     draws: &mut [Draw],
 ) -> Result<Vec<Sample>, Stop> {
     let chooser = Chooser { layout, scenarios: experiment.scenarios, choice, is_fit };
@@ -310,14 +312,14 @@ mod tests {
         let scenarios = scenarios(&system);
         let layout = Layout::new(&system.steerable().unwrap(), &scenarios);
         let mut watch = |_| ControlFlow::Continue(());
-        let mut experiment = Experiment::new(&mut system, &scenarios, (100_000, 64), &mut watch);
+        let mut experiment = Experiment::new(&mut system, &scenarios, 100_000, 64, &mut watch);
         let mut random = Sequence::new(1, 0);
         let mut draws: Vec<Draw> = (0..200).map(|_| scenarios.draw(&mut random)).collect();
         let Ok(pilot) = experiment.steered(&mut draws, &Pilot::new(&layout), |_, _| ()) else { panic!() };
         let layout = layout.with_columns(&pilot);
         let Ok(Some((proposal, _))) = fit(&mut experiment, Seed(2), &layout, 4000) else { panic!() };
         let n = 8000;
-        let Ok(drawn) = simulate(&mut experiment, &layout, (&proposal, false), &mut random, n) else {
+        let Ok(drawn) = simulate(&mut experiment, &layout, &proposal, false, &mut random, n) else {
             panic!()
         };
         let weights: Vec<f64> = drawn.iter().map(|sample| 1.0 / proposal.ratio(&layout, sample)).collect();
@@ -347,12 +349,12 @@ mod tests {
         let scenarios = scenarios(&system);
         let layout = Layout::new(&system.steerable().unwrap(), &scenarios);
         let mut watch = |_| ControlFlow::Continue(());
-        let mut experiment = Experiment::new(&mut system, &scenarios, (1000, 64), &mut watch);
+        let mut experiment = Experiment::new(&mut system, &scenarios, 1000, 64, &mut watch);
         let proposal = SequenceProposal::default();
         let mut random = Sequence::new(5, 0);
         let mut draws: Vec<Draw> = (0..10).map(|_| proposal.draw(&layout, &scenarios, &mut random)).collect();
-        let choice = (Choice::Proposal(&proposal), false);
-        let Ok(drawn) = steered(&mut experiment, &layout, choice, &mut draws) else { panic!() };
+        let choice = Choice::Proposal(&proposal);
+        let Ok(drawn) = steered(&mut experiment, &layout, choice, false, &mut draws) else { panic!() };
         let Ok(again) = given(&mut experiment, &layout, &draws) else { panic!() };
         for (a, b) in drawn.iter().zip(&again) {
             assert_eq!((&a.sums, a.robustness.to_bits()), (&b.sums, b.robustness.to_bits()));

@@ -111,7 +111,8 @@ impl SequenceProposal {
         let term = |component: &Component| {
             let of_channel = |(channel, policy): (usize, &Policy)| {
                 let (n, products) = layout.of_group(sums, layout.groups()[channel]);
-                policy.log_ratio(n, products, layout.of_channel(sums, channel))
+                let (moments, squares) = layout.of_channel(sums, channel);
+                policy.log_ratio(n, products, moments, squares)
             };
             let steps: f64 = component.policies.iter().enumerate().map(of_channel).sum();
             component.share.ln() + component.others.log_ratio(others) + steps

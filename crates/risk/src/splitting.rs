@@ -394,7 +394,7 @@ mod tests {
         let mut system = target.system(&space, &Specification::new(formula)).unwrap();
         let scenarios = Scenarios::new(&space, [], false).unwrap();
         let mut watch = |_| std::ops::ControlFlow::Continue(());
-        let mut experiment = Experiment::new(&mut *system, &scenarios, (u64::MAX, 64), &mut watch);
+        let mut experiment = Experiment::new(&mut *system, &scenarios, u64::MAX, 64, &mut watch);
         (0..20).map(|seed| split_from(&mut experiment, Seed(seed), FEWEST, strata).ok().unwrap().0).collect()
     }
 
@@ -427,7 +427,7 @@ mod tests {
         let mut system = mishandle_toys::FunctionSystem::new(space, outcome);
         let scenarios = Scenarios::new(System::space(&system), [], false).unwrap();
         let mut watch = |_| std::ops::ControlFlow::Continue(());
-        let mut experiment = Experiment::new(&mut system, &scenarios, (u64::MAX, 64), &mut watch);
+        let mut experiment = Experiment::new(&mut system, &scenarios, u64::MAX, 64, &mut watch);
         let mut values = Vec::new();
         for seed in 0..60 {
             let (splitting, failing) = split(&mut experiment, Seed(seed), FEWEST).ok().unwrap();

@@ -135,8 +135,7 @@ impl Axes {
                 self.values.push(nominal);
             }
             AxisEffect::Model { operation, fields } => {
-                let operation = (*operation, fields.as_slice());
-                let change = checked_change(named, operation, table.range, Some(nominal), library)?;
+                let change = checked_change(named, *operation, fields, table.range, Some(nominal), library)?;
                 self.environment.push((axis, Parameter::Change(self.changes.len())));
                 self.changes.push(change);
             }

@@ -51,7 +51,8 @@ impl RobotBatch {
     /// on this body. Every row must be started before its first step.
     pub(crate) fn new(
         environment: &RobotEnvironment,
-        (fields, pushed): (&[ModelField], Option<Body>),
+        fields: &[ModelField],
+        pushed: Option<Body>,
         device: &dyn WorldDevice,
         rows: usize,
     ) -> Result<RobotBatch, RolloutError> {
@@ -189,9 +190,11 @@ impl RobotRows<'_> {
         let Sizes { inputs, mocap, tail, .. } = self.sizes;
         let Thread { worker, output, .. } = &mut *self.thread;
         self.outputs.read(row, output);
+        let (positions, velocities) = self.shared.layout.state(output);
         worker.load(
             &self.tails[row * tail..][..tail],
-            self.shared.layout.state(output),
+            positions,
+            velocities,
             &self.inputs[row * inputs..][..inputs],
             &self.mocap[row * mocap..][..mocap],
         );

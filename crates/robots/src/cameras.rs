@@ -261,7 +261,7 @@ impl Seen {
         space: &Space,
         images: &[Image],
     ) -> Result<SightEyes, RolloutError> {
-        SightEyes::new(name, &self.sight, (self.model.clone(), self.view.clone()), space, images)
+        SightEyes::new(name, &self.sight, self.model.clone(), self.view.clone(), space, images)
     }
 }
 

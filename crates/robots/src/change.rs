@@ -37,7 +37,8 @@ impl ModelChange {
 /// a nominal value, it is that of the model.
 pub(crate) fn checked_change(
     named: &Named<AxisTable>,
-    (operation, fields): (ModelOperation, &[Expression]),
+    operation: ModelOperation,
+    fields: &[Expression],
     range: [f64; 2],
     nominal: Option<f64>,
     library: &Library<'_>,

@@ -137,7 +137,7 @@ impl Axes {
                     ModelOperation::Add => ("add", Some(0.0), "offset of"),
                     ModelOperation::Scale => ("scale", Some(1.0), "factor of"),
                 };
-                let change = checked_change(named, (*operation, fields), *range, nominal, library)?;
+                let change = checked_change(named, *operation, fields, *range, nominal, library)?;
                 let on = format!("the slip `{}`", named.key.name);
                 let texts: Vec<&str> = fields.iter().map(|field| field.text.text.as_str()).collect();
                 let meaning = format!("{what} {} during {on}", texts.join(", "));

@@ -235,7 +235,7 @@ impl EnvironmentWorker for RobotWorker {
             robot.start.write(&self.start, index, &mut memory[place.clone()]);
             index += 1;
         }
-        if self.settle((values, memory, action)) == StepStatus::Diverged {
+        if self.settle(values, memory, action) == StepStatus::Diverged {
             return StepStatus::Diverged;
         }
         self.world.read_state(physics);
@@ -312,7 +312,8 @@ impl RobotWorker {
     pub(crate) fn load(
         &mut self,
         tail: &[f64],
-        (positions, velocities): (&[f64], &[f64]),
+        positions: &[f64],
+        velocities: &[f64],
         controls: &[f64],
         mocap: &[f64],
     ) {
@@ -345,7 +346,7 @@ impl RobotWorker {
             robot.next.write(&self.next, index, &mut memory[place.clone()]);
         }
         last.copy_from_slice(action);
-        self.set_controls(has_arrived, start, (values, memory, action))
+        self.set_controls(has_arrived, start, values, memory, action)
     }
 
     /// Counts a control step and writes its sample, without signals over its physics steps.
@@ -374,7 +375,9 @@ impl RobotWorker {
         &mut self,
         has_arrived: bool,
         time: f64,
-        (values, memory, action): (&[f64], &[f64], &[f64]),
+        values: &[f64],
+        memory: &[f64],
+        action: &[f64],
     ) -> bool {
         let robot = &*self.robot;
         let phase = robot.controls(has_arrived);
@@ -401,12 +404,12 @@ impl RobotWorker {
 
     /// Runs the physics from the start to sample 0, with the controls of control steps in which no
     /// action has arrived. The time of expressions stays 0.
-    fn settle(&mut self, numbers: (&[f64], &[f64], &[f64])) -> StepStatus {
+    fn settle(&mut self, values: &[f64], memory: &[f64], action: &[f64]) -> StepStatus {
         let robot = self.robot.clone();
         for step in 0..robot.settling {
             if step % robot.substeps == 0 {
                 self.refresh_for(&[robot.controls(false)]);
-                if !self.set_controls(false, 0.0, numbers) {
+                if !self.set_controls(false, 0.0, values, memory, action) {
                     return StepStatus::Diverged;
                 }
             }

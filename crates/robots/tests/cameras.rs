@@ -58,7 +58,7 @@ fn target(file: &RobotFile) -> Target {
     let RobotPolicy::Expression(policy) = file.policy() else { panic!("an expression") };
     let component =
         Component { role: "controller".into(), name: "-".into(), hash: "-".into(), file_hash: "".into() };
-    file.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+    file.target(policy.clone(), vec![component], Noise::default()).unwrap()
 }
 
 /// The states of the first and the tenth control step.
@@ -272,8 +272,8 @@ impl Watcher {
     fn target(&self, file: &RobotFile) -> Result<Target, String> {
         let component =
             Component { role: "controller".into(), name: "-".into(), hash: "-".into(), file_hash: "".into() };
-        let controller = (Arc::new(self.clone()) as Arc<dyn Controller>, vec![component]);
-        file.target(controller, Noise::default()).map_err(|error| error.to_string())
+        file.target(Arc::new(self.clone()), vec![component], Noise::default())
+            .map_err(|error| error.to_string())
     }
 }
 

@@ -67,7 +67,7 @@ fn target(robot: &RobotFile) -> Target {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+    robot.target(policy.clone(), vec![component], Noise::default()).unwrap()
 }
 
 fn simulate(target: &Target, space: &str, scenarios: &[Vec<f64>]) -> Vec<Episode> {
@@ -238,7 +238,7 @@ fn mistakes_name_their_line_and_the_nearest_element() {
                     hash: String::new(),
                     file_hash: String::new(),
                 };
-                let made = robot.target((policy.clone(), vec![component]), Noise::default());
+                let made = robot.target(policy.clone(), vec![component], Noise::default());
                 made.err().map_or_else(|| panic!("{to} is accepted"), |error| error.to_string())
             }
             Err(error) => error,
@@ -350,7 +350,7 @@ fn a_condition_of_the_file_ends_training_episodes_and_no_evaluated_ones() {
     assert!(angles[..ended - 1].iter().all(|angle| *angle <= 0.35) && angles[ended - 1] > 0.35, "{angles:?}");
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    let target = robot.target((Arc::new(Still), vec![component]), Noise::default()).unwrap();
+    let target = robot.target(Arc::new(Still), vec![component], Noise::default()).unwrap();
     let episode = &simulate(&target, "starts", &[vec![0.3]])[0];
     assert_eq!(episode.trace.len(), 121);
     let angle = episode.trace.column(0).to_vec();

@@ -91,7 +91,7 @@ fn samples_with(model: &str, file: &str) -> Vec<Vec<f64>> {
     let robot = read_with(folder.path(), model, file).unwrap();
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    let target = robot.target((expression(&robot), vec![component]), Noise::default()).unwrap();
+    let target = robot.target(expression(&robot), vec![component], Noise::default()).unwrap();
     let space = target.space("starts").unwrap();
     let requirement = Formula::parse(&target.formulas[0].text).unwrap();
     let specification = Specification::from_formulas(&target.formulas, requirement).unwrap();

@@ -65,7 +65,7 @@ fn target() -> Target {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+    robot.target(policy.clone(), vec![component], Noise::default()).unwrap()
 }
 
 /// Returns the nominal scenario with other values of some axes.

@@ -56,7 +56,7 @@ fn signals_at_start(robot: &RobotFile) -> Vec<f64> {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    let target = robot.target((Arc::clone(policy), vec![component]), Noise::default()).unwrap();
+    let target = robot.target(Arc::clone(policy), vec![component], Noise::default()).unwrap();
     let space = target.space("starts").unwrap();
     let requirement = Formula::parse(&target.formulas[0].text).unwrap();
     let specification = Specification::from_formulas(&target.formulas, requirement).unwrap();

@@ -27,7 +27,7 @@ fn target(lines: &str) -> Result<Target, String> {
     let RobotPolicy::Expression(policy) = file.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    file.target((policy.clone(), vec![component]), Noise::default()).map_err(|error| error.to_string())
+    file.target(policy.clone(), vec![component], Noise::default()).map_err(|error| error.to_string())
 }
 
 fn axes(target: &Target, space: &str) -> Vec<String> {

@@ -42,7 +42,7 @@ fn target(file: &str) -> Target {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+    robot.target(policy.clone(), vec![component], Noise::default()).unwrap()
 }
 
 fn simulate(target: &Target, space: &str, starts: &[(Vec<Option<f64>>, u64)]) -> Vec<Episode> {

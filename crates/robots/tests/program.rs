@@ -79,7 +79,7 @@ fn simulate(file: &RobotFile, formula: &str, tilts: &[f64], stop_threshold: Opti
         hash: "test".into(),
         file_hash: String::new(),
     };
-    let target = file.target((policy(file), vec![component]), Noise::default()).unwrap();
+    let target = file.target(policy(file), vec![component], Noise::default()).unwrap();
     let space = target.space("starts").unwrap();
     let formula = Formula::parse(formula).unwrap();
     let specification = Specification::from_formulas(&target.formulas, formula).unwrap();

@@ -93,7 +93,7 @@ fn robot(file: &str) -> (RobotFile, ControlledRobot, Target) {
     let policy = policy.clone();
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    let target = robot.target((policy.clone(), vec![component]), NOISE).unwrap();
+    let target = robot.target(policy.clone(), vec![component], NOISE).unwrap();
     let controlled = robot.controlled(policy, NOISE).unwrap();
     (robot, controlled, target)
 }

@@ -73,7 +73,7 @@ fn target(start: &str) -> Target {
     let RobotPolicy::Expression(policy) = robot.policy() else { panic!("the policy is an expression") };
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+    robot.target(policy.clone(), vec![component], Noise::default()).unwrap()
 }
 
 fn simulate(target: &Target, space: &str, scenarios: &[Vec<f64>]) -> Vec<Episode> {
@@ -140,7 +140,7 @@ fn settling_has_the_controls_of_hold_and_the_model_of_the_scenario() {
         let name = "e".to_string();
         let hash = "h".to_string();
         let component = Component { role, name, hash, file_hash: String::new() };
-        robot.target((policy.clone(), vec![component]), Noise::default()).unwrap()
+        robot.target(policy.clone(), vec![component], Noise::default()).unwrap()
     };
     // An upward force of 5 N carries a part of the weight.
     let force =

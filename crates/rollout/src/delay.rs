@@ -52,7 +52,7 @@ impl Lateness {
 
     /// Returns the control step whose value arrives in control step `step`; `None` before the first
     /// one. `draw` is the index of the random numbers in their stream.
-    pub(crate) fn arrival(&self, step: usize, seed: Seed, (stream, draw): (Stream, u32)) -> Option<usize> {
+    pub(crate) fn arrival(&self, step: usize, seed: Seed, stream: Stream, draw: u32) -> Option<usize> {
         let jitter = match self.jitter {
             0 => 0,
             // A draw is below 1, but its product with a large number can be rounded up.
@@ -126,7 +126,7 @@ mod tests {
         let mut line = DelayLine::default();
         let show = |step: usize| {
             line.push(&lateness, [step as f64].into_iter());
-            let arrival = lateness.arrival(step, Seed(8), (Stream::Delay, 0));
+            let arrival = lateness.arrival(step, Seed(8), Stream::Delay, 0);
             line.show(arrival).map(|values| values[0] as usize)
         };
         (0..steps).map(show).collect()

@@ -246,9 +246,9 @@ struct Shift {
     shift: f64,
 }
 
-/// Indices of the random numbers of late observations and actions in their stream.
-const LATE_OBSERVATIONS: (Stream, u32) = (Stream::Delay, 0);
-const LATE_ACTIONS: (Stream, u32) = (Stream::Delay, 1);
+/// Indices of the random numbers of late observations and actions in [`Stream::Delay`].
+const LATE_OBSERVATIONS: u32 = 0;
+const LATE_ACTIONS: u32 = 1;
 
 impl Offset {
     fn acts(&self) -> bool {
@@ -345,7 +345,7 @@ impl ActiveDisturbances {
             let line = &mut self.past_observations;
             let lateness = &self.observation_lateness;
             line.push(lateness, observation.iter().map(|value| value.to_f64()));
-            let arrival = lateness.arrival(step, self.seed, LATE_OBSERVATIONS);
+            let arrival = lateness.arrival(step, self.seed, Stream::Delay, LATE_OBSERVATIONS);
             let late = if line.show(arrival).is_some() { line.show(arrival) } else { line.oldest() };
             for (value, late) in observation.iter_mut().zip(late.unwrap_or_default()) {
                 *value = T::nearest(*late);
@@ -372,7 +372,7 @@ impl ActiveDisturbances {
         let mut has_arrived = true;
         if !self.action_lateness.is_none() {
             self.past_actions.push(&self.action_lateness, action.iter().copied());
-            let arrival = self.action_lateness.arrival(step, self.seed, LATE_ACTIONS);
+            let arrival = self.action_lateness.arrival(step, self.seed, Stream::Delay, LATE_ACTIONS);
             match self.past_actions.show(arrival) {
                 Some(late) => action.copy_from_slice(late),
                 None => {
@@ -435,7 +435,8 @@ impl ActiveDisturbances {
 pub(crate) fn command(
     mut disturbed: Option<&mut ActiveDisturbances>,
     noise: Noise,
-    (seed, step): (Seed, usize),
+    seed: Seed,
+    step: usize,
     action: &mut [f64],
     draws: &mut [f64],
 ) -> bool {

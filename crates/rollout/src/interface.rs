@@ -86,11 +86,12 @@ impl ActiveInterface {
     pub fn command(
         disturbed: Option<&mut ActiveInterface>,
         noise: Noise,
-        (seed, step): (Seed, usize),
+        seed: Seed,
+        step: usize,
         action: &mut [f64],
         draws: &mut [f64],
     ) {
-        command(disturbed.map(|active| &mut active.0), noise, (seed, step), action, draws);
+        command(disturbed.map(|active| &mut active.0), noise, seed, step, action, draws);
     }
 
     /// Appends what depends on earlier control steps to a list.

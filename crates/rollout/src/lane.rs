@@ -178,7 +178,8 @@ impl Lane {
         &mut self,
         rows: &mut LaneRows,
         row: usize,
-        (progress, signals): (&Progress, &[f64]),
+        progress: &Progress,
+        signals: &[f64],
         steered: &mut SteeredRow<'_>,
     ) {
         let axes = steered.steerable.beginning(progress.steps);
@@ -308,7 +309,7 @@ impl Lane {
         }
         let disturbed = rows.disturbances[row].as_mut();
         let draws = &mut self.draws[..action_size];
-        command(disturbed, rollout.noise, (progress.seed, progress.steps), &mut self.action, draws)
+        command(disturbed, rollout.noise, progress.seed, progress.steps, &mut self.action, draws)
     }
 
     /// Returns how a reset with this status and the signals after it end an episode; `None` if it

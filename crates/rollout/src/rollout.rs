@@ -326,7 +326,7 @@ impl RolloutWorker {
         signals.iter_mut().enumerate().for_each(|(index, signal)| *signal = last(index));
         let SteeredValues { memory, values } = &mut rows[row];
         let mut row_of = SteeredRow { steering: *steering, steerable, memory, values, chosen };
-        self.lane.steer(&mut self.rows, row, (&self.progress[row], signals), &mut row_of);
+        self.lane.steer(&mut self.rows, row, &self.progress[row], signals, &mut row_of);
     }
 
     /// Runs the next control step of one episode.

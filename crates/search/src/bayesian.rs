@@ -123,8 +123,8 @@ impl Bayesian {
             let region = Region::whole(self.surrogate.space().dimension());
             if let Some(batch) = &mut batch {
                 for kappa in [self.options.kappa, 0.0] {
-                    let all = (0..candidates.len(), &region);
-                    batch.refine(&self.surrogate, &mut candidates, &self.history, all, kappa);
+                    let all = 0..candidates.len();
+                    batch.refine(&self.surrogate, &mut candidates, &self.history, all, &region, kappa);
                 }
             }
             let pick = |_| batch.as_mut()?.choose(0..candidates.len(), self.options.kappa);

@@ -184,8 +184,8 @@ impl<'a> Checker<'a> {
             Recorded { bits: Vec::new(), error: None, end: None, invalid: None, steps: (0, Duration::ZERO) };
         let write = |line: &mut String| self.writer.write(line, seed, scenario);
         if *mode == Mode::Trace {
-            let asked = (&*self.names, AskedKind::Trace { samples: steps + 1 });
-            let answer = process.ask("simulate", write, asked, *time_limit)?;
+            let asked = AskedKind::Trace { samples: steps + 1 };
+            let answer = process.ask("simulate", write, &self.names, asked, *time_limit)?;
             let columns = answer.trace.iter().flatten().zip(&self.names);
             recorded.invalid = columns
                 .filter_map(|(column, name)| {
@@ -197,8 +197,8 @@ impl<'a> Checker<'a> {
             return Ok(recorded);
         }
         let sizes = policy.as_ref().map(ControlLoop::sizes);
-        let asked = (&*self.names, AskedKind::Sample { observation: sizes.map(|[observed, _]| observed) });
-        let answer = process.ask("reset", write, asked, *time_limit)?;
+        let asked = AskedKind::Sample { observation: sizes.map(|[observed, _]| observed) };
+        let answer = process.ask("reset", write, &self.names, asked, *time_limit)?;
         self.add(&mut recorded, &answer, 0);
         let action = vec![0.0; sizes.map_or(0, |[_, actions]| actions)];
         let start = Instant::now();
@@ -212,7 +212,7 @@ impl<'a> Checker<'a> {
                     write_numbers(line, &action);
                 }
             };
-            let answer = process.ask("step", write, asked, *time_limit)?;
+            let answer = process.ask("step", write, &self.names, asked, *time_limit)?;
             self.add(&mut recorded, &answer, step);
             recorded.steps.0 += 1;
         }

@@ -60,9 +60,11 @@ impl ControlledWorker {
     /// observation or action, or a policy that failed, ends the simulation.
     fn act(
         &mut self,
-        (controlled, limit): (&Controlled, f64),
+        controlled: &Controlled,
+        action_limit: f64,
         mut active: Option<&mut ActiveInterface>,
-        (request, step): (&Request, usize),
+        request: &Request,
+        step: usize,
         observation: &[f64],
     ) -> Result<(), (EpisodeEnd, String)> {
         self.observation.iter_mut().zip(observation).for_each(|(to, from)| *to = *from as f32);
@@ -91,10 +93,10 @@ impl ControlledWorker {
         if let Some(index) = self.output.iter().position(|number| !number.is_finite()) {
             return Err((EpisodeEnd::InvalidAction { step: in_step, index }, String::new()));
         }
-        let clipped = self.output.iter().map(|number| f64::from(*number).clamp(-limit, limit));
+        let clipped = self.output.iter().map(|number| f64::from(*number).clamp(-action_limit, action_limit));
         self.action.iter_mut().zip(clipped).for_each(|(to, from)| *to = from);
         let draws = &mut self.draws[..self.action.len()];
-        ActiveInterface::command(active, controlled.noise, (request.seed, step), &mut self.action, draws);
+        ActiveInterface::command(active, controlled.noise, request.seed, step, &mut self.action, draws);
         match self.action.iter().position(|number| !number.is_finite()) {
             Some(index) => Err((EpisodeEnd::InvalidAction { step: in_step, index }, String::new())),
             None => Ok(()),
@@ -108,18 +110,20 @@ impl ProcessSystem {
         &self,
         request: &Request,
         scenario: &Scenario,
-        (stop, mut worker): (&mut EarlyStop, Option<&mut ControlledWorker>),
+        stop: &mut EarlyStop,
+        mut worker: Option<&mut ControlledWorker>,
         process: &mut SimulatorProcess,
     ) -> Result<Ran, (Failure, usize)> {
         let description = self.simulator.description();
         let has_effects = self.interface.has_effects();
         let mut active = has_effects.then(|| self.interface.start(&request.scenario, request.seed));
         let observation = worker.as_ref().map(|worker| worker.observation.len());
-        let own = &self.names[..description.signals.len()];
-        let asked = (own, AskedKind::Sample { observation });
+        let signals = &self.names[..description.signals.len()];
+        let asked = AskedKind::Sample { observation };
         let write = |line: &mut String| self.writer.write(line, request.seed, scenario);
-        let mut answer =
-            process.ask("reset", write, asked, description.time_limit).map_err(|failure| (failure, 0))?;
+        let mut answer = process
+            .ask("reset", write, signals, asked, description.time_limit)
+            .map_err(|failure| (failure, 0))?;
         if let Some(worker) = &mut worker {
             worker.start(request, active.as_ref());
         }
@@ -153,8 +157,8 @@ impl ProcessSystem {
                 (&mut worker, &self.controlled, &description.policy)
             {
                 let observed = answer.observation.as_deref().unwrap_or_default();
-                let settings = (controlled, policy.action_limit);
-                let acted = worker.act(settings, active.as_mut(), (request, step), observed);
+                let limit = policy.action_limit;
+                let acted = worker.act(controlled, limit, active.as_mut(), request, step, observed);
                 if let Err((end, reason)) = acted {
                     return Ok(Ran { trace, end, reason });
                 }
@@ -167,7 +171,7 @@ impl ProcessSystem {
             };
             step += 1;
             answer = process
-                .ask("step", write, asked, description.time_limit)
+                .ask("step", write, signals, asked, description.time_limit)
                 .map_err(|failure| (failure, step))?;
         }
     }

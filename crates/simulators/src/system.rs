@@ -131,7 +131,7 @@ impl ProcessSystem {
             Mode::Trace => self.trace(request, &scenario, &mut process).map_err(|failure| (failure, 0)),
             Mode::Step => {
                 let Worker { stop, controlled, .. } = worker;
-                self.steps(request, &scenario, (stop, controlled.as_mut()), &mut process)
+                self.steps(request, &scenario, stop, controlled.as_mut(), &mut process)
             }
         };
         Ok(match ran {
@@ -164,7 +164,8 @@ impl ProcessSystem {
         let answer = process.ask(
             "simulate",
             |line| self.writer.write(line, request.seed, scenario),
-            (&self.names, AskedKind::Trace { samples }),
+            &self.names,
+            AskedKind::Trace { samples },
             limit,
         )?;
         let Answer { error, end, reason, trace: columns, .. } = answer;

@@ -47,7 +47,8 @@ impl SimulatorProcess {
         &mut self,
         kind: &str,
         write: impl FnOnce(&mut String),
-        (signals, asked): (&[String], AskedKind),
+        signals: &[String],
+        asked: AskedKind,
         limit: Duration,
     ) -> Result<Answer, Failure> {
         self.id += 1;

@@ -17,7 +17,7 @@ fn guarded(action: &str, formula: &str, is_privileged: bool) -> (Vec<f64>, Vec<f
     let watch = Watch::new(&formula, names, 0.5, 5).expect("a watch");
     let switch = Switch::new(0.0, None, 0).expect("a switch");
     let hold = Fallback::Hold(Motion { meanings: vec![Meaning::Increment], limit: 1.0 });
-    let guard = Guard::new(String::new(), watch, switch, hold, is_privileged, (1, 1)).expect("a guard");
+    let guard = Guard::new(String::new(), watch, switch, hold, is_privileged, 1, 1).expect("a guard");
     let target = tank::controlled_by(folder.path(), Arc::new(Guarded::new(policy, guard)), component);
     let episode = tank::levels(&target, &[4.0]).expect("episodes").remove(0);
     let column = |name: &str| episode.trace.signal(name).expect(name).to_vec();

@@ -239,10 +239,9 @@ impl Phrase {
         Phrase::new(PhraseKind::Compound, lines)
     }
 
-    /// Joins two statements, each with its own prefix.
-    fn pair(first: (&str, Phrase), last: (&str, Phrase)) -> Phrase {
-        let lines = [first.1.after(first.0).lines(), last.1.after(last.0).lines()].concat();
-        Phrase::new(PhraseKind::Pair, lines)
+    /// Joins two statements.
+    fn pair(first: Phrase, last: Phrase) -> Phrase {
+        Phrase::new(PhraseKind::Pair, [first.lines(), last.lines()].concat())
     }
 
     /// Joins two statements into one enumeration. Enumerations of the same kind are merged.
@@ -317,25 +316,27 @@ impl AppliedOperator<'_> {
         match self.operator {
             Operator::And => Phrase::enumerated(PhraseKind::All, first, last),
             Operator::Or => Phrase::enumerated(PhraseKind::AnyOf, first, last),
-            Operator::Implies => Phrase::pair(("if this holds:", first), ("then this:", last)),
-            Operator::Iff => Phrase::pair(("this holds:", first), ("exactly where this does:", last)),
-            Operator::Xor => Phrase::pair(("either this holds:", first), ("or this, not both:", last)),
+            Operator::Implies => Phrase::pair(first.after("if this holds:"), last.after("then this:")),
+            Operator::Iff => Phrase::pair(first.after("this holds:"), last.after("exactly where this does:")),
+            Operator::Xor => {
+                Phrase::pair(first.after("either this holds:"), last.after("or this, not both:"))
+            }
             Operator::Until => {
                 let head = format!("at some step {}:", self.ahead());
-                Phrase::pair((&head, last), ("and at every step before that one:", first))
+                Phrase::pair(last.after(&head), first.after("and at every step before that one:"))
             }
             Operator::Release => {
                 let head = format!("at every step {}:", self.ahead());
-                Phrase::pair((&head, last), ("unless this held at an earlier step:", first))
+                Phrase::pair(last.after(&head), first.after("unless this held at an earlier step:"))
             }
             Operator::Unless => {
                 let every = self.up_to_end();
                 let head = format!("or only before a step {} at which:", self.ahead());
-                Phrase::pair((&format!("at every step {every}:"), first), (&head, last))
+                Phrase::pair(first.after(&format!("at every step {every}:")), last.after(&head))
             }
             Operator::Since => {
                 let head = format!("at some step {}:", self.behind());
-                Phrase::pair((&head, last), ("and at every later step up to then:", first))
+                Phrase::pair(last.after(&head), first.after("and at every later step up to then:"))
             }
             Operator::LessOrEqual => compared(first, "is at most", last),
             Operator::GreaterOrEqual => compared(first, "is at least", last),

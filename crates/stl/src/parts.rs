@@ -210,7 +210,7 @@ impl Formula {
             .enumerate()
             .map(|(index, leaf)| {
                 let subformula = listed.iter().position(|node| *node == leaf.node).unwrap_or_default();
-                decomposition.add((index, leaf), subformula, splitter.reaches[leaf.node], samples, per_leaf)
+                decomposition.add(index, leaf, subformula, splitter.reaches[leaf.node], samples, per_leaf)
             })
             .collect();
         decomposition.composition = with_windows(composition, &of_leaf);
@@ -248,7 +248,8 @@ impl Decomposition {
     /// Adds the parts of a leaf: at most `windows`.
     fn add(
         &mut self,
-        (index, leaf): (usize, &Leaf),
+        index: usize,
+        leaf: &Leaf,
         subformula: usize,
         reach: Reach,
         samples: usize,

@@ -32,7 +32,7 @@ fn exists(file: &RunFile) -> Result<bool> {
 }
 
 /// Writes the memory of a simulation.
-pub(crate) fn insert(file: &RunFile, (trial, number): (u32, u32), memory: &[f64]) -> Result<()> {
+pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, memory: &[f64]) -> Result<()> {
     if !exists(file)? {
         file.database.sql().execute(TABLE, []).in_file(&file.path)?;
     }
@@ -52,8 +52,8 @@ pub(crate) fn check(file: &RunFile) -> Result<()> {
         let mut select = connection.prepare_cached("SELECT trial, number, numbers, row_hash FROM memory")?;
         let mut rows = select.query([])?;
         while let Some(row) = rows.next()? {
-            let key = (row.get(0)?, row.get(1)?);
-            if let Err(error) = checked(file, key, &row.get::<_, Vec<u8>>(2)?, row.get(3)?) {
+            let numbers: Vec<u8> = row.get(2)?;
+            if let Err(error) = checked(file, row.get(0)?, row.get(1)?, &numbers, row.get(3)?) {
                 return Ok(Err(error));
             }
         }
@@ -62,7 +62,7 @@ pub(crate) fn check(file: &RunFile) -> Result<()> {
     file.database.with_traces(select).in_file(&file.path)?
 }
 
-fn checked(file: &RunFile, (trial, number): (u32, u32), numbers: &[u8], found: i64) -> Result<Vec<f64>> {
+fn checked(file: &RunFile, trial: u32, number: u32, numbers: &[u8], found: i64) -> Result<Vec<f64>> {
     if numbers.len() > MAX_BYTES || hash(trial, number, numbers) != found {
         let what = format!("the memory of simulation {number} of trial {trial} does not match its hash");
         return Err(StoreError::damaged(&file.path, what));
@@ -94,6 +94,6 @@ impl RunFile {
             select.query_row([trial, number], |row| Ok((row.get::<_, Vec<u8>>(0)?, row.get(1)?))).optional()
         };
         let found = self.database.with_traces(select).in_file(&self.path)?;
-        found.map(|(numbers, hash)| checked(self, (trial, number), &numbers, hash)).transpose()
+        found.map(|(numbers, hash)| checked(self, trial, number, &numbers, hash)).transpose()
     }
 }

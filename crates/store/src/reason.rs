@@ -48,7 +48,7 @@ fn exists(file: &RunFile) -> Result<bool> {
 }
 
 /// Writes the reason of a simulation that has one.
-pub(crate) fn insert(file: &RunFile, (trial, number): (u32, u32), reason: &str) -> Result<()> {
+pub(crate) fn insert(file: &RunFile, trial: u32, number: u32, reason: &str) -> Result<()> {
     if reason.is_empty() {
         return Ok(());
     }

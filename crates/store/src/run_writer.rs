@@ -214,7 +214,7 @@ impl RunWriter {
         self.transact(|file| {
             simulations.iter().try_for_each(|(simulation, memory)| {
                 insert(file, simulation)?;
-                memory::insert(file, (simulation.trial, simulation.number), memory)
+                memory::insert(file, simulation.trial, simulation.number, memory)
             })
         })
     }
@@ -371,7 +371,7 @@ fn insert(file: &RunFile, simulation: &Simulation) -> Result<()> {
         Some(_) => StoreError::AlreadyRecorded { what: format!("simulation {number} of trial {trial}") },
         None => StoreError::from_sqlite(&file.path, &error),
     })?;
-    reason::insert(file, (trial, number), &simulation.reason)?;
+    reason::insert(file, trial, number, &simulation.reason)?;
     if let Some(trace) = &simulation.trace {
         let blob = trace_blob::encode(trace);
         let sql = "INSERT INTO trace (trial, number, blob) VALUES (?1, ?2, ?3)";

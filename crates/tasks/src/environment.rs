@@ -489,7 +489,7 @@ impl SceneFunctions {
             let (own, manner) = sample.rewards.split_at_mut(self.definition.reward(self.reward).len());
             self.scene.reward(self.reward, rows, sample.signals, action, own);
             let signals = &sample.signals[self.definition.signals.len()..];
-            self.manner_reward.write((rows, &self.panda), signals, action, memory, manner);
+            self.manner_reward.write(rows, &self.panda, signals, action, memory, manner);
         }
         if self.scene.is_terminal(rows, sample.signals) {
             StepStatus::Terminated

@@ -120,7 +120,8 @@ impl MannerReward {
     /// the signals of the manner, if the environment computes them.
     pub fn write(
         &self,
-        (rows, panda): (&Rows<'_>, &Panda),
+        rows: &Rows<'_>,
+        panda: &Panda,
         manner: &[f64],
         action: &[f64],
         memory: &mut [f64],

@@ -47,8 +47,8 @@ pub(crate) fn eyes(
     let failed = |what: String| RolloutError::System(format!("the cameras of {name}: {what}"));
     let task = crate::task(name).ok_or_else(|| failed("there is no such task".to_string()))?;
     let first = images.first().ok_or_else(|| failed("the controller sees no image".to_string()))?;
-    let scene = view(task, image_size(first)?).map_err(|error| failed(error.to_string()))?;
-    SightEyes::new(name, &sight(definition), scene, space, images)
+    let (model, view) = view(task, image_size(first)?).map_err(|error| failed(error.to_string()))?;
+    SightEyes::new(name, &sight(definition), model, view, space, images)
 }
 
 fn camera(place: &CameraPlace, model: &Model, size: Size) -> Result<Camera, WorldError> {

@@ -36,7 +36,8 @@ impl TaskTarget {
     pub fn new(
         task: &'static dyn Task,
         preset: Preset,
-        (controller, components): (Arc<dyn Controller>, Vec<Component>),
+        controller: Arc<dyn Controller>,
+        components: Vec<Component>,
         noise: Noise,
     ) -> Result<TaskTarget, TaskError> {
         let starts = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);

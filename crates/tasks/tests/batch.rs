@@ -19,7 +19,7 @@ fn target(task: &str, noise: Noise) -> TaskTarget {
         hash: String::new(),
         file_hash: String::new(),
     };
-    TaskTarget::new(task, Preset::Paper, (task.expert().unwrap(), vec![component]), noise).unwrap()
+    TaskTarget::new(task, Preset::Paper, task.expert().unwrap(), vec![component], noise).unwrap()
 }
 
 fn specification(task: &str) -> Specification {

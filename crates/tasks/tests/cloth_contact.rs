@@ -25,7 +25,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new((name, side): (&str, usize), extra: &str) -> Bench {
+    fn new(name: &str, side: usize, extra: &str) -> Bench {
         let task = task(name).unwrap();
         let definition = task.definition();
         let xml = compose(task).unwrap().replacen("</mujoco>", &format!("{extra}</mujoco>"), 1);
@@ -111,7 +111,7 @@ fn stretch(vertices: &[[f64; 3]], side: usize) -> f64 {
 #[test]
 fn initial_position_and_mass_match_the_original_benchmark() {
     for (name, side) in GRIDS {
-        let bench = Bench::new((name, side), "");
+        let bench = Bench::new(name, side, "");
         let vertices = bench.vertices();
         assert_eq!(vertices.len(), side * side);
         for (k, vertex) in vertices.iter().enumerate() {
@@ -132,7 +132,7 @@ fn initial_position_and_mass_match_the_original_benchmark() {
 #[test]
 fn the_cloth_hangs_from_the_cell_between_the_fingertips() {
     for (name, side) in GRIDS {
-        let mut bench = Bench::new((name, side), "");
+        let mut bench = Bench::new(name, side, "");
         let model = bench.world.model().clone();
         let corners: Vec<_> = (0..4).map(|corner| model.site(&format!("pinch_{corner}")).unwrap()).collect();
         let nearest = |bench: &Bench, point: [f64; 3]| {
@@ -176,23 +176,20 @@ fn the_cloth_hangs_from_the_cell_between_the_fingertips() {
 
 #[test]
 fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
-    for grid in GRIDS {
-        let mut bench = Bench::new(grid, "");
+    for (name, side) in GRIDS {
+        let mut bench = Bench::new(name, side, "");
         bench.lay_out([0.0, 1.0, 1.0]);
         let before = mean(&bench.vertices());
         bench.run(0.25);
         let fall = sub(mean(&bench.vertices()), before);
         let velocity = mean(&bench.velocities());
-        assert!((velocity[2] + G * 0.25).abs() < 1e-6, "{grid:?} falls at {} m/s", velocity[2]);
-        assert!(norm_xy(fall) < 1e-9, "{grid:?} drifts by {fall:?}");
+        assert!((velocity[2] + G * 0.25).abs() < 1e-6, "{name} falls at {} m/s", velocity[2]);
+        assert!(norm_xy(fall) < 1e-9, "{name} drifts by {fall:?}");
         // The tolerance is the error of the integrator: half a physics step times the final
         // velocity.
-        assert!(
-            (fall[2] + 0.5 * G * 0.25 * 0.25).abs() < 0.5 * G * 0.25 / 240.0 + 1e-6,
-            "{grid:?}: {fall:?}"
-        );
+        assert!((fall[2] + 0.5 * G * 0.25 * 0.25).abs() < 0.5 * G * 0.25 / 240.0 + 1e-6, "{name}: {fall:?}");
 
-        let mut bench = Bench::new(grid, "<option gravity=\"0 0 0\"/>");
+        let mut bench = Bench::new(name, side, "<option gravity=\"0 0 0\"/>");
         bench.lay_out([0.0, 1.0, 1.0]);
         let mut random = 12345_u64;
         bench.velocities_mut().iter_mut().for_each(|v| {
@@ -212,17 +209,17 @@ fn a_free_cloth_falls_with_gravity_and_internal_forces_conserve_its_momentum() {
         let spin = angular(&bench);
         let kinetic = bench.rms_speed();
         bench.run(0.5);
-        assert!(norm(sub(mean(&bench.velocities()), linear)) < 1e-9, "{grid:?}: linear momentum changes");
+        assert!(norm(sub(mean(&bench.velocities()), linear)) < 1e-9, "{name}: linear momentum changes");
         let spun = norm(sub(angular(&bench), spin));
-        assert!(spun < 2e-3, "{grid:?}: angular momentum changes by {spun} of {spin:?}");
-        assert!(bench.rms_speed() < 0.7 * kinetic, "{grid:?}: the edges have no damping");
+        assert!(spun < 2e-3, "{name}: angular momentum changes by {spun} of {spin:?}");
+        assert!(bench.rms_speed() < 0.7 * kinetic, "{name}: the edges have no damping");
     }
 }
 
 #[test]
 fn a_dropped_cloth_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
-    for grid in GRIDS {
-        let mut bench = Bench::new(grid, "");
+    for (name, side) in GRIDS {
+        let mut bench = Bench::new(name, side, "");
         bench.place_table([0.0, 1.0]);
         // A third of the cloth is beyond the table's edge, and friction on the rest holds it.
         bench.lay_out([0.1, 1.0, 0.45]);
@@ -232,22 +229,22 @@ fn a_dropped_cloth_drapes_over_the_edge_comes_to_rest_and_gains_no_energy() {
             bench.run(1.0 / 60.0);
             let now = bench.energy();
             // Edges and contacts return stored energy: less than the potential energy of 2 mm.
-            assert!(now < lowest + 2e-3 * G, "{grid:?}: energy grows from {lowest} to {now} J/kg");
+            assert!(now < lowest + 2e-3 * G, "{name}: energy grows from {lowest} to {now} J/kg");
             lowest = lowest.min(now);
             if bench.rms_speed() > 0.05 {
                 rest = f64::from(tick + 1) / 60.0;
             }
         }
-        assert!(rest < 2.5, "{grid:?} comes to rest after {rest} s");
-        assert!(bench.rms_speed() < 0.02, "{grid:?} moves at {} m/s after 5 s", bench.rms_speed());
+        assert!(rest < 2.5, "{name} comes to rest after {rest} s");
+        assert!(bench.rms_speed() < 0.02, "{name} moves at {} m/s after 5 s", bench.rms_speed());
         let vertices = bench.vertices();
         let hanging = vertices.iter().filter(|v| v[2] < 0.38).count();
-        assert!(hanging * 10 >= vertices.len(), "{grid:?}: {hanging} vertices hang over the edge");
-        assert!(vertices.iter().all(|v| v[2] > 0.25), "{grid:?} reaches down too far: it slid off");
+        assert!(hanging * 10 >= vertices.len(), "{name}: {hanging} vertices hang over the edge");
+        assert!(vertices.iter().all(|v| v[2] > 0.25), "{name} reaches down too far: it slid off");
         let on_top = vertices.iter().filter(|v| (v[0].abs().max((v[1] - 1.0).abs())) < 0.135);
         let deepest = on_top.map(|v| 0.4 + RADIUS - v[2]).fold(0.0, f64::max);
-        assert!(deepest < 2e-3, "{grid:?}: a vertex sinks {deepest} m into the table");
-        assert!(stretch(&vertices, grid.1) < 0.05, "{grid:?}: an edge is stretched");
+        assert!(deepest < 2e-3, "{name}: a vertex sinks {deepest} m into the table");
+        assert!(stretch(&vertices, side) < 0.05, "{name}: an edge is stretched");
     }
 }
 
@@ -256,25 +253,25 @@ fn a_cloth_with_nine_tenths_beyond_an_edge_slides_off() {
     // By the capstan equation a right-angled edge with a friction of 1 holds at most a ratio of
     // e^(π/2) = 4.8. The ratio here is 9.
     let ledge = "<worldbody><geom class=\"table\" pos=\"0 3 0.2\" size=\"0.5 0.5 0.2\"/></worldbody>";
-    for grid in GRIDS {
-        let mut bench = Bench::new(grid, ledge);
+    for (name, side) in GRIDS {
+        let mut bench = Bench::new(name, side, ledge);
         bench.lay_out([0.62, 3.0, 0.4 + RADIUS]);
         bench.run(5.0);
         let highest = bench.vertices().iter().map(|v| v[2]).fold(0.0, f64::max);
-        assert!(highest < 0.2, "{grid:?}: a vertex is still at {highest}");
+        assert!(highest < 0.2, "{name}: a vertex is still at {highest}");
     }
 }
 
 /// Returns the acceleration (m/s²) and displacement (m) of the cloth along x on a level table with
 /// gravity tilted by `angle`, which is equivalent to a slope of this angle.
-fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
+fn slide(name: &str, side: usize, angle: f64) -> (f64, f64) {
     let (sin, cos) = angle.sin_cos();
     let slope = format!(
         "<option gravity=\"{} 0 {}\"/><worldbody><geom class=\"table\" pos=\"0 3 0.1\" size=\"2 1 0.1\"/></worldbody>",
         G * sin,
         -G * cos
     );
-    let mut bench = Bench::new(grid, &slope);
+    let mut bench = Bench::new(name, side, &slope);
     bench.lay_out([-1.5, 3.0, 0.2 + RADIUS]);
     bench.run(0.2);
     let from = mean(&bench.vertices())[0];
@@ -285,17 +282,17 @@ fn slide(grid: (&str, usize), angle: f64) -> (f64, f64) {
 
 #[test]
 fn a_cloth_with_a_friction_of_1_rests_on_a_slope_of_40_degrees_and_slides_on_55_degrees() {
-    for grid in GRIDS {
+    for (name, side) in GRIDS {
         // tan 40° = 0.84 < 1. The remaining displacement is the creep of MuJoCo's soft contacts.
-        let (_, displacement) = slide(grid, 40_f64.to_radians());
-        assert!(displacement.abs() < 0.02, "{grid:?} slides {displacement} m in a second on 40°");
+        let (_, displacement) = slide(name, side, 40_f64.to_radians());
+        assert!(displacement.abs() < 0.02, "{name} slides {displacement} m in a second on 40°");
         let angle = 55_f64.to_radians();
-        let (acceleration, _) = slide(grid, angle);
+        let (acceleration, _) = slide(name, side, angle);
         // a = g (sin - μ cos)
         let friction = angle.tan() - acceleration / (G * angle.cos());
         assert!(
             (friction - 1.0).abs() < 0.1,
-            "{grid:?} slides at {acceleration} m/s²: a friction of {friction}"
+            "{name} slides at {acceleration} m/s²: a friction of {friction}"
         );
     }
 }

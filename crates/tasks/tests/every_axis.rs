@@ -30,7 +30,7 @@ fn target(task: &'static dyn Task) -> Target {
         file_hash: String::new(),
     };
     let controller = policy(task);
-    TaskTarget::new(task, Preset::Paper, (controller, vec![component]), NOISE).unwrap().target().unwrap()
+    TaskTarget::new(task, Preset::Paper, controller, vec![component], NOISE).unwrap().target().unwrap()
 }
 
 fn specification(task: &dyn Task) -> Specification {

@@ -160,7 +160,7 @@ impl Stage {
         };
         let controller: Arc<dyn Controller> = Arc::new(Observer { sizes, seen: Arc::clone(&seen) });
         let noise = Noise::default();
-        let target = TaskTarget::new(task, Preset::Paper, (controller, vec![component]), noise).unwrap();
+        let target = TaskTarget::new(task, Preset::Paper, controller, vec![component], noise).unwrap();
         let space = target.target().unwrap().space(spaces).unwrap();
         let specification = definition.paper.specification().unwrap();
         let environment = target.environment(&space, &specification).unwrap();
@@ -283,7 +283,7 @@ fn the_controller_sees_each_sensor_fault_on_its_channel_in_its_life_cycle_only()
                     .any(|row| touched.iter().any(|entry| row[*entry] != seen[17][*entry]));
                 check_life_cycle(&seen, &faulty, &touched, kind.recovers(), moves, &context);
                 assert_eq!(episode.trace, healthy.trace, "{context}: signals are those of the environment");
-                check_range(&stage.sites[0], (&seen, &faulty), kind.name == "swap", &context);
+                check_range(&stage.sites[0], &seen, &faulty, kind.name == "swap", &context);
             }
         }
     }
@@ -291,12 +291,7 @@ fn the_controller_sees_each_sensor_fault_on_its_channel_in_its_life_cycle_only()
 
 /// Checks that a fault leaves each number within the hull of its true values in the episode, the
 /// range of its sensor, 0, and half of the half range around them.
-fn check_range(
-    site: &FaultSite,
-    (healthy, faulty): (&[Vec<f32>], &[Vec<f32>]),
-    is_swap: bool,
-    context: &str,
-) {
+fn check_range(site: &FaultSite, healthy: &[Vec<f32>], faulty: &[Vec<f32>], is_swap: bool, context: &str) {
     for row in faulty {
         for (entry, value) in row.iter().enumerate() {
             let [low, high] = site.ranges[entry];
@@ -420,7 +415,7 @@ fn a_policy_that_sees_nan_ends_as_an_invalid_action_without_a_verdict() {
         let path = format!("{}/../../controllers/{folder}/ppo.safetensors", env!("CARGO_MANIFEST_DIR"));
         let policy = Arc::new(ControllerFile::load(path.as_ref()).unwrap().policy);
         let target =
-            TaskTarget::new(*task, Preset::Paper, (policy, vec![component]), Noise::default()).unwrap();
+            TaskTarget::new(*task, Preset::Paper, policy, vec![component], Noise::default()).unwrap();
         let target = target.target().unwrap();
         let specification = task.definition().paper.specification().unwrap();
         let mut system = target.system(&stage.space, &specification).unwrap();

@@ -72,7 +72,8 @@ fn a_state_row_continues_to_the_same_bits_on_another_worker() {
         let target = mishandle_tasks::TaskTarget::new(
             *task,
             Preset::Paper,
-            (task.expert().unwrap(), vec![component()]),
+            task.expert().unwrap(),
+            vec![component()],
             mishandle_rollout::Noise::default(),
         );
         let all = target.unwrap().target().unwrap().space("starts+dynamics+events").unwrap();

@@ -37,9 +37,10 @@ impl Watcher {
             hash: "-".into(),
             file_hash: String::new(),
         };
-        let controller = (Arc::new(self.clone()) as Arc<dyn Controller>, vec![component]);
+        let task = task(name).unwrap();
+        let controller = Arc::new(self.clone());
         let target =
-            TaskTarget::new(task(name).unwrap(), Preset::Paper, controller, Noise::default()).unwrap();
+            TaskTarget::new(task, Preset::Paper, controller, vec![component], Noise::default()).unwrap();
         target.target().map_err(|error| {
             let source = std::error::Error::source(&error);
             source.map_or_else(|| error.to_string(), ToString::to_string)
@@ -134,7 +135,8 @@ fn a_controller_sees_what_its_cameras_show_under_faults_of_cameras() {
             for (seen, frame) in seen.chunks(3 * 12 * 8).zip([wrist, over]) {
                 let mut rgb = vec![0; 3 * 12 * 8];
                 let shot = frame.shot(
-                    (&view.scene, &view.cameras[frame.camera]),
+                    &view.scene,
+                    &view.cameras[frame.camera],
                     |step| states[step].as_slice(),
                     seed,
                 );

@@ -23,7 +23,7 @@ fn target(task: &'static dyn Task) -> Target {
         hash: "-".into(),
         file_hash: String::new(),
     };
-    TaskTarget::new(task, Preset::Paper, (controller, vec![component]), Noise::default())
+    TaskTarget::new(task, Preset::Paper, controller, vec![component], Noise::default())
         .unwrap()
         .target()
         .unwrap()

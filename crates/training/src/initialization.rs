@@ -84,18 +84,19 @@ impl SettingKind for Initialization {
     }
 }
 
-/// Creates an initialized network with `sizes` = (inputs, hidden layers, outputs).
+/// Creates an initialized network with hidden layers of the sizes `hidden`.
 ///
 /// # Errors
 /// If a layer has size 0.
 pub(crate) fn initial_network(
-    sizes: (usize, &[usize], usize),
+    inputs: usize,
+    hidden: &[usize],
+    outputs: usize,
     activation: Activation,
     initialization: Initialization,
     last_gain: f64,
     seed: Seed,
 ) -> Result<Mlp<f32>, TrainingError> {
-    let (inputs, hidden, outputs) = sizes;
     let sizes = [&[inputs], hidden, &[outputs]].concat();
     let mut network = Mlp::new(&sizes, activation, Activation::Identity)?;
     initialization.initialize(&mut network, last_gain, seed)?;
@@ -108,9 +109,8 @@ mod tests {
 
     #[test]
     fn uniform_parameters_fill_their_range() {
-        let sizes = (4, &[100][..], 1);
         let network =
-            initial_network(sizes, Activation::Elu, Initialization::Uniform, 0.01, Seed(2)).unwrap();
+            initial_network(4, &[100], 1, Activation::Elu, Initialization::Uniform, 0.01, Seed(2)).unwrap();
         let (first, last) = network.parameters().split_at(4 * 100 + 100);
         // ±1/√4 and ±1/√100; a uniform distribution on ±b has variance b²/3.
         for (numbers, bound) in [(first, 0.5_f64), (last, 0.1)] {
@@ -123,9 +123,9 @@ mod tests {
 
     #[test]
     fn normal_parameters_have_the_given_standard_deviation() {
-        let sizes = (25, &[400][..], 3);
         let network =
-            initial_network(sizes, Activation::Elu, Initialization::Normal(0.5), 0.01, Seed(4)).unwrap();
+            initial_network(25, &[400], 3, Activation::Elu, Initialization::Normal(0.5), 0.01, Seed(4))
+                .unwrap();
         let n = network.parameter_count() as f64;
         let parameters = network.parameters().iter().map(|x| f64::from(*x));
         let mean = parameters.clone().sum::<f64>() / n;

@@ -73,8 +73,10 @@ impl PrivilegedNormalizer {
 /// Fills `inputs` with the rows of `observations` and, after each, the row of `privileged` with an
 /// index of `rows`. `columns` and `size` are the lengths of their rows.
 pub(crate) fn join(
-    (observations, columns): (&[f32], usize),
-    (privileged, size): (&[f32], usize),
+    observations: &[f32],
+    columns: usize,
+    privileged: &[f32],
+    size: usize,
     rows: impl Iterator<Item = usize>,
     inputs: &mut [f32],
 ) {

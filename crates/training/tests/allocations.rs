@@ -66,7 +66,7 @@ fn later_updates_allocate_no_memory() {
     let mut actor_gradient = vec![0.0; actor.parameter_count()];
     let mut update = |index: u64| {
         let before = ALLOCATIONS.with(Cell::get);
-        replay.sample(&sampling, (Seed(1), index), 64, &normalizer, &mut batch);
+        replay.sample(&sampling, Seed(1), index, 64, &normalizer, &mut batch);
         Seed(2).normals(Stream::Policy, index, &mut noise);
         let temperature = 0.1;
         let critics = [&critics[0], &critics[1]];

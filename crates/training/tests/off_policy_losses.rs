@@ -49,7 +49,7 @@ fn batch() -> TransitionBatch<f64> {
     }
 }
 
-fn value(critic: &Mlp<f64>, (observations, privileged): (&[f64], &[f64]), row: usize, action: &[f64]) -> f64 {
+fn value(critic: &Mlp<f64>, observations: &[f64], privileged: &[f64], row: usize, action: &[f64]) -> f64 {
     let privileged = &privileged[row * PRIVILEGED..][..PRIVILEGED];
     let inputs = [&observations[row * OBSERVATION..][..OBSERVATION], action, privileged].concat();
     critic.forward(&inputs, &mut Workspace::default())[0]
@@ -103,11 +103,12 @@ fn critic_loss_of_ddpg() {
         .map(|row| {
             let action = outputs(&target_actor, &batch.next_observations, row);
             let next_value =
-                value(&target_critic, (&batch.next_observations, &batch.next_privileged), row, &action);
+                value(&target_critic, &batch.next_observations, &batch.next_privileged, row, &action);
             let y = batch.returns[row] + batch.discounts[row] * next_value;
             (value(
                 &own,
-                (&batch.observations, &batch.privileged),
+                &batch.observations,
+                &batch.privileged,
                 row,
                 &batch.actions[row * ACTION..][..ACTION],
             ) - y)
@@ -149,13 +150,13 @@ fn critic_loss_of_td3() {
             let action: Vec<f64> =
                 action.iter().zip(smoothing_noise).map(|(a, n)| (a + n).clamp(-1.0, 1.0)).collect();
             let next_value = |target: &Mlp<f64>| {
-                value(target, (&batch.next_observations, &batch.next_privileged), row, &action)
+                value(target, &batch.next_observations, &batch.next_privileged, row, &action)
             };
             let y = batch.returns[row]
                 + batch.discounts[row] * next_value(&targets[0]).min(next_value(&targets[1]));
             let action = &batch.actions[row * ACTION..][..ACTION];
             let error = |critic: &Mlp<f64>| {
-                (value(critic, (&batch.observations, &batch.privileged), row, action) - y).powi(2)
+                (value(critic, &batch.observations, &batch.privileged, row, action) - y).powi(2)
             };
             error(&first) + error(&second)
         })
@@ -181,7 +182,8 @@ fn policy_loss_of_deterministic_policies() {
         .map(|row| {
             -value(
                 &critic,
-                (&batch.observations, &batch.privileged),
+                &batch.observations,
+                &batch.privileged,
                 row,
                 &outputs(&actor, &batch.observations, row),
             )
@@ -239,13 +241,13 @@ fn critic_loss_of_sac() {
             let outputs = outputs(&actor, &batch.next_observations, row);
             let (action, log_prob) = squashed(&outputs, &noise[row * ACTION..][..ACTION]);
             let next_value = |target: &Mlp<f64>| {
-                value(target, (&batch.next_observations, &batch.next_privileged), row, &action)
+                value(target, &batch.next_observations, &batch.next_privileged, row, &action)
             };
             let soft = next_value(&targets[0]).min(next_value(&targets[1])) - TEMPERATURE * log_prob;
             let y = batch.returns[row] + batch.discounts[row] * soft;
             let action = &batch.actions[row * ACTION..][..ACTION];
             let error = |critic: &Mlp<f64>| {
-                0.5 * (value(critic, (&batch.observations, &batch.privileged), row, action) - y).powi(2)
+                0.5 * (value(critic, &batch.observations, &batch.privileged, row, action) - y).powi(2)
             };
             error(&first) + error(&second)
         })
@@ -286,8 +288,7 @@ fn policy_loss_of_sac() {
     for row in 0..ROWS {
         let (action, log_prob) =
             squashed(&outputs(&actor, &batch.observations, row), &noise[row * ACTION..][..ACTION]);
-        let values =
-            [0, 1].map(|i| value(&critics[i], (&batch.observations, &batch.privileged), row, &action));
+        let values = [0, 1].map(|i| value(&critics[i], &batch.observations, &batch.privileged, row, &action));
         expected += TEMPERATURE * log_prob - values[0].min(values[1]);
         log_probs += log_prob;
         chosen[usize::from(values[1] < values[0])] += 1;

@@ -79,7 +79,7 @@ fn sampling(n_steps: usize) -> Sampling {
 fn batch(replay: &ReplayBuffer, n_steps: usize, index: u64) -> TransitionBatch<f32> {
     let plain = Normalizer::new(&[0.0], &[1.0]).unwrap();
     let mut batch = TransitionBatch::default();
-    replay.sample(&sampling(n_steps), (Seed(7), index), 400, &plain, &mut batch);
+    replay.sample(&sampling(n_steps), Seed(7), index, 400, &plain, &mut batch);
     batch
 }
 
@@ -211,7 +211,7 @@ fn without_replacement_no_transition_repeats() {
     for index in 0..50 {
         let mut batch = TransitionBatch::default();
         let sampling = Sampling { replacement: false, ..sampling(1) };
-        replay.sample(&sampling, (Seed(7), index), 20, &plain, &mut batch);
+        replay.sample(&sampling, Seed(7), index, 20, &plain, &mut batch);
         let distinct: std::collections::BTreeSet<usize> = batch.indices.iter().copied().collect();
         assert_eq!((batch.rows(), distinct.len()), (20, 20));
         sampled.extend(distinct);
@@ -227,7 +227,7 @@ fn batches_differ_and_observations_are_normalized() {
     assert_eq!(batch(&replay, 1, 1), batch(&replay, 1, 1));
     let mut scaled = TransitionBatch::default();
     let normalizer = Normalizer::new(&[2.0], &[4.0]).unwrap();
-    replay.sample(&sampling(1), (Seed(7), 0), 400, &normalizer, &mut scaled);
+    replay.sample(&sampling(1), Seed(7), 0, 400, &normalizer, &mut scaled);
     for (scaled, plain) in scaled.observations.iter().zip(batch(&replay, 1, 0).observations) {
         assert!((scaled - (plain - 2.0) / 2.0).abs() < 1e-6);
     }

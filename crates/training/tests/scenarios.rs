@@ -313,7 +313,7 @@ fn guard(fallback: Fallback) -> Guard {
     let names = ["x", "y", "z"].map(String::from);
     let watch = Watch::new(&formula, &names, 0.1, STEPS).unwrap();
     let switch = Switch::new(0.0, Some(0.05), 3).unwrap();
-    Guard::new("a guard".to_string(), watch, switch, fallback, false, (3, 2)).unwrap()
+    Guard::new("a guard".to_string(), watch, switch, fallback, false, 3, 2).unwrap()
 }
 
 #[test]

@@ -83,14 +83,22 @@ fn document(name: &str, value: f64) -> String {
     out
 }
 
-fn change(model: &Model, (field, element, column, sign): (&str, &str, usize, f64), value: f64) -> Change {
+fn change(model: &Model, field: &str, element: &str, column: usize, value: f64) -> Change {
     let field = ModelField::from_name(field).unwrap();
     let row = match field.rows() {
         Some(kind) => model.field_rows(field, model.find(kind, element).unwrap()).start,
         None => 0,
     };
     let entries = vec![row * field.width() + column];
-    Change::Field { field, entries, operation: FieldOperation::Set, value: sign * value }
+    Change::Field { field, entries, operation: FieldOperation::Set, value }
+}
+
+/// Returns the changes of the entries of a case.
+fn changes(model: &Model, entries: &[(&str, &str, usize, f64)], value: f64) -> Vec<Change> {
+    let of_entry = |(field, element, column, sign): &(&str, &str, usize, f64)| {
+        change(model, field, element, *column, sign * value)
+    };
+    entries.iter().map(of_entry).collect()
 }
 
 /// Positions over the first second, in which the brick and the arm fall on the ground.
@@ -115,7 +123,7 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn a_changed_number_has_the_effect_of_that_number_in_the_document() {
     let plain = Model::from_xml(&document("", 0.0)).unwrap();
     for (name, value, entries) in CASES {
-        let changes: Vec<Change> = entries.iter().map(|entry| change(&plain, *entry, value)).collect();
+        let changes = changes(&plain, entries, value);
         changes.iter().for_each(|change| plain.check_change(change).unwrap());
         let changed = plain.changed(&changes);
         let compiled = Model::from_xml(&document(name, value)).unwrap();
@@ -154,7 +162,7 @@ fn largest(boxes: &[f64]) -> [f64; 6] {
 }
 
 fn field_changes(model: &Model) -> Vec<Change> {
-    CASES.iter().flat_map(|(_, value, entries)| entries.iter().map(|e| change(model, *e, *value))).collect()
+    CASES.iter().flat_map(|(_, value, entries)| changes(model, entries, *value)).collect()
 }
 
 #[test]
@@ -174,7 +182,7 @@ fn operations_set_add_and_scale() {
 fn a_change_without_effect_or_meaning_is_refused_with_its_reason() {
     let model = Model::from_xml(&document("", 0.0)).unwrap();
     let check = |field: &str, element: &str, column: usize, value: f64, expected: &str| {
-        let error = model.check_change(&change(&model, (field, element, column, 1.0), value)).unwrap_err();
+        let error = model.check_change(&change(&model, field, element, column, value)).unwrap_err();
         assert_eq!(error.to_string(), expected);
     };
     check("body_mass", "base", 0, -1.0, "cannot change body_mass of body `base`: -1 is negative");

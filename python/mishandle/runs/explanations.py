@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import pathlib
@@ -37,12 +36,14 @@ class ComparedRobustness(NamedTuple):
     second_succeeds: bool
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Comparison(results.Comparison):
     """Two evaluations of the same scenarios and seeds, compared pair by pair."""
 
-    compared: tuple[ComparedRobustness, ...] = ()
-    """All pairs, also those at the corners."""
+    @property
+    def compared(self) -> tuple[ComparedRobustness, ...]:
+        """All pairs, also those at the corners, from the run files."""
+        pairs = _native.compared_pairs(self.first.run, self.second.run)
+        return tuple(ComparedRobustness(*pair) for pair in pairs)
 
     @property
     def paths(self) -> tuple[pathlib.Path, pathlib.Path]:
@@ -69,9 +70,8 @@ def compare(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> Co
     MishandleError
         If the runs differ in more than the controller, or one is not complete.
     """
-    text, pairs = _native.compare(os.fspath(first), os.fspath(second))
-    compared = tuple(ComparedRobustness(*pair) for pair in pairs)
-    return dataclasses.replace(results.build(Comparison, json.loads(text)), compared=compared)
+    text = _native.compare(os.fspath(first), os.fspath(second))
+    return results.build(Comparison, json.loads(text))
 
 
 def diff(first: str | os.PathLike[str], second: str | os.PathLike[str]) -> results.RunDifference:

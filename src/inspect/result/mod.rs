@@ -1,6 +1,5 @@
 //! Findings about the simulations of a run, as results.
 
-mod comparison;
 mod explanation;
 mod modes;
 mod summary;

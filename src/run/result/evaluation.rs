@@ -1,12 +1,8 @@
 use std::path::Path;
 
-use mishandle_evaluation::{CornerReport, CornerResult, ScreenedEvaluation, TwoPhase};
-use mishandle_results::{
-    CornerPoint, Corners, Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed,
-};
-use mishandle_rollout::Axis;
+use mishandle_evaluation::{CornerCounter, ScreenedEvaluation, TwoPhase, complement};
+use mishandle_results::{Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed};
 
-use crate::plan::StartRegion;
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::facts::Facts;
 
@@ -15,7 +11,7 @@ use crate::run::facts::Facts;
 pub(in crate::run) fn screened_evaluation_result(
     resolved: &ResolvedPlan,
     report: &ScreenedEvaluation,
-    corners: Option<&CornerReport>,
+    corners: Option<&CornerCounter>,
     run: &Path,
 ) -> Evaluation {
     let finding =
@@ -41,6 +37,8 @@ pub(in crate::run) fn screened_evaluation_result(
             undecided: report.ends.undecided,
             strict_undecided: 0,
             careful_undecided: None,
+            violations: report.violations,
+            violation_rate: complement(report.success_rate()),
             success_rate: report.success_rate(),
             strict_success_rate: report.strict_success_rate(),
             careful_success_rate: None,
@@ -48,7 +46,7 @@ pub(in crate::run) fn screened_evaluation_result(
             dangerous_episode_rate: report.dangerous_episode_rate(),
             task_completion_time: None,
         },
-        corners: corners.map(|report| corners_result(resolved.space.axes(), report)),
+        corners: corners.map(CornerCounter::report),
         screening: Some(Screening {
             confirmed_without_verdict: report.without_verdict,
             findings: Some(findings.collect::<Named<_>>()),
@@ -68,14 +66,10 @@ pub(in crate::run) fn screened_evaluation_result(
 /// run file.
 pub(in crate::run) fn evaluation_result(facts: &Facts, run: &Path, is_complete: bool) -> Evaluation {
     let starts = facts.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default();
-    let starts = match starts {
-        StartRegion::Whole => "whole",
-        StartRegion::Reachable => "reachable",
-    };
     Evaluation {
         run: Some(run.to_string_lossy().into_owned()),
         subject: facts.subject.clone(),
-        starts: starts.to_string(),
+        starts,
         leaves_out_starts: facts.leaves_out_starts,
         is_complete,
         metrics: Metrics::default(),
@@ -87,42 +81,5 @@ pub(in crate::run) fn evaluation_result(facts: &Facts, run: &Path, is_complete: 
         reasons: None,
         screening: None,
         failures: None,
-    }
-}
-
-/// Returns the results at the corners and the center of the initial box.
-pub(in crate::run) fn corners_result(axes: &[Axis], report: &CornerReport) -> Corners {
-    let last = report.points.len().saturating_sub(1);
-    let point = |(index, point): (usize, &CornerResult)| CornerPoint {
-        kind: if index == last { "center" } else { "corner" }.to_string(),
-        scenario: named_scenario(axes, point.scenario.values()),
-        reachable: point.is_reachable,
-        counts: report.counts(point),
-        n: point.n,
-        invalid_starts: point.invalid_starts,
-        successes: point.successes,
-        strict_successes: point.strict_successes,
-        careful_successes: point.careful_successes,
-        diverged: point.diverged,
-        invalid: point.invalid,
-        failed: point.failed,
-        undecided: point.undecided,
-    };
-    let count =
-        |holds: &dyn Fn(&CornerResult) -> bool| report.corners().filter(|point| holds(point)).count() as u64;
-    let all = |holds: fn(&CornerResult) -> Option<bool>| count(&|point| holds(point) == Some(true));
-    let has_strict = report.points.iter().any(|point| point.strict_successes.is_some());
-    let has_careful = report.points.iter().any(|point| point.careful_successes.is_some());
-    Corners {
-        seeds: report.seeds,
-        n: report.corners().count() as u64,
-        without_verdict: count(&|point| point.succeeds().is_none()),
-        succeeding: all(CornerResult::succeeds),
-        strictly_succeeding: has_strict.then(|| all(CornerResult::succeeds_strictly)),
-        carefully_succeeding: has_careful.then(|| all(CornerResult::succeeds_carefully)),
-        center_succeeds: report.center().and_then(CornerResult::succeeds),
-        center_strictly_succeeds: report.center().and_then(CornerResult::succeeds_strictly),
-        center_carefully_succeeds: report.center().and_then(CornerResult::succeeds_carefully),
-        points: report.points.iter().enumerate().map(point).collect(),
     }
 }

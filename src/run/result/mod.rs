@@ -7,7 +7,7 @@ mod metamorphic;
 mod risk;
 mod simulation;
 
-pub(super) use evaluation::{corners_result, evaluation_result, screened_evaluation_result};
+pub(super) use evaluation::{evaluation_result, screened_evaluation_result};
 pub(super) use falsification::falsification_result;
 pub(crate) use margin::margin_result;
 pub(crate) use metamorphic::metamorphic_result;

@@ -396,8 +396,9 @@ impl Falsified<'_> {
         // With another budget, the rates cannot be compared.
         let is_compared = self.own.is_complete() && self.own.budget == PAPER_BUDGET && self.is_compared;
         let paper = self.paper.filter(|_| is_compared)?;
-        let ours = (self.own.falsified(), self.own.lifetimes.len() as u64);
-        Some(fisher_test(ours, (paper.falsified, PAPER_TRIALS)))
+        let falsified = self.own.falsified();
+        let ours = [falsified, self.own.lifetimes.len() as u64 - falsified];
+        Some(fisher_test([ours, [paper.falsified, PAPER_TRIALS - paper.falsified]]))
     }
 }
 

@@ -190,7 +190,7 @@ impl Measured<'_> {
         let rate = &self.success_rate;
         let successes = (rate.value? * rate.n as f64).round() as u64;
         let of_paper = (self.paper?.success / 100.0 * PAPER_STARTS as f64).round() as u64;
-        Some(fisher_test((successes, rate.n), (of_paper, PAPER_STARTS)))
+        Some(fisher_test([[successes, rate.n - successes], [of_paper, PAPER_STARTS - of_paper]]))
     }
 
     /// Returns a sentence on where the row differs from the paper's, and the notes on it; `None` if

@@ -2,17 +2,18 @@
 
 use std::path::Path;
 
-use mishandle::Plan;
 use mishandle::campaign::campaign_runs;
-use mishandle::evaluation::{Corners, Estimate, FormulaRoles};
+use mishandle::evaluation::Estimate;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::rollout::Seed;
-use mishandle::store::{RunFile, Simulation, TrialRecord, TrialStatus};
+use mishandle::results::{CornerPoint, Evaluation};
+use mishandle::run::recorded_answer;
+use mishandle::store::{RunFile, Simulation, TrialStatus};
+use mishandle::{MishandleError, Plan};
 use mishandle_text::shell_quote;
 use serde::{Deserialize, Serialize};
 
 use crate::paper::PaperError;
-use crate::paper::unit::{Evaluated, Unit, counter};
+use crate::paper::unit::{Evaluated, Unit};
 use crate::zoo::{Record, ZooFolder};
 
 /// Results of several campaigns, and where they come from.
@@ -156,7 +157,7 @@ fn command(folder: &Path, name: &str, root: &Path) -> String {
 }
 
 fn read_run(name: &str, path: &Path, root: &Path) -> Result<RunResults, PaperError> {
-    let store = |error| PaperError::from(mishandle::MishandleError::from(error));
+    let store = |error| PaperError::from(MishandleError::from(error));
     let file = RunFile::open_unchecked(path).map_err(store)?;
     let header = file.header();
     let plan = Plan::from_toml(&header.plan)?;
@@ -176,28 +177,23 @@ fn read_run(name: &str, path: &Path, root: &Path) -> Result<RunResults, PaperErr
         versions: header.versions.clone(),
         training_steps: training.and_then(|found| found.training_time).map(|time| time.control_steps),
     };
-    let mut trials = Vec::new();
+    let mut units = Vec::new();
     for trial in file.trials().map_err(store)? {
         let rows: Vec<Simulation> =
             file.trial_simulations(trial.trial.number).collect::<Result<_, _>>().map_err(store)?;
-        trials.push((trial.trial, rows));
+        units.extend(Unit::of_trial(&plan, &trial.trial, &rows));
     }
-    Ok(RunResults::of(facts, plan, &trials))
+    let evaluation = match plan.evaluate {
+        Some(_) => {
+            let found = recorded_answer(&file, None)?.try_into().map_err(MishandleError::from)?;
+            Some(EvaluationSummary::from(&found))
+        }
+        None => None,
+    };
+    Ok(RunResults { facts, plan, units, evaluation })
 }
 
 impl RunResults {
-    /// Summarizes the trials of a run, each with all its simulations.
-    pub fn of(facts: RunFacts, plan: Plan, trials: &[(TrialRecord, Vec<Simulation>)]) -> RunResults {
-        let units = trials.iter().flat_map(|(trial, rows)| Unit::of_trial(&plan, trial, rows)).collect();
-        let rows = |number: u32| {
-            let found = trials.iter().find(|(trial, _)| trial.number == number);
-            found.map_or(&[][..], |(_, rows)| rows)
-        };
-        let summary = || EvaluationSummary::of(&facts, &plan, rows(1), rows(Corners::TRIAL));
-        let evaluation = plan.evaluate.is_some().then(summary);
-        RunResults { facts, plan, units, evaluation }
-    }
-
     /// Returns whether all trials of the plan have ended.
     pub fn is_complete(&self) -> bool {
         let trials = self.plan.falsify.as_ref().map_or(1, |falsify| falsify.trials as usize);
@@ -233,33 +229,15 @@ impl RunResults {
     }
 }
 
-impl EvaluationSummary {
-    fn of(facts: &RunFacts, plan: &Plan, random: &[Simulation], corners: &[Simulation]) -> EvaluationSummary {
-        let roles = FormulaRoles {
-            strict: facts.has_formula("strict"),
-            careful: facts.has_formula("careful"),
-            safe: facts.has_formula("safe"),
-            completion: facts.has_formula("completion"),
-        };
-        let metrics = counter(plan, roles, random).report(Seed(plan.seed));
-        // Points, whether all their simulations succeed, and whether any has a verdict.
-        let mut points: Vec<(&[Option<f64>], bool, bool)> = Vec::new();
-        for Simulation { scenario, robustness, .. } in corners {
-            let is_success = robustness.is_some_and(f64::is_sign_positive);
-            match points.iter_mut().find(|(known, ..)| *known == &scenario[..]) {
-                Some((_, succeeds, is_tested)) => {
-                    *succeeds &= is_success;
-                    *is_tested |= robustness.is_some();
-                }
-                None => points.push((scenario, is_success, robustness.is_some())),
-            }
-        }
-        points.retain(|(.., is_tested)| *is_tested);
+impl From<&Evaluation> for EvaluationSummary {
+    fn from(found: &Evaluation) -> EvaluationSummary {
+        let points = found.corners.iter().flat_map(|corners| &corners.points);
+        let tested: Vec<&CornerPoint> = points.filter(|point| point.has_verdict()).collect();
         EvaluationSummary {
-            dangerous_behavior_rate: metrics.dangerous_behavior_rate,
-            task_completion_time: metrics.task_completion_time,
-            failing_corners: points.iter().filter(|(_, succeeds, _)| !succeeds).count() as u32,
-            corners: points.len() as u32,
+            dangerous_behavior_rate: found.metrics.dangerous_behavior_rate,
+            task_completion_time: found.metrics.task_completion_time,
+            failing_corners: tested.iter().filter(|point| point.successes < point.n).count() as u32,
+            corners: tested.len() as u32,
         }
     }
 }

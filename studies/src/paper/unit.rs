@@ -1,7 +1,7 @@
 //! Units: the parts of a run that can be run again by themselves, each with a summary and a digest.
 
-use mishandle::evaluation::{FormulaRoles, MetricCounter};
-use mishandle::run::recorded_episode;
+use mishandle::evaluation::FormulaRoles;
+use mishandle::run::{metric_counter, recorded_episode};
 use mishandle::store::{Simulation, SimulationEnd, TrialRecord, TrialStatus};
 use mishandle::{Plan, ResolvedPlan};
 use sha2::{Digest, Sha256};
@@ -138,7 +138,8 @@ impl Unit {
 
 impl Evaluated {
     fn of(plan: &Plan, simulations: &[Simulation]) -> Evaluated {
-        let counter = counter(plan, FormulaRoles::default(), simulations);
+        let mut counter = metric_counter(plan, FormulaRoles::default());
+        simulations.iter().for_each(|row| counter.add(&recorded_episode(row)));
         let fractions = counter.dangerous_fractions();
         let steps = counter.completion_steps();
         Evaluated {
@@ -150,14 +151,6 @@ impl Evaluated {
             completion_sum: steps.iter().sum(),
         }
     }
-}
-
-/// Returns the metrics of simulations of an evaluation.
-pub(crate) fn counter(plan: &Plan, roles: FormulaRoles, simulations: &[Simulation]) -> MetricCounter {
-    let counts_failures = plan.preset == "code";
-    let mut metrics = MetricCounter::new(roles).with_completion_times_of_failures(counts_failures);
-    simulations.iter().for_each(|row| metrics.add(&recorded_episode(row)));
-    metrics
 }
 
 fn is_stopped(row: &Simulation) -> bool {

@@ -39,8 +39,8 @@ pub use plan::{Training, algorithms, plan};
 pub use plan_entry::{PlanEntry, TrainingState};
 pub use provenance::{Difference, TrainingInputs, TrainingSummary, TrainingTime};
 pub use record::{
-    Conditions, CornersRecord, EstimateRecord, EvaluationRecord, FailingPoint, FalsificationRecord,
-    Measurement, PlanRecord, Record, TrialMeasurement,
+    Conditions, CornersRecord, EvaluationRecord, FailingPoint, FalsificationRecord, Measurement, PlanRecord,
+    Record, TrialMeasurement,
 };
 pub use runner::{BenchmarkTask, ControllerUnderTest, LocalRunner, Runner};
 pub use selection::Selection;

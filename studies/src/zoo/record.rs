@@ -3,9 +3,10 @@
 //! The fields and their order are the format of `controllers/figures/TASK/CONTROLLER.json`: loading
 //! and saving a record gives the same bytes.
 
-use mishandle::ResolvedPlan;
 use mishandle::plan::StartRegion;
-use mishandle::results::{CornerPoint, Corners, Estimate, Evaluation, Falsification, Trial};
+use mishandle::results::{
+    CornerPoint, Corners, Estimate, Evaluation, Falsification, Number, Seed, Subject, Trial,
+};
 use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
 
@@ -102,23 +103,20 @@ pub struct PlanRecord {
     /// Standard deviation of the observation noise.
     pub observation_noise: f64,
     /// Random seed.
-    #[serde(with = "decimal_text")]
-    pub seed: u64,
+    pub seed: Seed,
 }
 
-impl From<&ResolvedPlan> for PlanRecord {
-    fn from(resolved: &ResolvedPlan) -> PlanRecord {
-        let ResolvedPlan { plan, target, .. } = resolved;
-        let controller = target.components.first();
+impl From<&Subject> for PlanRecord {
+    fn from(subject: &Subject) -> PlanRecord {
         PlanRecord {
-            task: plan.target.clone(),
-            preset: plan.preset.clone(),
-            controller: controller.map(|component| component.name.clone()).unwrap_or_default(),
-            controller_hash: controller.map(|component| component.hash.clone()).unwrap_or_default(),
-            stochastic: plan.stochastic,
-            action_noise: plan.action_noise,
-            observation_noise: plan.observation_noise,
-            seed: plan.seed,
+            task: subject.task.clone(),
+            preset: subject.preset.clone().unwrap_or_default(),
+            controller: subject.controller.clone().unwrap_or_default(),
+            controller_hash: subject.controller_hash.clone().unwrap_or_default(),
+            stochastic: subject.stochastic,
+            action_noise: subject.action_noise,
+            observation_noise: subject.observation_noise,
+            seed: subject.seed,
         }
     }
 }
@@ -142,40 +140,37 @@ pub struct EvaluationRecord {
     /// Simulations that left success undecided.
     pub undecided: u64,
     /// Success rate.
-    pub success_rate: EstimateRecord,
+    pub success_rate: Estimate,
     /// Strict success rate.
-    pub strict_success_rate: EstimateRecord,
+    pub strict_success_rate: Estimate,
     /// Careful success rate.
-    pub careful_success_rate: EstimateRecord,
+    pub careful_success_rate: Estimate,
     /// Dangerous behavior rate.
-    pub dangerous_behavior_rate: EstimateRecord,
+    pub dangerous_behavior_rate: Estimate,
     /// Fraction of simulations with any dangerous control step.
-    pub dangerous_episode_rate: EstimateRecord,
+    pub dangerous_episode_rate: Estimate,
     /// Task completion time, control steps.
-    pub task_completion_time: EstimateRecord,
+    pub task_completion_time: Estimate,
     /// Results at the corners and the center of the initial box.
     pub corners: CornersRecord,
 }
 
-impl EvaluationRecord {
-    /// Returns the record of an evaluation.
-    pub fn new(resolved: &ResolvedPlan, found: &Evaluation) -> EvaluationRecord {
+impl From<&Evaluation> for EvaluationRecord {
+    fn from(found: &Evaluation) -> EvaluationRecord {
         let report = &found.metrics;
-        let estimate =
-            |estimate: &Option<Estimate>| estimate.as_ref().map(EstimateRecord::from).unwrap_or_default();
         EvaluationRecord {
-            plan: PlanRecord::from(resolved),
-            starts: resolved.plan.evaluate.as_ref().map(|evaluate| evaluate.starts).unwrap_or_default(),
+            plan: PlanRecord::from(&found.subject),
+            starts: found.starts,
             leaves_out_starts: found.leaves_out_starts,
             simulations: report.simulations,
             diverged: report.diverged,
             undecided: report.undecided,
-            success_rate: EstimateRecord::from(&report.success_rate),
-            strict_success_rate: estimate(&report.strict_success_rate),
-            careful_success_rate: estimate(&report.careful_success_rate),
-            dangerous_behavior_rate: estimate(&report.dangerous_behavior_rate),
-            dangerous_episode_rate: estimate(&report.dangerous_episode_rate),
-            task_completion_time: estimate(&report.task_completion_time),
+            success_rate: report.success_rate,
+            strict_success_rate: report.strict_success_rate.unwrap_or_default(),
+            careful_success_rate: report.careful_success_rate.unwrap_or_default(),
+            dangerous_behavior_rate: report.dangerous_behavior_rate.unwrap_or_default(),
+            dangerous_episode_rate: report.dangerous_episode_rate.unwrap_or_default(),
+            task_completion_time: report.task_completion_time.unwrap_or_default(),
             corners: found.corners.as_ref().map(CornersRecord::from).unwrap_or_default(),
         }
     }
@@ -253,27 +248,6 @@ impl From<&Corners> for CornersRecord {
     }
 }
 
-/// An average with its 95 % confidence interval.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct EstimateRecord {
-    /// The average; `None` over nothing.
-    pub value: Option<f64>,
-    /// Lower end of the interval.
-    pub low: Option<f64>,
-    /// Upper end of the interval.
-    pub high: Option<f64>,
-    /// Number of simulations that were averaged.
-    pub n: u64,
-}
-
-impl From<&Estimate> for EstimateRecord {
-    fn from(estimate: &Estimate) -> EstimateRecord {
-        let Estimate { value, low, high, n } = *estimate;
-        EstimateRecord { value, low, high, n }
-    }
-}
-
 /// A falsification, as `mishandle falsify` reports it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -290,7 +264,7 @@ pub struct FalsificationRecord {
     /// Trials that found a violation.
     pub falsified_trials: u32,
     /// Their share of the trials.
-    pub falsification_rate: EstimateRecord,
+    pub falsification_rate: Estimate,
     /// Mean number of simulations over the falsified trials.
     pub mean_simulations: Option<f64>,
     /// Simulations after which half of the trials have found a violation.
@@ -301,16 +275,15 @@ pub struct FalsificationRecord {
     pub trials: Vec<TrialMeasurement>,
 }
 
-impl FalsificationRecord {
-    /// Returns the record of a falsification.
-    pub fn new(resolved: &ResolvedPlan, found: &Falsification) -> FalsificationRecord {
+impl From<&Falsification> for FalsificationRecord {
+    fn from(found: &Falsification) -> FalsificationRecord {
         FalsificationRecord {
-            plan: PlanRecord::from(resolved),
+            plan: PlanRecord::from(&found.subject),
             search: found.search.clone(),
             formula: found.formula.clone(),
             budget: found.budget,
             falsified_trials: found.falsified_trials,
-            falsification_rate: EstimateRecord::from(&found.falsification_rate),
+            falsification_rate: found.falsification_rate,
             mean_simulations: found.mean_simulations,
             median_simulations: found.median_simulations,
             restricted_mean_simulations: found.restricted_mean_simulations,
@@ -330,15 +303,13 @@ pub struct TrialMeasurement {
     /// Number of simulations.
     pub simulations: u32,
     /// Least robustness; `None` if no simulation has one.
-    #[serde(with = "number_or_text")]
-    pub minimum_robustness: Option<f64>,
+    pub minimum_robustness: Option<Number>,
     /// Values of the scenario's axes, in the task's units.
     pub initial_configuration: Option<Vec<Option<f64>>>,
     /// Number of the simulation within the trial, from 1.
     pub simulation: Option<u32>,
     /// Its seed.
-    #[serde(with = "optional_decimal_text")]
-    pub seed: Option<u64>,
+    pub seed: Option<Seed>,
     /// `falsified`, `budget spent` or `search ended`.
     pub end: Option<String>,
     /// Simulations whose numbers stopped being finite.
@@ -353,67 +324,13 @@ impl From<&Trial> for TrialMeasurement {
             trial: found.trial,
             falsified: found.falsified,
             simulations: found.simulations,
-            minimum_robustness: found.minimum_robustness.map(|robustness| robustness.0),
+            minimum_robustness: found.minimum_robustness,
             initial_configuration: found.initial_configuration.clone(),
             simulation: found.simulation,
-            seed: found.seed.map(|seed| seed.0),
+            seed: found.seed,
             end: found.end.clone(),
             diverged: found.diverged,
             undecided: found.undecided,
-        }
-    }
-}
-
-/// A seed as text: JSON numbers lose digits above 2⁵³ in most readers.
-mod decimal_text {
-    use serde::{Deserialize, Deserializer, Serializer, de::Error};
-
-    pub fn serialize<S: Serializer>(number: &u64, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(&number.to_string())
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(Error::custom)
-    }
-}
-
-/// The same, or null.
-mod optional_decimal_text {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
-
-    pub fn serialize<S: Serializer>(number: &Option<u64>, serializer: S) -> Result<S::Ok, S::Error> {
-        number.map(|number| number.to_string()).serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u64>, D::Error> {
-        let text: Option<String> = Option::deserialize(deserializer)?;
-        text.map(|text| text.parse().map_err(Error::custom)).transpose()
-    }
-}
-
-/// A number, `"inf"` or `"-inf"`, which JSON has no numbers for, or null.
-mod number_or_text {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
-
-    #[derive(Serialize, Deserialize)]
-    #[serde(untagged)]
-    enum Spelling {
-        Number(f64),
-        Text(String),
-    }
-
-    pub fn serialize<S: Serializer>(number: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
-        let spelling = number.map(|number| {
-            if number.is_finite() { Spelling::Number(number) } else { Spelling::Text(number.to_string()) }
-        });
-        spelling.serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
-        match Option::deserialize(deserializer)? {
-            None => Ok(None),
-            Some(Spelling::Number(number)) => Ok(Some(number)),
-            Some(Spelling::Text(text)) => text.parse().map(Some).map_err(Error::custom),
         }
     }
 }
@@ -560,7 +477,10 @@ mod tests {
     fn infinite_robustness_and_large_seeds_survive_json() {
         let text = r#"{"trial":1,"falsified":false,"simulations":2,"minimum_robustness":"-inf","initial_configuration":[0.5,null],"simulation":1,"seed":"18446744073709551615","end":null,"diverged":0,"undecided":0}"#;
         let trial: TrialMeasurement = serde_json::from_str(text).unwrap();
-        assert_eq!((trial.minimum_robustness, trial.seed), (Some(f64::NEG_INFINITY), Some(u64::MAX)));
+        assert_eq!(
+            (trial.minimum_robustness, trial.seed),
+            (Some(Number(f64::NEG_INFINITY)), Some(Seed(u64::MAX)))
+        );
         assert_eq!(serde_json::to_string(&trial).unwrap(), text);
     }
 }

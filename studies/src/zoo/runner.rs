@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle::build::build;
 use mishandle::plan::{EvaluatePlan, FalsifyPlan, StartRegion};
+use mishandle::results::{Evaluation, Falsification};
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::tasks::{Preset, TASKS, task_hash};
 use mishandle::train::{TrainObserver, TrainPlan, reward};
@@ -168,8 +169,8 @@ impl Runner for LocalRunner {
             let run = create_run(&resolved, Some(&subject.run))?;
             let answer = ask(&resolved, run, Engine::Direct, &mut |_| flow(stop))?;
             if answer.is_complete() {
-                let found = answer.try_into().map_err(MishandleError::from)?;
-                Ok(EvaluationRecord::new(&resolved, &found))
+                let found = Evaluation::try_from(answer).map_err(MishandleError::from)?;
+                Ok(EvaluationRecord::from(&found))
             } else {
                 Err(ZooError::Interrupted)
             }
@@ -189,8 +190,8 @@ impl Runner for LocalRunner {
             let run = create_run(&resolved, Some(&subject.run))?;
             let answer = ask(&resolved, run, Engine::Direct, &mut |_| flow(stop))?;
             if answer.is_complete() {
-                let found = answer.try_into().map_err(MishandleError::from)?;
-                Ok(FalsificationRecord::new(&resolved, &found))
+                let found = Falsification::try_from(answer).map_err(MishandleError::from)?;
+                Ok(FalsificationRecord::from(&found))
             } else {
                 Err(ZooError::Interrupted)
             }

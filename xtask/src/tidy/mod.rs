@@ -12,6 +12,7 @@ mod ratchet;
 mod rooms;
 mod rules;
 mod sizes;
+mod tuples;
 mod width;
 mod words;
 
@@ -107,6 +108,7 @@ pub fn check(root: &Path) -> Result<()> {
         plain::check(&tree),
         python::check(&tree),
         sizes::check(&tree),
+        tuples::check(&tree),
         width::check(&tree),
         words::check(&tree),
         ratchet::check(&tree),

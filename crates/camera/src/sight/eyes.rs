@@ -33,7 +33,8 @@ impl SightEyes {
     pub fn new(
         name: &str,
         sight: &Sight,
-        (model, view): (Model, View),
+        model: Model,
+        view: View,
         space: &Space,
         images: &[Image],
     ) -> Result<SightEyes, RolloutError> {
@@ -117,7 +118,7 @@ impl EyesWorker for Worker {
             *shown = Some(frame);
             let camera = Camera { size: *size, ..view.cameras[frame.camera].clone() };
             let state_at = |step: usize| &states[step * state.len()..][..state.len()];
-            let shot = frame.shot((&view.scene, &camera), state_at, *seed);
+            let shot = frame.shot(&view.scene, &camera, state_at, *seed);
             self.renderer.render(&shot, &mut Output { rgb: Some(rgb), depth: None, segments: None });
         }
     }

@@ -19,7 +19,8 @@ impl Frame {
     /// state of each control step so far, and `seed` is that of the simulation.
     pub fn shot<'a>(
         self,
-        (scene, camera): (&'a Scene, &'a Camera),
+        scene: &'a Scene,
+        camera: &'a Camera,
         state: impl Fn(usize) -> &'a [f64],
         seed: Seed,
     ) -> StateShot<'a> {

@@ -29,7 +29,8 @@ impl ImageFeed {
     pub fn new(
         sight: &Sight,
         sizes: &[Size],
-        (space, scenario): (&Space, &Scenario),
+        space: &Space,
+        scenario: &Scenario,
         seed: Seed,
     ) -> Result<ImageFeed, RolloutError> {
         assert_eq!(sizes.len(), sight.count(), "a size for each camera");

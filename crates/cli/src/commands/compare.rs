@@ -128,11 +128,9 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let b = run::read(&second, skip_check)?;
     let found = mishandle::inspect::compare(&a, &b)?;
     if let Some(out) = &command.out {
-        output::write_atomically(out, command.force, comparison_page(&found, [&a, &b]).as_bytes())?;
+        output::write_atomically(out, command.force, comparison_page(&found, [&a, &b])?.as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
     }
-    let has_verdicts = found.has_verdicts();
-    let found = found.result();
     if command.run.json {
         output::json(&found)?;
     } else {
@@ -140,7 +138,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     // Exit code 0 would say that B fails nowhere, and 1 that it fails.
     ensure!(
-        has_verdicts,
+        found.has_verdicts(),
         "the controllers were not compared: no random simulation of one of them has a verdict"
     );
     Ok(if !found.new_failures.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })

@@ -1,7 +1,9 @@
 //! Answers for people, and the exit codes that they give.
 
 use anyhow::{Result, ensure};
-use mishandle::results::{Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk};
+use mishandle::results::{
+    Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, StartRegion,
+};
 use mishandle::store::RunKind;
 use mishandle_text::plural;
 
@@ -59,7 +61,7 @@ fn of_evaluation(asked: &Asked, found: &Evaluation, as_json: bool) -> Result<Exi
     if let Some(status) = asked.report_file() {
         return Ok(status);
     }
-    if found.starts == "reachable" && !found.leaves_out_starts {
+    if found.starts == StartRegion::Reachable && !found.leaves_out_starts {
         output::message(
             "note: no initial state was rejected as unreachable: -k evaluate.box=whole gives the same result",
         );

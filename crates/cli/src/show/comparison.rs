@@ -41,15 +41,16 @@ pub fn text(found: &Comparison) -> String {
              beforehand.",
             found.verdict
         ) } else { format!("{} The other p-values are of exact sign tests.", found.verdict) });
+    let [new, fixed] = found.changes();
     let lists = [
-        ("New failures: A succeeds, B fails", &found.new_failures),
-        ("Fixed failures: A fails, B succeeds", &found.fixed_failures),
+        ("New failures: A succeeds, B fails", new, &found.new_failures),
+        ("Fixed failures: A fails, B succeeds", fixed, &found.fixed_failures),
     ];
     parts.extend(
         lists
             .into_iter()
-            .filter(|(_, pairs)| !pairs.is_empty())
-            .map(|(title, pairs)| list(found, title, pairs)),
+            .filter(|(_, all, _)| *all > 0)
+            .map(|(title, all, pairs)| list(found, &format!("{title} ({all})"), all, pairs)),
     );
     parts.join("\n\n")
 }
@@ -128,7 +129,7 @@ fn interval(estimate: &Estimate, show: &dyn Fn(f64) -> String) -> String {
     ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", show(low), show(high)))
 }
 
-fn list(found: &Comparison, title: &str, pairs: &[ComparedPair]) -> String {
+fn list(found: &Comparison, title: &str, all: u64, pairs: &[ComparedPair]) -> String {
     let mut rows = vec![
         ["trial", "simulation", "seed", "scenario", "robustness A", "robustness B"]
             .map(String::from)
@@ -145,10 +146,11 @@ fn list(found: &Comparison, title: &str, pairs: &[ComparedPair]) -> String {
             robustness(pair.second_robustness),
         ]);
     }
-    let more = pairs.len().saturating_sub(MAX_LISTED);
-    let more = if more > 0 { format!("\n… and {more} more: --json lists all") } else { String::new() };
+    let more = all.saturating_sub(MAX_LISTED as u64);
+    let lists = if all > pairs.len() as u64 { "lists the first of them" } else { "lists all" };
+    let more = if more > 0 { format!("\n… and {more} more: --json {lists}") } else { String::new() };
     let example = pairs.first().map_or(String::new(), |pair| pair.replay.clone());
     let has_corners = pairs.iter().any(|pair| pair.trial == Corners::TRIAL);
     let corners = if has_corners { "; trial 2: corners and center of the initial box" } else { "" };
-    format!("{title} ({}){corners}\n{}{more}\nReplay the first: {example}", pairs.len(), output::table(&rows))
+    format!("{title}{corners}\n{}{more}\nReplay the first: {example}", output::table(&rows))
 }

@@ -1,6 +1,6 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Control, EndCounts, Estimate, Evaluation};
+use mishandle::results::{Control, EndCounts, Estimate, Evaluation, StartRegion};
 use mishandle_text::{p_value_text, plural};
 
 use super::{corners, escape, output, reasons, requirements, screening, simulation, subject};
@@ -10,9 +10,9 @@ const MAX_AXES: usize = 4;
 
 /// Returns the first line of the result.
 fn heading(found: &Evaluation) -> String {
-    let part = match found.starts.as_str() {
-        "reachable" => ", initial states from the reachable part of the box",
-        _ => "",
+    let part = match found.starts {
+        StartRegion::Reachable => ", initial states from the reachable part of the box",
+        StartRegion::Whole => "",
     };
     format!("{}{part}", subject::heading(&found.subject))
 }

@@ -58,7 +58,8 @@ impl Guard {
         switch: Switch,
         fallback: Fallback,
         is_privileged: bool,
-        (observation_size, action_size): (usize, usize),
+        observation_size: usize,
+        action_size: usize,
     ) -> Result<Guard, GuardError> {
         if switch.has_way_back() && !watch.is_past() {
             return Err(GuardError::NoWayBack { formula: watch.formula().to_string() });

@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use mishandle_random::{Seed, Sequence};
 
 use super::{DifferenceSequence, RateSequence, StopRule};
-use crate::f_distribution::{incomplete_beta, ln_beta};
+use crate::f_distribution::Beta;
 use crate::{Estimate, PairedCounts, sign_test, wilson};
 
 /// Probability with which a fixed number is enough.
@@ -239,10 +239,7 @@ fn at_least(k: u64, n: u64, p: f64) -> f64 {
     match k {
         0 => 1.0,
         k if k > n => 0.0,
-        k => {
-            let halves = (2 * k as u32, 2 * (n - k + 1) as u32);
-            incomplete_beta(p, halves, ln_beta(halves))
-        }
+        k => Beta::new(2 * k as u32, 2 * (n - k + 1) as u32).below(p),
     }
 }
 

@@ -251,7 +251,7 @@ pub fn metamorphic(
         let Some(pair) = outcome.worst.first() else { continue };
         let trial = MetamorphicSettings::SOURCES + relations.len() as u32 + index;
         let done = found.simulations;
-        match shrink(system, cases, (relation, trial), pair, |simulations| watch(done + simulations))? {
+        match shrink(system, cases, relation, trial, pair, |simulations| watch(done + simulations))? {
             Shrunk::Found(smallest) => {
                 found.simulations += smallest.simulations;
                 found.relations[index as usize - 1].smallest_change = Some(smallest);

@@ -19,7 +19,8 @@ pub(super) const BISECTIONS: u64 = 10;
 pub(super) fn shrink(
     system: &mut dyn System,
     cases: &Cases,
-    (relation, trial): (&Relation, u32),
+    relation: &Relation,
+    trial: u32,
     pair: &Pair,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Shrunk, FalsificationError> {

@@ -38,7 +38,7 @@ impl ImageInput {
     /// bytes as integers of 32 bits.
     pub(super) fn prepare(proto: &mut ModelProto, names: &Names) -> Result<Vec<ImageInput>, OnnxProblem> {
         let Some(graph) = proto.graph.as_mut() else { return Ok(Vec::new()) };
-        let images = names.images.iter().map(|(name, camera)| prepare(graph, (name, camera), names.history));
+        let images = names.images.iter().map(|(name, camera)| prepare(graph, name, camera, names.history));
         let images: Vec<ImageInput> = images.collect::<Result<_, _>>()?;
         let bytes = images.iter().filter(|input| input.is_bytes).map(|input| input.name.clone()).collect();
         check_bytes(graph, bytes)?;
@@ -77,7 +77,8 @@ impl ImageInput {
 
 fn prepare(
     graph: &mut GraphProto,
-    (name, camera): (&str, &str),
+    name: &str,
+    camera: &str,
     history: Option<usize>,
 ) -> Result<ImageInput, OnnxProblem> {
     let invalid = |reason| OnnxProblem::Interface { place: "its images".to_string(), reason };

@@ -196,7 +196,7 @@ impl OnnxPolicy {
         prepare(&mut proto, &names, expected)?;
         let images = ImageInput::prepare(&mut proto, &names)?;
         proto.graph.iter_mut().for_each(keep_nan);
-        let mut core = Core::new(&proto, &names, (images, places), (&interface, expected))?;
+        let mut core = Core::new(&proto, &names, images, places, &interface, expected)?;
         if let Some((_, layout)) = environment {
             core.sizes.0 = layout.observation_size();
         }
@@ -416,8 +416,10 @@ impl Core {
     fn new(
         proto: &ModelProto,
         names: &Names,
-        (images, places): (Vec<ImageInput>, Vec<usize>),
-        (interface, expected): (&Interface, Option<Expected<'_>>),
+        images: Vec<ImageInput>,
+        places: Vec<usize>,
+        interface: &Interface,
+        expected: Option<Expected<'_>>,
     ) -> Result<Core, OnnxProblem> {
         let format = |reason: String| OnnxProblem::Format { reason };
         let bytes = proto.write_buf().map_err(|error| format(error.to_string()))?;
@@ -534,8 +536,9 @@ impl Core {
     /// shape.
     fn step(
         &self,
-        (options, frames): (&RunOptions, &mut Vec<u8>),
-        seen: (&[f32], &[u8]),
+        options: &RunOptions,
+        observation: &[f32],
+        images: &[u8],
         state: &mut [f64],
         action: &mut [f32],
     ) -> Option<()> {
@@ -543,17 +546,22 @@ impl Core {
         let (state, planned) = state.split_at_mut_checked(state.len().checked_sub(plan)?)?;
         let (state, past) = state.split_at_mut_checked(state.len().checked_sub(history)?)?;
         let places = self.observation.iter().flat_map(|own| &own.places);
-        let observation = places.map(|place| seen.0[*place]);
-        let images = self.split(seen.1);
+        let seen = places.map(|place| observation[*place]);
+        let present = self.split(images);
         if let Some(history) = &self.history {
-            history.start(past, &observation, &images);
+            history.start(past, &seen, &present);
         }
         match self.plan.as_ref().filter(|plan| plan.steps_to_chunk(planned) > 0) {
             Some(plan) => plan.play(planned, None::<std::iter::Empty<f32>>, action),
-            None => self.run((options, frames), seen, (state, past, planned), action)?,
+            None => {
+                let inputs = self.inputs(observation, images, state, past)?;
+                let run = || self.model.run(inputs, &self.asked, Some(options.clone()));
+                let values = without_panic(|| run().map_err(|error| error.to_string())).ok()?;
+                self.write_outputs(&values, state, planned, action)?;
+            }
         }
         if let Some(history) = &self.history {
-            history.push(past, observation, images);
+            history.push(past, seen, present);
         }
         Some(())
     }
@@ -575,16 +583,16 @@ impl Core {
         })
     }
 
-    /// Runs the model for one row; `None` if an operator fails or an output has another shape.
-    fn run(
+    /// Returns the inputs of the model for one row; `None` if one does not fit.
+    fn inputs(
         &self,
-        (options, frames): (&RunOptions, &mut Vec<u8>),
-        (observation, images): (&[f32], &[u8]),
-        (state, past, planned): (&mut [f64], &[f64], &mut [f64]),
-        action: &mut [f32],
-    ) -> Option<()> {
+        observation: &[f32],
+        images: &[u8],
+        state: &[f64],
+        past: &[f64],
+    ) -> Option<Vec<(NodeId, ValueOrView<'static>)>> {
         let value = |shape: &[usize], numbers: Vec<f32>| Value::from_shape(shape, numbers).ok();
-        let mut inputs: Vec<(NodeId, ValueOrView<'_>)> = Vec::new();
+        let mut inputs: Vec<(NodeId, ValueOrView<'static>)> = Vec::new();
         if let Some(ObservationInput { input, shape, has_history, places }) = &self.observation {
             let earlier = self.history.iter().filter(|_| *has_history).flat_map(|own| own.observations(past));
             let numbers = earlier.chain(places.iter().map(|place| observation[*place])).collect();
@@ -597,22 +605,30 @@ impl Core {
                 inputs.push((*id, input.value(present)?.into()));
                 continue;
             };
-            frames.clear();
-            history.write_images(past, index, frames);
+            let mut frames = Vec::new();
+            history.write_images(past, index, &mut frames);
             frames.extend_from_slice(present);
-            inputs.push((*id, input.value(frames)?.into()));
+            inputs.push((*id, input.value(&frames)?.into()));
         }
-        let mut rest = &state[..];
+        let mut rest = state;
         for part in &self.states {
             let (own, others) = rest.split_at_checked(part.size())?;
             rest = others;
             let numbers = own.iter().map(|x| *x as f32).collect();
             inputs.push((part.input, value(&part.shape, numbers)?.into()));
         }
-        let values = without_panic(|| {
-            self.model.run(inputs, &self.asked, Some(options.clone())).map_err(|e| e.to_string())
-        });
-        let values = values.ok()?;
+        Some(inputs)
+    }
+
+    /// Takes the action, the plan and the state of one row from the outputs of the model; `None` if
+    /// one has another shape.
+    fn write_outputs(
+        &self,
+        values: &[Value],
+        state: &mut [f64],
+        planned: &mut [f64],
+        action: &mut [f32],
+    ) -> Option<()> {
         let chosen: TensorView<'_, f32> = values.get(self.action)?.as_tensor_view()?;
         match &self.plan {
             None => copy(&chosen, action.iter_mut(), |x| x)?,
@@ -693,9 +709,7 @@ impl Controller for OnnxPolicy {
     fn worker(&self) -> Box<dyn ControllerWorker> {
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
-        let images = Vec::new();
-        let frames = Vec::new();
-        Box::new(OnnxWorker { core: self.core.clone(), pool, options, images, frames })
+        Box::new(OnnxWorker { core: self.core.clone(), pool, options, images: Vec::new() })
     }
 }
 
@@ -705,8 +719,6 @@ struct OnnxWorker {
     options: RunOptions,
     /// Images of all rows.
     images: Vec<u8>,
-    /// Images of one row and its history.
-    frames: Vec<u8>,
 }
 
 impl ControllerWorker for OnnxWorker {
@@ -724,7 +736,7 @@ impl ControllerWorker for OnnxWorker {
     }
 
     fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        let OnnxWorker { core, pool, options, images, frames } = self;
+        let OnnxWorker { core, pool, options, images } = self;
         let bytes = images.len() / rows.max(1);
         let (inputs, outputs) = core.sizes;
         let state_size = core.state_size();
@@ -735,7 +747,7 @@ impl ControllerWorker for OnnxWorker {
                 let state = &mut states[row * state_size..][..state_size];
                 let action = &mut actions[row * outputs..][..outputs];
                 let images = &images[row * bytes..][..bytes];
-                if core.step((options, &mut *frames), (observation, images), state, action).is_none() {
+                if core.step(options, observation, images, state, action).is_none() {
                     action.fill(f32::NAN);
                 }
             }

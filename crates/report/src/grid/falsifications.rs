@@ -2,14 +2,15 @@
 //! curves, and tests of each pair of searches.
 
 use mishandle::Plan;
-use mishandle::evaluation::{Estimate, Lifetime, SurvivalCurve, holm, log_rank, vargha_delaney, wilson};
-use mishandle::store::TrialStatus;
+use mishandle::evaluation::{
+    Estimate, Lifetime, SurvivalCurve, holm, lifetimes, log_rank, vargha_delaney, wilson,
+};
+use mishandle::results::{Falsification, Trial};
 use mishandle_text::{p_value_text as p_text, plural};
 
 use super::{
     Block, NOTHING, Table, code, columns, inline, percent_with_interval, target_cell, with_interval,
 };
-use crate::RunReport;
 use crate::survival::{SurvivalLine, survival_figure};
 
 /// A falsification and its trials.
@@ -34,21 +35,19 @@ pub struct GridFalsification {
 }
 
 impl GridFalsification {
-    /// Returns the trials of a run; `None` if its plan falsifies nothing.
-    pub(super) fn new(report: &RunReport, plan: Plan) -> Option<GridFalsification> {
-        let falsify = plan.falsify.as_ref()?;
-        let has_converged =
-            |trial: &&crate::load::Trial| trial.summary.trial.status == TrialStatus::Converged;
-        Some(GridFalsification {
-            search: falsify.search.clone(),
-            budget: falsify.budget,
-            planned: falsify.trials as usize,
-            formula: report.header.formula.clone(),
-            lifetimes: report.lifetimes(),
-            ended_early: report.trials.iter().filter(has_converged).count(),
-            simulations: report.counts.simulations,
+    /// Returns the trials of an answer of a plan.
+    pub(super) fn new(found: &Falsification, plan: Plan) -> GridFalsification {
+        let ended_early = |trial: &&Trial| !trial.falsified && trial.end.as_deref() == Some("search ended");
+        GridFalsification {
+            search: found.search.clone(),
+            budget: found.budget,
+            planned: plan.falsify.as_ref().map_or(0, |falsify| falsify.trials as usize),
+            formula: found.formula.clone(),
+            lifetimes: lifetimes(&found.trials, found.budget),
+            ended_early: found.trials.iter().filter(ended_early).count(),
+            simulations: found.simulations,
             plan,
-        })
+        }
     }
 
     /// Returns the number of falsified trials.

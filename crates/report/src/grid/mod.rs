@@ -6,6 +6,7 @@ mod page;
 use mishandle::Plan;
 use mishandle::evaluation::{Estimate, Metrics};
 use mishandle::plan::AxisSetting;
+use mishandle::results::Answer;
 
 use crate::RunReport;
 pub use falsifications::{GridFalsification, search_comparison, survival_curves};
@@ -28,9 +29,14 @@ impl GridRun {
     /// Returns the statistics of a run; `None` for a question that has none of these.
     pub fn new(report: &RunReport) -> Option<GridRun> {
         let plan = report.plan.clone()?;
-        match &report.evaluation {
-            Some(found) => Some(GridRun::Evaluation(Box::new(plan), Box::new(found.metrics.clone()))),
-            None => GridFalsification::new(report, plan).map(Box::new).map(GridRun::Falsification),
+        match report.answer.as_ref()? {
+            Answer::Evaluation(found) => {
+                Some(GridRun::Evaluation(Box::new(plan), Box::new(found.metrics.clone())))
+            }
+            Answer::Falsification(found) => {
+                Some(GridRun::Falsification(Box::new(GridFalsification::new(found, plan))))
+            }
+            _ => None,
         }
     }
 }

@@ -57,6 +57,6 @@ pub fn first_file(
 ) -> Result<FirstFile, RobotError> {
     let (document, model_facts) = crate::model::plain(model, paths.allow_outside)?;
     let facts = &robot::named_as_in(&model_facts, facts);
-    let robot = robot::RobotFacts::read(model, (document, model_facts), facts)?;
+    let robot = robot::RobotFacts::read(model, &document, model_facts, facts)?;
     write::file(&robot, paths, facts, sizes)
 }

@@ -85,7 +85,8 @@ pub(crate) enum Floor {
 impl RobotFacts {
     pub(crate) fn read(
         file: &Path,
-        (document, model): (String, Model),
+        document: &str,
+        model: Model,
         facts: &PolicyFacts,
     ) -> Result<RobotFacts, RobotError> {
         let mut unknown = Vec::new();
@@ -93,7 +94,7 @@ impl RobotFacts {
         let names = moved_joints(&model, facts, &mut unknown)?;
         let first = model.names(ElementKind::Key).into_iter().next();
         let keyframe = first.map(|name| if name.is_empty() { "0".to_string() } else { name });
-        let joints = joints(&model, facts, &names, keyframe.as_deref(), (&mut unknown, &mut remarks))?;
+        let joints = joints(&model, facts, &names, keyframe.as_deref(), &mut unknown, &mut remarks)?;
         let all = model.names(ElementKind::Joint);
         if let Some(name) = facts.observed_joints.iter().find(|name| !all.contains(name)) {
             return Err(wrong(&facts.source, missing("joint", name, &all)));
@@ -116,7 +117,7 @@ impl RobotFacts {
             return Err(RobotError::Model { path: file.to_path_buf(), message });
         }
         let is_implicit = document.contains("integrator=\"implicit");
-        let floor = floor(&document, &model);
+        let floor = floor(document, &model);
         let mass = model.field(ModelField::BodyMass).iter().sum();
         Ok(RobotFacts {
             joints,
@@ -221,7 +222,8 @@ fn joints(
     facts: &PolicyFacts,
     names: &[String],
     keyframe: Option<&str>,
-    (unknown, remarks): (&mut Vec<String>, &mut Vec<String>),
+    unknown: &mut Vec<String>,
+    remarks: &mut Vec<String>,
 ) -> Result<Vec<JointFacts>, RobotError> {
     let mut found = Vec::new();
     let mut differs = Vec::new();

@@ -27,7 +27,7 @@ impl DeviceRobot {
     /// # Errors
     /// If `device` cannot make the worlds, for instance because it does not support the model.
     pub fn batch(&self, device: &dyn WorldDevice, rows: usize) -> Result<RobotBatch, RolloutError> {
-        RobotBatch::new(&self.environment, (&self.fields, self.pushed), device, rows)
+        RobotBatch::new(&self.environment, &self.fields, self.pushed, device, rows)
     }
 }
 

@@ -168,7 +168,8 @@ impl RobotFile {
     /// If the controller does not fit, two axes have the same name, or a formula is wrong.
     pub fn target(
         &self,
-        (controller, components): (Arc<dyn Controller>, Vec<Component>),
+        controller: Arc<dyn Controller>,
+        components: Vec<Component>,
         noise: Noise,
     ) -> Result<Target, RobotError> {
         let controlled = self.controlled(controller, noise)?;

@@ -207,7 +207,7 @@ impl ActiveFault {
     fn delay<T: Real>(&mut self, step: usize, is_whole: bool, values: &mut [T]) -> bool {
         self.line.push(&self.lateness, values.iter().map(|value| value.to_f64()));
         let arrival = if is_whole {
-            self.lateness.arrival(step, self.seed, (Stream::Fault, self.draw()))
+            self.lateness.arrival(step, self.seed, Stream::Fault, self.draw())
         } else {
             Some(step)
         };

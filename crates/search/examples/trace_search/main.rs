@@ -91,14 +91,14 @@ fn main() {
     let first: u64 = first.parse().expect("the first seed");
     let seeds = first..first + n.parse::<u64>().expect("the number of seeds");
     let variants: Vec<&Variant> = VARIANTS.iter().filter(|variant| has(variants, variant.name)).collect();
-    for plant in PLANTS.iter().filter(|plant| has(problems, plant.0)) {
+    for (name, plant, ends) in PLANTS.into_iter().filter(|(name, ..)| has(problems, name)) {
         for knots in [6, 12] {
             let of_seed = |seed| {
-                let problem = Problem::new(plant, knots, has_premise, seed);
+                let problem = Problem::new(plant, ends, knots, has_premise, seed);
                 variants.iter().map(|variant| of_plant(&problem, variant, seed)).collect()
             };
             print_rows(
-                &format!("{} {knots}", plant.0),
+                &format!("{name} {knots}"),
                 &variants,
                 &seeds.clone().map(of_seed).collect::<Vec<_>>(),
             );
@@ -146,9 +146,10 @@ fn interval(pairs: &[[usize; 2]]) -> [f64; 2] {
 
 /// Prints the CPU time of the search per simulation, in trials without a violation.
 fn print_costs() {
+    let (_, plant, ends) = PLANTS[0];
     for variant in &VARIANTS {
         let cost = |seed| {
-            let mut problem = Problem::new(&PLANTS[0], 12, true, seed);
+            let mut problem = Problem::new(plant, ends, 12, true, seed);
             problem.limits = problem.limits.map(|limit| 10.0 * limit);
             let now = || clock_gettime(ClockId::ThreadCPUTime);
             let start = now();

@@ -8,14 +8,14 @@ pub const STEPS: usize = 120;
 pub type Plant = fn(&dyn Fn(f64) -> [f64; 2], &[f64]) -> Vec<[f64; 2]>;
 
 /// Name, plant, and the ends of the windows of a and b as fractions of the episode.
-pub const PLANTS: [(&str, Plant, f64, f64); 7] = [
-    ("heaters", heaters, 1.0, 0.5),
-    ("tanks", tanks, 1.0, 0.6),
-    ("masses", masses, 1.0, 0.6),
-    ("reactor", reactor, 0.9, 0.5),
-    ("vehicle", vehicle, 1.0, 0.7),
-    ("relay", relay, 1.0, 0.5),
-    ("switching", switching, 1.0, 0.6),
+pub const PLANTS: [(&str, Plant, [f64; 2]); 7] = [
+    ("heaters", heaters, [1.0, 0.5]),
+    ("tanks", tanks, [1.0, 0.6]),
+    ("masses", masses, [1.0, 0.6]),
+    ("reactor", reactor, [0.9, 0.5]),
+    ("vehicle", vehicle, [1.0, 0.7]),
+    ("relay", relay, [1.0, 0.5]),
+    ("switching", switching, [1.0, 0.6]),
 ];
 
 fn steps(

@@ -28,16 +28,11 @@ pub struct Problem {
 
 impl Problem {
     /// Draws parameters of the plant, and chooses limits such that about one of a thousand random
-    /// episodes violates the formula.
-    pub fn new(
-        &(_, plant, end_a, end_b): &(&str, Plant, f64, f64),
-        knots: usize,
-        has_premise: bool,
-        seed: u64,
-    ) -> Problem {
+    /// episodes violates the formula. The windows of a and b end at these fractions of the episode.
+    pub fn new(plant: Plant, ends: [f64; 2], knots: usize, has_premise: bool, seed: u64) -> Problem {
         let mut random = Sequence::new(seed, 77);
         let parameters = (0..4).map(|_| random.uniform()).collect();
-        let ends = [end_a, end_b].map(|end| (end * STEPS as f64) as usize);
+        let ends = ends.map(|end| (end * STEPS as f64) as usize);
         let signals = usize::from(!has_premise)..2;
         let mut problem = Problem { plant, knots, parameters, ends, signals, limits: [0.0; 2] };
         let mut peaks: Vec<[f64; 2]> = (0..RANDOM)

@@ -66,7 +66,8 @@ impl Batch {
         surrogate: &Surrogate,
         candidates: &mut Candidates,
         history: &History,
-        (range, region): (Range<usize>, &Region),
+        range: Range<usize>,
+        region: &Region,
         kappa: f64,
     ) {
         let (Some(model), Some(start)) = (surrogate.model(), self.lowest(range, kappa)) else {

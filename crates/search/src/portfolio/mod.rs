@@ -252,8 +252,8 @@ impl Portfolio {
             let whole = Region::whole(region.center.len());
             for (range, region) in [(0..n_global, &whole), (n_global..candidates.len(), &region)] {
                 for kappa in [self.options.kappa, 0.0] {
-                    let area = (range.clone(), region);
-                    batch.refine(&self.surrogate, &mut candidates, &self.history, area, kappa);
+                    let range = range.clone();
+                    batch.refine(&self.surrogate, &mut candidates, &self.history, range, region, kappa);
                 }
             }
         }

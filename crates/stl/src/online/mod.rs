@@ -41,6 +41,10 @@ impl Bounds {
     /// The bounds of a formula about which nothing is known.
     pub const UNKNOWN: Bounds = Bounds { low: f64::NEG_INFINITY, high: f64::INFINITY };
 
+    fn exact(value: f64) -> Bounds {
+        Bounds { low: value, high: value }
+    }
+
     /// Returns whether every continuation satisfies the formula (`true`) or violates it (`false`);
     /// `None` if this is not certain.
     pub fn verdict(self) -> Option<bool> {
@@ -266,8 +270,7 @@ impl OnlineMonitor {
     pub fn bounds(&mut self, i: usize) -> Bounds {
         let root = self.graph.roots[i];
         if self.cells[root].len > 0 {
-            let value = self.cells[root].exact(0);
-            return Bounds { low: value, high: value };
+            return Bounds::exact(self.cells[root].exact(0));
         }
         let length = Length { pushed: self.len, stated: self.stated.map(|stated| stated.max(self.len)) };
         let is_short =
@@ -286,8 +289,7 @@ impl OnlineMonitor {
                 .map(|operand| Operand { node: &self.graph.nodes[operand], cell: &operands[operand] });
             partial::bound(node, &mut cells[0], operands, length, &mut self.buffers);
         }
-        let (low, high) = Operand { node: &self.graph.nodes[root], cell: &self.cells[root] }.bounds(0);
-        Bounds { low, high }
+        Operand { node: &self.graph.nodes[root], cell: &self.cells[root] }.bounds(0)
     }
 
     /// Returns the verdict of formula `i` at time 0 if every continuation of the trace has it.

@@ -4,9 +4,9 @@
 //! ones, `rise` and `fall` is monotone, so that each side is computed alone.
 
 use super::graph::Node;
-use super::preallocated;
 use super::stream::{Accumulated, Cell, constant, pick};
 use super::window::{Function, Pick};
+use super::{Bounds, preallocated};
 use crate::clock::Window;
 use crate::extremum::{self, Maximum, Minimum};
 use crate::monitor::temporal_binary;
@@ -166,16 +166,16 @@ impl Operand<'_> {
     }
 
     /// Returns the bounds for a pointwise operator, which knows constants at all samples.
-    fn both(self, sample: usize) -> (f64, f64) {
+    fn both(self, sample: usize) -> Bounds {
         match constant(self.node) {
-            Some(value) => (value, value),
+            Some(value) => Bounds::exact(value),
             None => self.bounds(sample),
         }
     }
 
     /// Returns the least and the greatest value at a sample.
-    pub fn bounds(self, sample: usize) -> (f64, f64) {
-        (self.at(sample, Side::Low), self.at(sample, Side::High))
+    pub fn bounds(self, sample: usize) -> Bounds {
+        Bounds { low: self.at(sample, Side::Low), high: self.at(sample, Side::High) }
     }
 
     /// Returns a sample from which on the bounds do not change.
@@ -250,8 +250,8 @@ pub(super) fn bound(
         let begin = begin.max(first);
         for sample in [begin, end.max(begin)] {
             let bounds = pointwise_bounds(operator, x.both(sample), y.both(sample));
-            low.push(bounds.0);
-            high.push(bounds.1);
+            low.push(bounds.low);
+            high.push(bounds.high);
         }
         (cell.low, cell.high) = (low, high);
         return;
@@ -259,8 +259,8 @@ pub(super) fn bound(
     if matches!(operator, Operator::Rise | Operator::Fall) {
         for sample in first..=last {
             let bounds = edge_bounds(operator, x, sample);
-            low.push(bounds.0);
-            high.push(bounds.1);
+            low.push(bounds.low);
+            high.push(bounds.high);
         }
     } else if !operator.is_temporal() {
         x.fill_pointwise(&mut low, first, last, Side::Low);
@@ -269,7 +269,10 @@ pub(super) fn bound(
         y.fill_pointwise(&mut buffers.last, first, last, Side::High);
         let of_x = low.iter_mut().zip(&mut high);
         for ((low, high), (y_low, y_high)) in of_x.zip(buffers.first.iter().zip(&buffers.last)) {
-            (*low, *high) = pointwise_bounds(operator, (*low, *high), (*y_low, *y_high));
+            let x = Bounds { low: *low, high: *high };
+            let bounds = pointwise_bounds(operator, x, Bounds { low: *y_low, high: *y_high });
+            *low = bounds.low;
+            *high = bounds.high;
         }
     } else {
         let evaluation = Evaluation { node, cell, operator, window, x, y, first, last, length };
@@ -511,50 +514,51 @@ fn behind(pick: Pick, values: &mut [f64], window: Window, scratch: &mut [f64]) {
 
 /// Returns the bounds of a pointwise operator from those of its operands. Arithmetic without a
 /// value has none.
-fn pointwise_bounds(operator: Operator, x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
-    let least = Pick::Least;
-    let greatest = Pick::Greatest;
+fn pointwise_bounds(operator: Operator, x: Bounds, y: Bounds) -> Bounds {
     match operator {
-        Operator::Not | Operator::Negate => (-x.1, -x.0),
-        Operator::And => (least.of(x.0, y.0), least.of(x.1, y.1)),
-        Operator::Or => (greatest.of(x.0, y.0), greatest.of(x.1, y.1)),
-        Operator::Implies => (greatest.of(-x.1, y.0), greatest.of(-x.0, y.1)),
+        Operator::Not | Operator::Negate => negated(x),
+        Operator::And => picked(Pick::Least, x, y),
+        Operator::Or => picked(Pick::Greatest, x, y),
+        Operator::Implies => picked(Pick::Greatest, negated(x), y),
         Operator::Iff => equivalence_bounds(x, y),
-        Operator::Xor => {
-            let (low, high) = equivalence_bounds(x, y);
-            (-high, -low)
+        Operator::Xor => negated(equivalence_bounds(x, y)),
+        _ if is_known(x) && is_known(y) => {
+            pointwise::apply_once(operator, x.low, y.low).map_or(Bounds::UNKNOWN, Bounds::exact)
         }
-        _ if is_known(x) && is_known(y) => match pointwise::apply_once(operator, x.0, y.0) {
-            Ok(value) => (value, value),
-            Err(_) => (f64::NEG_INFINITY, f64::INFINITY),
-        },
-        _ => (f64::NEG_INFINITY, f64::INFINITY),
+        _ => Bounds::UNKNOWN,
     }
 }
 
 /// Returns whether both bounds are the same, also in the sign of a zero.
-fn is_known((low, high): (f64, f64)) -> bool {
-    low.to_bits() == high.to_bits()
+fn is_known(x: Bounds) -> bool {
+    x.low.to_bits() == x.high.to_bits()
+}
+
+fn negated(x: Bounds) -> Bounds {
+    Bounds { low: -x.high, high: -x.low }
+}
+
+fn picked(pick: Pick, x: Bounds, y: Bounds) -> Bounds {
+    Bounds { low: pick.of(x.low, y.low), high: pick.of(x.high, y.high) }
 }
 
 /// Returns the bounds of `(x and y) or (not x and not y)`.
-fn equivalence_bounds(x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
-    let both = (Pick::Least.of(x.0, y.0), Pick::Least.of(x.1, y.1));
-    let neither = (Pick::Least.of(-x.1, -y.1), Pick::Least.of(-x.0, -y.0));
-    (Pick::Greatest.of(both.0, neither.0), Pick::Greatest.of(both.1, neither.1))
+fn equivalence_bounds(x: Bounds, y: Bounds) -> Bounds {
+    let both = picked(Pick::Least, x, y);
+    let neither = picked(Pick::Least, negated(x), negated(y));
+    picked(Pick::Greatest, both, neither)
 }
 
 /// Returns the bounds of `rise` or `fall`: the minimum of the negated value before and the value
 /// now, or of the value before and the negated value now.
-fn edge_bounds(operator: Operator, x: Operand<'_>, sample: usize) -> (f64, f64) {
+fn edge_bounds(operator: Operator, x: Operand<'_>, sample: usize) -> Bounds {
     let is_rise = operator == Operator::Rise;
     let start = if is_rise { f64::NEG_INFINITY } else { f64::INFINITY };
-    let both = |sample| (x.at(sample, Side::Low), x.at(sample, Side::High));
-    let before = sample.checked_sub(1).map_or((start, start), both);
-    let now = both(sample);
+    let before = sample.checked_sub(1).map_or(Bounds::exact(start), |sample| x.bounds(sample));
+    let now = x.bounds(sample);
     if is_rise {
-        (Pick::Least.of(-before.1, now.0), Pick::Least.of(-before.0, now.1))
+        picked(Pick::Least, negated(before), now)
     } else {
-        (Pick::Least.of(before.0, -now.1), Pick::Least.of(before.1, -now.0))
+        picked(Pick::Least, before, negated(now))
     }
 }

@@ -662,7 +662,7 @@ fn a_recording_of_another_formula_is_an_error() {
 
 /// Returns the samples of a trace of `n` samples at which a formula with these offsets reads no
 /// sample outside the trace.
-fn covered((low, high): (i64, i64), n: usize) -> std::ops::Range<usize> {
+fn covered(low: i64, high: i64, n: usize) -> std::ops::Range<usize> {
     let end = n.saturating_sub(high as usize);
     (-low as usize).min(end)..end
 }
@@ -712,7 +712,8 @@ fn the_value_at_a_covered_sample_does_not_depend_on_the_ends_of_the_trace() {
             .collect();
         let short = robustness(&text, &columns);
         let long = robustness(&text, &longer);
-        for step in covered(tree.offsets(), n) {
+        let (low, high) = tree.offsets();
+        for step in covered(low, high, n) {
             samples += 1;
             assert_eq!(short[step], long[step + before], "{text} at {step} of {columns:?} in {longer:?}");
         }

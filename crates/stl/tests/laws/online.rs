@@ -26,10 +26,6 @@ fn bits(bounds: Bounds) -> (u64, u64) {
     (bounds.low.to_bits(), bounds.high.to_bits())
 }
 
-fn known(bounds: Option<(f64, f64)>) -> Bounds {
-    bounds.map_or(Bounds::UNKNOWN, |(low, high)| Bounds { low, high })
-}
-
 /// A random formula with its text, and a trace.
 fn case(random: &mut Random, case: usize) -> (Tree, String, Vec<Vec<f64>>) {
     let samples = 1 + random.below(if case.is_multiple_of(20) { 40 } else { 14 });
@@ -53,7 +49,7 @@ fn the_bounds_follow_the_definitions_at_every_prefix() {
         for n in 1..=columns[0].len() {
             monitor.push(&sample(&columns, n - 1)).unwrap();
             let found = monitor.bounds(0);
-            let expected = known(tree.bounds(&columns, n, &[stated.max(n)]));
+            let expected = tree.bounds(&columns, n, &[stated.max(n)]).unwrap_or(Bounds::UNKNOWN);
             assert_eq!(
                 bits(found),
                 bits(expected),
@@ -84,20 +80,21 @@ fn the_bounds_without_a_length_are_those_of_all_lengths() {
             // samples.
             let longest = n + (ahead - behind) as usize + 8;
             let lengths: Vec<usize> = (n..=longest).collect();
-            let expected = known(tree.bounds(&columns, n, &lengths));
+            let expected = tree.bounds(&columns, n, &lengths).unwrap_or(Bounds::UNKNOWN);
             assert_eq!(
                 bits(found),
                 bits(expected),
                 "{text} after {n} on {columns:?}: {found:?} {expected:?}"
             );
             let each = lengths.iter().filter_map(|length| tree.bounds(&columns, n, &[*length]));
-            let hull = each.reduce(|x, y| (x.0.min(y.0), x.1.max(y.1))).unwrap();
+            let join = |x: Bounds, y: Bounds| Bounds { low: x.low.min(y.low), high: x.high.max(y.high) };
+            let hull = each.reduce(join).unwrap();
             assert!(
-                found.low <= hull.0 && hull.1 <= found.high,
+                found.low <= hull.low && hull.high <= found.high,
                 "{text} after {n} on {columns:?}: {found:?} {hull:?}"
             );
             prefixes += 1;
-            wider += usize::from((found.low, found.high) != hull);
+            wider += usize::from(found != hull);
         }
     }
     assert!(wider * 50 < prefixes, "{wider} of {prefixes} bounds are wider");
@@ -129,7 +126,7 @@ fn each_push_decides_the_value_that_the_whole_trace_has() {
             values += usize::from(decided.is_some());
         }
         monitor.finish();
-        let expected = known(expected.first().map(|value| (*value, *value)));
+        let expected = expected.first().map_or(Bounds::UNKNOWN, |value| Bounds { low: *value, high: *value });
         assert_eq!(bits(monitor.bounds(0)), bits(expected), "{text} on {columns:?}");
     }
     assert!(values > 10_000, "{values}");

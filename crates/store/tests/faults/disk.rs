@@ -192,7 +192,7 @@ impl State {
 
     fn sync_folder(&mut self) {
         let pending = std::mem::take(&mut self.pending_names);
-        pending.iter().for_each(|change| rename(&mut self.durable_names, change));
+        pending.iter().for_each(|(name, id)| rename(&mut self.durable_names, name, *id));
     }
 
     /// Returns the files that a power cut leaves.
@@ -204,7 +204,7 @@ impl State {
             Kept::Everything => self.pending_names.len(),
             Kept::Random(_) => random.below(self.pending_names.len() as u64 + 1) as usize,
         };
-        self.pending_names[..kept_names].iter().for_each(|change| rename(&mut names, change));
+        self.pending_names[..kept_names].iter().for_each(|(name, id)| rename(&mut names, name, *id));
         names
             .into_iter()
             .filter_map(|(name, id)| Some((name, self.files.get(&id)?.cut(kept, &mut random))))
@@ -212,9 +212,9 @@ impl State {
     }
 }
 
-fn rename(names: &mut BTreeMap<String, FileId>, (name, id): &(String, Option<FileId>)) {
+fn rename(names: &mut BTreeMap<String, FileId>, name: &str, id: Option<FileId>) {
     match id {
-        Some(id) => names.insert(name.clone(), *id),
+        Some(id) => names.insert(name.to_string(), id),
         None => names.remove(name),
     };
 }

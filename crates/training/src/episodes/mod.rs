@@ -428,25 +428,24 @@ impl Episodes {
         let limit = spec.action_limit;
         let row_states = &*row_states;
         let size = actions.len() / row_states.len();
-        let position = |row: usize| {
-            let row_state = &row_states[row];
-            (episode_seed(seed, row, row_state.episode), row_state.step as usize)
-        };
+        let seed = |row: usize| episode_seed(seed, row, row_states[row].episode);
+        let step = |row: usize| row_states[row].step as usize;
         let rows = actions.par_chunks(size).zip(applied.par_chunks_mut(size)).zip(draws.par_chunks_mut(size));
         let rows = rows.with_min_len(ROWS_PER_TASK);
         match disturbed {
             None => rows.enumerate().for_each(|(row, ((action, applied), draws))| {
                 clip(action, limit, applied);
-                ActiveInterface::command(None, noise, position(row), applied, draws);
+                ActiveInterface::command(None, noise, seed(row), step(row), applied, draws);
             }),
             Some(disturbed) => {
                 rows.zip(disturbed.rows_mut()).enumerate().for_each(|(row, (buffers, active))| {
                     let ((action, applied), draws) = buffers;
-                    clip(active.answer(position(row).1, action), limit, applied);
+                    clip(active.answer(step(row), action), limit, applied);
                     ActiveInterface::command(
                         Some(&mut active.interface),
                         noise,
-                        position(row),
+                        seed(row),
+                        step(row),
                         applied,
                         draws,
                     );

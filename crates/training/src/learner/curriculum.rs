@@ -28,7 +28,8 @@ impl Curriculum {
     /// of the learner's next episodes if the success rate reaches the threshold.
     pub fn validate(
         &mut self,
-        (policy, episodes): (&Policy, usize),
+        policy: &Policy,
+        episodes: usize,
         validation: &mut Validation,
         observer: &mut dyn Observer,
         learner: &mut dyn Learner,

@@ -105,7 +105,7 @@ pub(crate) fn train(
         Origin::New => {}
         Origin::Policy(policy) => learner.start_from(policy)?,
         Origin::Checkpoint(checkpoint) => {
-            load(checkpoint, settings, seed, &mut *learner, (&mut selection, &mut curriculum))?;
+            load(checkpoint, settings, seed, &mut *learner, &mut selection, &mut curriculum)?;
             stopwatch.secs_before = checkpoint.f64s("wall_clock_secs", 1)?[0];
             stopwatch.steps_before = environment_steps(&*learner);
             last_validation = selection.last_validation();
@@ -123,8 +123,8 @@ pub(crate) fn train(
             let policy = learner.policy()?;
             if let Some(mut validation) = observer.validate(&policy, run.validation_episodes) {
                 if let Some(curriculum) = &mut curriculum {
-                    let measured = (&policy, run.validation_episodes);
-                    curriculum.validate(measured, &mut validation, observer, &mut *learner);
+                    let episodes = run.validation_episodes;
+                    curriculum.validate(&policy, episodes, &mut validation, observer, &mut *learner);
                 }
                 selection.record(&policy, validation, environment_steps(&*learner));
                 last_validation = Some(validation);
@@ -180,8 +180,8 @@ pub(crate) fn check_resumption(
     check_environments(settings, environments)?;
     let mut learner = settings.learner(environments, seed)?;
     let mut curriculum = settings.scenarios().curriculum.map(Curriculum::new);
-    let state = (&mut new_selection(settings), &mut curriculum);
-    load(checkpoint, settings, seed, &mut *learner, state)
+    let mut selection = new_selection(settings);
+    load(checkpoint, settings, seed, &mut *learner, &mut selection, &mut curriculum)
 }
 
 /// Checks that the environments have the scenarios and the reward terms that the settings name.
@@ -244,7 +244,8 @@ fn load(
     settings: &AlgorithmSettings,
     seed: Seed,
     learner: &mut dyn Learner,
-    (selection, curriculum): (&mut PolicySelection, &mut Option<Curriculum>),
+    selection: &mut PolicySelection,
+    curriculum: &mut Option<Curriculum>,
 ) -> Result<(), TrainingError> {
     check_origin(checkpoint, settings, learner, seed)?;
     learner.load(checkpoint)?;

@@ -61,15 +61,16 @@ pub(crate) trait Agent: Sized + 'static {
     /// If its actions have another distribution.
     fn start_from(&mut self, policy: &Policy) -> Result<(), TrainingError>;
 
-    /// Performs an update from a batch. `randomness`, a seed and the number of the update,
-    /// determines its random numbers. If `learns_policy` is false, only the critics learn.
+    /// Performs an update from a batch. `seed` and the number `index` of the update determine its
+    /// random numbers. If `learns_policy` is false, only the critics learn.
     ///
     /// # Errors
     /// If a loss is NaN or infinite; returns its name.
     fn update(
         &mut self,
         batch: &TransitionBatch<f32>,
-        randomness: (Seed, u64),
+        seed: Seed,
+        index: u64,
         learns_policy: bool,
     ) -> Result<(), &'static str>;
 

@@ -174,14 +174,14 @@ impl<A: Agent> OffPolicy<A> {
 
     fn update(&mut self, step: u64, normalizer: &Normalizer<f32>) -> Result<(), TrainingError> {
         let learns_policy = self.run.learns_policy(self.steps_before(step));
-        let batches = (self.seed.child(BATCHES), self.updates);
+        let index = self.updates;
+        let seed = self.seed.child(BATCHES);
         let rows = self.replay_settings.batch_size;
-        self.replay_buffer.sample(&self.sampling, batches, rows, normalizer, &mut self.batch);
+        self.replay_buffer.sample(&self.sampling, seed, index, rows, normalizer, &mut self.batch);
         let frozen = self.privileged.freeze();
         self.privileged.normalize(&frozen, &mut self.batch.privileged);
         self.privileged.normalize(&frozen, &mut self.batch.next_privileged);
-        let randomness = (self.seed.child(UPDATES), self.updates);
-        let updated = self.agent.update(&self.batch, randomness, learns_policy);
+        let updated = self.agent.update(&self.batch, self.seed.child(UPDATES), index, learns_policy);
         self.updates += 1;
         updated.map_err(|what| TrainingError::NotFinite { iteration: self.iteration + 1, what })
     }

@@ -130,7 +130,8 @@ impl ReplayBuffer {
     pub fn sample(
         &self,
         sampling: &Sampling,
-        (seed, index): (Seed, u64),
+        seed: Seed,
+        index: u64,
         rows: usize,
         normalizer: &Normalizer<f32>,
         batch: &mut TransitionBatch<f32>,

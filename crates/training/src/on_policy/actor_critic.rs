@@ -81,14 +81,16 @@ impl ActorCritic {
         let inputs = history.input_size();
         let outputs = episodes.spec().action_size;
         let network = initial_network(
-            (inputs, &policy.hidden, outputs),
+            inputs,
+            &policy.hidden,
+            outputs,
             policy.activation,
             policy.initialization,
             0.01,
             seed.child(POLICY_WEIGHTS),
         )?;
         let privileged = episodes.privileged_size();
-        let critic = Critic::new((inputs, privileged), critic, seed.child(CRITIC_WEIGHTS))?;
+        let critic = Critic::new(inputs, privileged, critic, seed.child(CRITIC_WEIGHTS))?;
         Ok(ActorCritic {
             rollout_steps,
             gamma,
@@ -183,12 +185,12 @@ impl ActorCritic {
         for rows in [&mut buffer.privileged, &mut buffer.last_privileged, &mut buffer.truncated_privileged] {
             privileged.normalize(&frozen, rows);
         }
-        critic.values(normalizer, (&buffer.observations, &buffer.privileged), &mut buffer.values);
-        let last = (&*buffer.last_observations, &*buffer.last_privileged);
-        critic.values(normalizer, last, &mut self.last_values);
+        critic.values(normalizer, &buffer.observations, &buffer.privileged, &mut buffer.values);
+        let last = &mut self.last_values;
+        critic.values(normalizer, &buffer.last_observations, &buffer.last_privileged, last);
         self.truncated_values.resize(buffer.truncated.len(), 0.0);
-        let truncated = (&*buffer.truncated_observations, &*buffer.truncated_privileged);
-        critic.values(normalizer, truncated, &mut self.truncated_values);
+        let truncated = &mut self.truncated_values;
+        critic.values(normalizer, &buffer.truncated_observations, &buffer.truncated_privileged, truncated);
         buffer.set_next_values(&self.last_values, &self.truncated_values);
         gae::advantages(
             self.gamma,

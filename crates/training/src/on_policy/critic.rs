@@ -38,21 +38,48 @@ struct Scratch {
     output_gradient: Vec<f32>,
 }
 
+impl Scratch {
+    /// Fills `inputs` with the normalized observations of some rows, each with its privileged
+    /// inputs; `columns` and `size` are the lengths of both.
+    fn fill_inputs(
+        &mut self,
+        normalizer: &Normalizer<f32>,
+        observations: &[f32],
+        columns: usize,
+        privileged: &[f32],
+        size: usize,
+        rows: impl Iterator<Item = usize> + Clone,
+    ) {
+        let Scratch { observations: seen, inputs, .. } = self;
+        seen.clear();
+        for row in rows.clone() {
+            seen.extend_from_slice(&observations[row * columns..][..columns]);
+        }
+        normalizer.normalize(seen);
+        if size == 0 {
+            std::mem::swap(seen, inputs);
+            return;
+        }
+        inputs.resize(seen.len() / columns * (columns + size), 0.0);
+        join(seen, columns, privileged, size, rows, inputs);
+    }
+}
+
 impl Critic {
-    /// Creates a critic for `sizes` = (observation size, number of privileged inputs) and
-    /// initializes it from `seed`.
+    /// Creates a critic for observations and privileged inputs of these sizes and initializes it
+    /// from `seed`.
     ///
     /// # Errors
     /// If a layer has size 0.
     pub fn new(
-        sizes: (usize, usize),
+        observation_size: usize,
+        privileged_size: usize,
         settings: &CriticSettings,
         seed: Seed,
     ) -> Result<Critic, TrainingError> {
         let CriticSettings { hidden, activation, initialization, learning_rate, .. } = settings;
-        let (observation_size, privileged_size) = sizes;
-        let sizes = (observation_size + privileged_size, &hidden[..], 1);
-        let network = initial_network(sizes, *activation, *initialization, 1.0, seed)?;
+        let inputs = observation_size + privileged_size;
+        let network = initial_network(inputs, hidden, 1, *activation, *initialization, 1.0, seed)?;
         Ok(Critic {
             adam: Adam::new(network.parameter_count(), *learning_rate),
             network,
@@ -99,15 +126,16 @@ impl Critic {
     ) -> f64 {
         let Critic { network, privileged_size, adam, pool, gradient, loss_coef, .. } = self;
         let share = 1.0 / indices.len() as f64;
-        let sizes = (network.input_size() - *privileged_size, *privileged_size);
+        let size = *privileged_size;
+        let columns = network.input_size() - size;
         // The last element of the sum is the loss.
         gradient.resize(network.parameter_count() + 1, 0.0);
         pool.sum(indices.len(), gradient, |rows, scratch, gradient| {
-            let Scratch { observations: seen, inputs, workspace, output_gradient } = scratch;
+            let chunk = indices[rows.clone()].iter().map(|index| *index as usize);
+            scratch.fill_inputs(normalizer, observations, columns, privileged, size, chunk);
+            let Scratch { inputs, workspace, output_gradient, .. } = scratch;
             let (network_gradient, loss) = gradient.split_at_mut(network.parameter_count());
             output_gradient.clear();
-            let chunk = indices[rows.clone()].iter().map(|index| *index as usize);
-            fill_inputs((observations, privileged), sizes, chunk, normalizer, seen, inputs);
             for (index, output) in indices[rows].iter().zip(network.forward(inputs, workspace)) {
                 let target = f64::from(targets[*index as usize]);
                 let (row_loss, slope) = value_loss(f64::from(*output), target, *loss_coef);
@@ -127,14 +155,16 @@ impl Critic {
     pub fn values(
         &self,
         normalizer: &Normalizer<f32>,
-        (observations, privileged): (&[f32], &[f32]),
+        observations: &[f32],
+        privileged: &[f32],
         values: &mut [f64],
     ) {
-        let sizes = (self.network.input_size() - self.privileged_size, self.privileged_size);
+        let size = self.privileged_size;
+        let columns = self.network.input_size() - size;
         let (mean, std) = self.mean_and_std();
         self.pool.map(values.len(), values, |rows, scratch, values| {
-            let Scratch { observations: seen, inputs, workspace, .. } = scratch;
-            fill_inputs((observations, privileged), sizes, rows, normalizer, seen, inputs);
+            scratch.fill_inputs(normalizer, observations, columns, privileged, size, rows);
+            let Scratch { inputs, workspace, .. } = scratch;
             for (value, output) in values.iter_mut().zip(self.network.forward(inputs, workspace)) {
                 *value = if self.moments.is_some() {
                     std * f64::from(*output).clamp(-CLIP, CLIP) + mean
@@ -215,29 +245,6 @@ impl Critic {
     }
 }
 
-/// Fills `inputs` with the normalized observations of some rows, each with its privileged inputs;
-/// `sizes` are the lengths of both. `seen` is a scratch buffer.
-fn fill_inputs(
-    (observations, privileged): (&[f32], &[f32]),
-    (columns, size): (usize, usize),
-    rows: impl Iterator<Item = usize> + Clone,
-    normalizer: &Normalizer<f32>,
-    seen: &mut Vec<f32>,
-    inputs: &mut Vec<f32>,
-) {
-    seen.clear();
-    for row in rows.clone() {
-        seen.extend_from_slice(&observations[row * columns..][..columns]);
-    }
-    normalizer.normalize(seen);
-    if size == 0 {
-        std::mem::swap(seen, inputs);
-        return;
-    }
-    inputs.resize(seen.len() / columns * (columns + size), 0.0);
-    join((seen, columns), (privileged, size), rows, inputs);
-}
-
 /// Returns `loss_coef` (output - target)² and its derivative by the output.
 pub fn value_loss(output: f64, target: f64, loss_coef: f64) -> (f64, f64) {
     let error = output - target;
@@ -254,7 +261,7 @@ mod tests {
     #[test]
     fn values_stay_within_five_standard_deviations_of_the_mean_return() {
         let settings = CriticSettings { hidden: vec![], ..CriticSettings::default() };
-        let mut critic = Critic::new((1, 0), &settings, Seed(1)).unwrap();
+        let mut critic = Critic::new(1, 0, &settings, Seed(1)).unwrap();
         // The moments start with one sample of mean 0 and variance 1: mean 6/4, variance (1 + 3/4 ·
         // 2²) / 4 = 1.
         critic.normalize_targets(&[0.0; 3], &[2.0; 3], &mut vec![], &mut vec![]);
@@ -262,7 +269,7 @@ mod tests {
         let mut value = |bias: f32| {
             critic.network.update(|parameters| parameters.copy_from_slice(&[0.0, bias]));
             let mut values = [0.0];
-            critic.values(&plain, (&[0.0], &[]), &mut values);
+            critic.values(&plain, &[0.0], &[], &mut values);
             values[0]
         };
         assert_eq!([3.0, 9.0, -9.0].map(&mut value), [4.5, 6.5, -3.5]);

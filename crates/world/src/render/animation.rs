@@ -145,9 +145,9 @@ mod tests {
     #[test]
     fn each_frame_is_the_picture_again() {
         let mut pictures = vec![Picture::new(20, 10, [9, 8, 7])];
-        for (corner, color) in [((3, 4), [1, 2, 3]), ((19, 9), [80, 0, 0]), ((0, 0), [255, 0, 255])] {
+        for (left, top, color) in [(3, 4, [1, 2, 3]), (19, 9, [80, 0, 0]), (0, 0, [255, 0, 255])] {
             let mut next = pictures[pictures.len() - 1].clone();
-            next.fill(corner, (5, 2), color);
+            next.fill(left, top, 5, 2, color);
             pictures.push(next.clone());
             pictures.push(next); // a frame that is the same
         }

@@ -100,15 +100,15 @@ impl CaptionLayout {
         let width = frame.width();
         let height = frame.height();
         let top = height - self.height();
-        frame.fill((0, top), (width, self.height()), BACKGROUND);
+        frame.fill(0, top, width, self.height(), BACKGROUND);
         for (line, first) in self.breaks.iter().enumerate() {
             let last = self.breaks.get(line + 1).copied().unwrap_or(caption.parts.len());
             let mut column = 0;
             for part in &caption.parts[(*first).min(last)..last] {
                 let text = elided(&part.text, self.columns);
                 let left = self.margin + column * glyph_width(self.type_height).unwrap_or(0);
-                let at = (left, top + self.margin / 2 + line * self.type_height);
-                self.write(&text, at, part.color, part.is_bold, frame);
+                let top = top + self.margin / 2 + line * self.type_height;
+                self.write(&text, left, top, part.color, part.is_bold, frame);
                 column += text.chars().count() + GAP;
             }
         }
@@ -118,9 +118,9 @@ impl CaptionLayout {
             frame.border(0, 0, width, height, thickness, *color);
             let text = elided(text, self.columns.saturating_sub(2));
             let wide = (text.chars().count() + 1) * glyph_width(self.type_height).unwrap_or(0);
-            frame.fill((0, 0), (thickness + wide, thickness + self.type_height), *color);
-            let at = (thickness + wide / (2 * text.chars().count() + 2), thickness / 2);
-            self.write(&text, at, BACKGROUND, true, frame);
+            frame.fill(0, 0, thickness + wide, thickness + self.type_height, *color);
+            let left = thickness + wide / (2 * text.chars().count() + 2);
+            self.write(&text, left, thickness / 2, BACKGROUND, true, frame);
         }
     }
 
@@ -131,25 +131,18 @@ impl CaptionLayout {
         let margin = self.margin;
         let length = width - 2 * margin;
         let column = |fraction: f64| margin + (fraction.clamp(0.0, 1.0) * length as f64).round() as usize;
-        frame.fill((margin, top), (length, height), BAR);
+        frame.fill(margin, top, length, height, BAR);
         for ([from, to], color) in &bar.spans {
             let from = column(*from);
             let to = column(*to);
-            frame.fill((from, top), (to.saturating_sub(from).max(1), height), *color);
+            frame.fill(from, top, to.saturating_sub(from).max(1), height, *color);
         }
         let left = column(bar.now) - height / 2;
-        frame.fill((left - 2, top), (height + 4, height), BACKGROUND);
-        frame.fill((left, top), (height, height), NOW);
+        frame.fill(left - 2, top, height + 4, height, BACKGROUND);
+        frame.fill(left, top, height, height, NOW);
     }
 
-    fn write(
-        &self,
-        text: &str,
-        (left, top): (usize, usize),
-        color: Color,
-        is_bold: bool,
-        frame: &mut Picture,
-    ) {
+    fn write(&self, text: &str, left: usize, top: usize, color: Color, is_bold: bool, frame: &mut Picture) {
         for (index, character) in text.chars().enumerate() {
             let Some(rows) = glyph(character, self.type_height, is_bold) else { continue };
             let width = glyph_width(self.type_height).unwrap_or(0);

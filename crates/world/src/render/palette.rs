@@ -107,7 +107,7 @@ mod tests {
     #[test]
     fn few_colors_stay_as_they_are() {
         let mut picture = Picture::new(30, 30, [200, 210, 220]);
-        picture.fill((3, 3), (2, 1), [240, 140, 20]);
+        picture.fill(3, 3, 2, 1, [240, 140, 20]);
         let palette = Palette::new([&picture].into_iter());
         let again: Vec<u8> =
             palette.indices(&picture).iter().flat_map(|index| palette.colors[usize::from(*index)]).collect();
@@ -120,7 +120,7 @@ mod tests {
         for index in 0..64 * 64 {
             let column = index % 64;
             let row = index / 64;
-            picture.fill((column, row), (1, 1), [4 * column as u8, 4 * row as u8, 128]);
+            picture.fill(column, row, 1, 1, [4 * column as u8, 4 * row as u8, 128]);
         }
         let palette = Palette::new([&picture].into_iter());
         assert_eq!(palette.colors.len(), 255);

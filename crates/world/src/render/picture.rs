@@ -56,12 +56,7 @@ impl Picture {
     }
 
     /// Fills a rectangle. Parts outside the image are cut.
-    pub(super) fn fill(
-        &mut self,
-        (left, top): (usize, usize),
-        (width, height): (usize, usize),
-        color: Color,
-    ) {
+    pub(super) fn fill(&mut self, left: usize, top: usize, width: usize, height: usize, color: Color) {
         let right = (left + width).min(self.width);
         for row in top..(top + height).min(self.height) {
             for column in left..right {
@@ -82,10 +77,10 @@ impl Picture {
     ) {
         let right = left + width - thickness.min(width);
         let bottom = top + height - thickness.min(height);
-        self.fill((left, top), (width, thickness), color);
-        self.fill((left, bottom), (width, thickness), color);
-        self.fill((left, top), (thickness, height), color);
-        self.fill((right, top), (thickness, height), color);
+        self.fill(left, top, width, thickness, color);
+        self.fill(left, bottom, width, thickness, color);
+        self.fill(left, top, thickness, height, color);
+        self.fill(right, top, thickness, height, color);
     }
 
     /// Mixes a color into a pixel. `weight` is from 0 to 255.
@@ -118,7 +113,7 @@ mod tests {
     #[test]
     fn rectangles_are_cut_at_the_edges_and_colors_are_mixed() {
         let mut picture = Picture::new(3, 2, [0, 0, 0]);
-        picture.fill((2, 1), (5, 5), [9, 9, 9]);
+        picture.fill(2, 1, 5, 5, [9, 9, 9]);
         picture.blend(0, 0, [255, 0, 51], 128);
         picture.blend(7, 0, [1, 1, 1], 255);
         let mut expected = vec![0; 18];

@@ -3,12 +3,14 @@
 mod summary;
 mod training;
 
+use mishandle::results::Estimate;
+
 use crate::paper::{PaperPerformance, paper_performance};
 use crate::zoo::folder::ZooFolder;
 use crate::zoo::pages::replace;
 use crate::zoo::{
-    BenchmarkTask, EVALUATION_EPISODES, EstimateRecord, EvaluationRecord, FEWER_EPISODES, NOISE_LEVELS,
-    PlanEntry, Rates, Record, ZooError, algorithms, missed_thresholds,
+    BenchmarkTask, EVALUATION_EPISODES, EvaluationRecord, FEWER_EPISODES, NOISE_LEVELS, PlanEntry, Rates,
+    Record, ZooError, algorithms, missed_thresholds,
 };
 
 /// An empty cell.
@@ -196,13 +198,13 @@ fn commits(record: &Record, noise: usize) -> String {
 }
 
 /// One of the averages of an evaluation.
-type Rate = fn(&EvaluationRecord) -> &EstimateRecord;
+type Rate = fn(&EvaluationRecord) -> &Estimate;
 
-fn success(evaluation: &EvaluationRecord) -> &EstimateRecord {
+fn success(evaluation: &EvaluationRecord) -> &Estimate {
     &evaluation.success_rate
 }
 
-fn strict(evaluation: &EvaluationRecord) -> &EstimateRecord {
+fn strict(evaluation: &EvaluationRecord) -> &Estimate {
     &evaluation.strict_success_rate
 }
 
@@ -216,7 +218,7 @@ fn value(record: &Record, noise: usize, rate: Rate) -> Option<f64> {
 }
 
 /// An average with its interval.
-fn shown_estimate(estimate: EstimateRecord, show: &dyn Fn(Option<f64>) -> String) -> String {
+fn shown_estimate(estimate: Estimate, show: &dyn Fn(Option<f64>) -> String) -> String {
     match (estimate.low, estimate.high) {
         (Some(low), Some(high)) => {
             format!("{} [{}, {}]", show(estimate.value), show(Some(low)), show(Some(high)))

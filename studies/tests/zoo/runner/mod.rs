@@ -7,11 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
 use mishandle::plan::StartRegion;
+use mishandle::results::{Estimate, Seed};
 use mishandle::train::{TrainObserver, TrainPlan};
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle_studies::zoo::{
-    BenchmarkTask, ControllerUnderTest, CornersRecord, EstimateRecord, EvaluationRecord, FalsificationRecord,
-    PlanRecord, Runner, TrialMeasurement, ZooError,
+    BenchmarkTask, ControllerUnderTest, CornersRecord, EvaluationRecord, FalsificationRecord, PlanRecord,
+    Runner, TrialMeasurement, ZooError,
 };
 
 /// Settings of PPO; TRPO has the same keys.
@@ -129,8 +130,8 @@ impl FakeRunner {
         training.git_commit = "c0ffee".to_string();
     }
 
-    fn estimate(&self) -> EstimateRecord {
-        EstimateRecord { value: Some(0.97), low: Some(0.85), high: Some(0.98), n: 1000 }
+    fn estimate(&self) -> Estimate {
+        Estimate { value: Some(0.97), low: Some(0.85), high: Some(0.98), n: 1000 }
     }
 }
 
@@ -143,7 +144,7 @@ fn plan_record(task: &str, controller: &str, action_noise: f64) -> PlanRecord {
         stochastic: false,
         action_noise,
         observation_noise: 0.0,
-        seed: 1,
+        seed: Seed(1),
     }
 }
 
@@ -215,7 +216,7 @@ impl Runner for FakeRunner {
             careful_success_rate: estimate,
             dangerous_behavior_rate: estimate,
             dangerous_episode_rate: estimate,
-            task_completion_time: EstimateRecord { value: Some(14.0), ..EstimateRecord::default() },
+            task_completion_time: Estimate { value: Some(14.0), ..Estimate::default() },
             corners: self.corners.clone(),
         })
     }

@@ -1,6 +1,8 @@
 //! Bounds of the robustness over all continuations of a trace, by the definitions, with the sign of
 //! each zero.
 
+use mishandle_stl::Bounds;
+
 use super::{COMPARISONS, Interval, Tree, ahead, behind, is_open, minus};
 
 /// The least and the greatest value at each sample.
@@ -10,11 +12,9 @@ struct Sides {
     high: Vec<f64>,
 }
 
-const UNKNOWN: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
-
 impl Sides {
-    fn at(&self, t: usize) -> (f64, f64) {
-        (self.low[t], self.high[t])
+    fn at(&self, t: usize) -> Bounds {
+        Bounds { low: self.low[t], high: self.high[t] }
     }
 }
 
@@ -58,27 +58,34 @@ fn pointwise(name: &str, x: f64, y: f64) -> f64 {
 }
 
 /// Returns the bounds of an operator on one sample.
-fn pointwise_bounds(name: &str, x: (f64, f64), y: (f64, f64)) -> (f64, f64) {
-    let not = |x: (f64, f64)| (-x.1, -x.0);
-    let both = |name, x: (f64, f64), y: (f64, f64)| (pointwise(name, x.0, y.0), pointwise(name, x.1, y.1));
+fn pointwise_bounds(name: &str, x: Bounds, y: Bounds) -> Bounds {
+    let not = |x: Bounds| Bounds { low: -x.high, high: -x.low };
+    let both = |name, x: Bounds, y: Bounds| Bounds {
+        low: pointwise(name, x.low, y.low),
+        high: pointwise(name, x.high, y.high),
+    };
     let iff = |x, y| both("or", both("and", x, y), both("and", not(x), not(y)));
-    let is_known = |x: (f64, f64)| x.0.to_bits() == x.1.to_bits();
+    let is_known = |x: Bounds| x.low.to_bits() == x.high.to_bits();
     match name {
         "not" | "negate" => not(x),
         "and" | "or" => both(name, x, y),
         "implies" => both("or", not(x), y),
         "iff" => iff(x, y),
         "xor" => not(iff(x, y)),
-        _ if is_known(x) && is_known(y) => (pointwise(name, x.0, y.0), pointwise(name, x.0, y.0)),
-        _ => UNKNOWN,
+        _ if is_known(x) && is_known(y) => exact(pointwise(name, x.low, y.low)),
+        _ => Bounds::UNKNOWN,
     }
+}
+
+fn exact(value: f64) -> Bounds {
+    Bounds { low: value, high: value }
 }
 
 impl Tree {
     /// Returns the bounds at time 0 over all continuations of the first `n` samples to one of these
     /// numbers of samples. The number counts as independent for each window without an end. `None`
     /// if no such trace decides the formula.
-    pub fn bounds(&self, trace: &[Vec<f64>], n: usize, lengths: &[usize]) -> Option<(f64, f64)> {
+    pub fn bounds(&self, trace: &[Vec<f64>], n: usize, lengths: &[usize]) -> Option<Bounds> {
         let longest = lengths[lengths.len() - 1];
         self.is_decided(0, longest).then(|| self.sides(trace, n, lengths).at(0))
     }
@@ -109,12 +116,12 @@ impl Tree {
     /// decided have no meaning.
     fn sides(&self, trace: &[Vec<f64>], n: usize, lengths: &[usize]) -> Sides {
         let longest = lengths[lengths.len() - 1];
-        let of = |values: Vec<(f64, f64)>| {
-            let (low, high) = values.into_iter().unzip();
+        let of = |values: Vec<Bounds>| {
+            let (low, high) = values.into_iter().map(|bounds| (bounds.low, bounds.high)).unzip();
             Sides { low, high }
         };
         if self.is_state() {
-            let known = |t| if t < n { (self.state(trace, t), self.state(trace, t)) } else { UNKNOWN };
+            let known = |t| if t < n { exact(self.state(trace, t)) } else { Bounds::UNKNOWN };
             return of((0..longest).map(known).collect());
         }
         let (name, window, operands) = match self {
@@ -128,23 +135,23 @@ impl Tree {
         let is_pointwise = !is_timed && !["next", "s_next", "prev", "s_prev", "rise", "fall"].contains(&name);
         let [x, y] = operands.map(|operand| match **operand {
             // A number is known at all samples.
-            Tree::Number(value) if is_pointwise => of(vec![(value, value); longest]),
+            Tree::Number(value) if is_pointwise => of(vec![exact(value); longest]),
             _ => operand.sides(trace, n, lengths),
         });
         let bounds = |t: usize| {
             if !self.is_decided(t, longest) {
-                return UNKNOWN;
+                return Bounds::UNKNOWN;
             }
             if is_pointwise {
                 let name = if name == "-" && matches!(self, Tree::One(..)) { "negate" } else { name };
                 return pointwise_bounds(name, x.at(t), y.at(t));
             }
-            let before = |start: f64| if t == 0 { (start, start) } else { x.at(t - 1) };
+            let before = |start: f64| if t == 0 { exact(start) } else { x.at(t - 1) };
             match name {
                 "rise" => {
                     return pointwise_bounds(
                         "and",
-                        pointwise_bounds("not", before(f64::NEG_INFINITY), UNKNOWN),
+                        pointwise_bounds("not", before(f64::NEG_INFINITY), Bounds::UNKNOWN),
                         x.at(t),
                     );
                 }
@@ -152,7 +159,7 @@ impl Tree {
                     return pointwise_bounds(
                         "and",
                         before(f64::INFINITY),
-                        pointwise_bounds("not", x.at(t), UNKNOWN),
+                        pointwise_bounds("not", x.at(t), Bounds::UNKNOWN),
                     );
                 }
                 "next" | "s_next" => return x.at(t + 1),
@@ -170,7 +177,10 @@ impl Tree {
                     .map(|end| monotone(name, window, operands.map(|it| &**it), x, y, t, *end))
                     .collect()
             };
-            (least(side(&x.low, &y.low).into_iter()), greatest(side(&x.high, &y.high).into_iter()))
+            Bounds {
+                low: least(side(&x.low, &y.low).into_iter()),
+                high: greatest(side(&x.high, &y.high).into_iter()),
+            }
         };
         of((0..longest).map(bounds).collect())
     }

@@ -89,7 +89,8 @@ impl Agent for Ddpg {
     fn update(
         &mut self,
         batch: &TransitionBatch<f32>,
-        _randomness: (Seed, u64),
+        _seed: Seed,
+        _index: u64,
         learns_policy: bool,
     ) -> Result<(), &'static str> {
         self.train_batch(batch, learns_policy).map(|_| ())

@@ -132,7 +132,9 @@ impl Agent for Sac {
         // A small gain of the last layer: the initial actions are near 0 with h near 0 for all
         // observations.
         let actor = initial_network(
-            (sizes.observation, &policy.hidden, distribution.outputs(sizes.action)),
+            sizes.observation,
+            &policy.hidden,
+            distribution.outputs(sizes.action),
             policy.activation,
             policy.initialization,
             0.01,
@@ -185,7 +187,8 @@ impl Agent for Sac {
     fn update(
         &mut self,
         batch: &TransitionBatch<f32>,
-        (seed, index): (Seed, u64),
+        seed: Seed,
+        index: u64,
         learns_policy: bool,
     ) -> Result<(), &'static str> {
         let mut noise = std::mem::take(&mut self.noise);

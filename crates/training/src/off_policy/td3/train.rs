@@ -105,7 +105,8 @@ impl Agent for Td3 {
     fn update(
         &mut self,
         batch: &TransitionBatch<f32>,
-        (seed, index): (Seed, u64),
+        seed: Seed,
+        index: u64,
         learns_policy: bool,
     ) -> Result<(), &'static str> {
         let mut noise = std::mem::take(&mut self.noise);

@@ -28,10 +28,12 @@ impl DeviceNetworks {
     pub fn gradient(&mut self, minibatch: &Minibatch<'_>, gradient: &mut [f32]) -> Result<(), NetworkError> {
         let DeviceNetworks { policy, critic } = self;
         write_inputs(minibatch, &mut **policy, &mut **critic);
-        both(rayon::join(|| policy.forward(), || critic.forward()))?;
+        let (of_policy, of_critic) = rayon::join(|| policy.forward(), || critic.forward());
+        of_policy.and(of_critic)?;
         let actions = minibatch.policy.output_size();
         let sums = write_losses(minibatch, &mut **policy, &mut **critic);
-        both(rayon::join(|| policy.backward(), || critic.backward()))?;
+        let (of_policy, of_critic) = rayon::join(|| policy.backward(), || critic.backward());
+        of_policy.and(of_critic)?;
 
         let (policy_gradient, rest) = gradient.split_at_mut(minibatch.policy.parameter_count());
         let (log_std_gradient, rest) = rest.split_at_mut(actions);
@@ -42,10 +44,6 @@ impl DeviceNetworks {
         metrics.copy_from_slice(&sums[actions..]);
         Ok(())
     }
-}
-
-fn both(results: (Result<(), NetworkError>, Result<(), NetworkError>)) -> Result<(), NetworkError> {
-    results.0.and(results.1)
 }
 
 /// Writes parameters and inputs.

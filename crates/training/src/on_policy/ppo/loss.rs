@@ -154,9 +154,10 @@ impl Minibatch<'_> {
     /// Fills `inputs` with the normalized observations of some rows, each with its privileged
     /// inputs.
     pub fn fill_critic_inputs(&self, rows: &[u32], observations: &[f32], inputs: &mut [f32]) {
-        let observations = (observations, self.policy.input_size());
-        let privileged = (&*self.buffer.privileged, self.buffer.privileged_size());
-        join(observations, privileged, rows.iter().map(|row| *row as usize), inputs);
+        let columns = self.policy.input_size();
+        let size = self.buffer.privileged_size();
+        let rows = rows.iter().map(|row| *row as usize);
+        join(observations, columns, &self.buffer.privileged, size, rows, inputs);
     }
 
     /// Writes the derivatives of the mean loss with respect to the `means` of some rows,
