@@ -1,4 +1,4 @@
-//! What a call in Python states: its arguments and its `plan`, as one document.
+//! The document of a call in Python: its arguments and its `plan`.
 
 use std::collections::BTreeSet;
 
