@@ -796,7 +796,7 @@ pub enum MishandleError {
     },
     /// No simulation became a part of a data set.
     #[error(
-        "none of {} is in the data set, so nothing is written: without --successful, all episodes with a control step are kept",
+        "none of {} is in the data set, so nothing is written: without `record.successful`, all episodes with a control step are kept",
         mishandle_text::plural(*simulations, "simulation")
     )]
     NoDemonstrations {

@@ -4,10 +4,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::Plan;
-use mishandle::check::{CheckSettings, CheckSubject, check, differences, verified};
+use mishandle::check::{CheckSubject, Requirements, check, differences, verified};
 use mishandle::counterexample::Counterexample;
+use mishandle::plan::CheckSettings;
 use mishandle::requirements::{RequirementFile, TEMPLATES};
-use mishandle::results::{Check, CheckCell, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED};
+use mishandle::results::{Check, CheckCell, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, VIOLATED};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
 
@@ -19,19 +20,12 @@ fn file(requirements: &str) -> RequirementFile {
     RequirementFile::from_toml(requirements).unwrap()
 }
 
-fn settings<'a>(file: &'a RequirementFile, text: &'a str) -> CheckSettings<'a> {
-    CheckSettings {
-        file,
-        path: Path::new("requirements.toml"),
-        text,
-        episodes: Some(200),
-        trials: None,
-        budget: Some(200),
-        search: "portfolio",
-        batch: 16,
-        fail_on: Severity::Error,
-        allow_inapplicable: false,
-    }
+fn of_file<'a>(file: &'a RequirementFile, text: &'a str) -> Requirements<'a> {
+    Requirements { file, path: Path::new("requirements.toml"), text }
+}
+
+fn settings() -> CheckSettings {
+    CheckSettings { episodes: Some(200), budget: Some(200), batch: 16, ..CheckSettings::default() }
 }
 
 fn subject(target: &str, controller: &str, seed: u64) -> CheckSubject {
@@ -41,7 +35,9 @@ fn subject(target: &str, controller: &str, seed: u64) -> CheckSubject {
 fn run(requirements: &str, folder: &Path, seed: u64) -> Check {
     let file = file(requirements);
     let mut watch = |_: &_| ControlFlow::Continue(());
-    check(&[subject(TARGET, "", seed)], &settings(&file, requirements), folder, &mut watch).unwrap().unwrap()
+    check(&[subject(TARGET, "", seed)], &of_file(&file, requirements), &settings(), folder, &mut watch)
+        .unwrap()
+        .unwrap()
 }
 
 fn cell<'a>(found: &'a Check, name: &str) -> &'a CheckCell {
@@ -146,7 +142,7 @@ fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_er
             calls += 1;
             if calls > 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        match check(&subjects, &settings(&file, text), parts.path(), &mut watch).unwrap() {
+        match check(&subjects, &of_file(&file, text), &settings(), parts.path(), &mut watch).unwrap() {
             None => interruptions += 1,
             Some(found) => {
                 assert!(interruptions > 1);
@@ -161,7 +157,9 @@ fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_er
         assert!(interruptions < 200);
     }
     let other = self::file(&requirements.replace("-10", "-20"));
-    let error = check(&subjects, &settings(&other, text), parts.path(), &mut |_| ControlFlow::Continue(()));
+    let error = check(&subjects, &of_file(&other, text), &settings(), parts.path(), &mut |_| {
+        ControlFlow::Continue(())
+    });
     assert!(error.is_err());
 }
 
@@ -178,10 +176,10 @@ fn mistakes_are_found_before_the_first_simulation() {
     ] {
         let text = format!("[[requirement]]\nname = \"a\"\n{}", keys.replace('X', &x));
         let file = file(&text);
-        let settings = CheckSettings { episodes: None, budget: None, ..settings(&file, &text) };
+        let settings = CheckSettings { episodes: None, budget: None, ..settings() };
         let mut watch = |_: &_| panic!("a simulation has started");
         let found: Result<_, MishandleError> =
-            check(&[subject(TARGET, "", 0)], &settings, folder.path(), &mut watch);
+            check(&[subject(TARGET, "", 0)], &of_file(&file, &text), &settings, folder.path(), &mut watch);
         let error = found.unwrap_err().with_causes();
         assert!(error.contains(expected), "{keys}: {error}");
         assert!(error.starts_with("requirement `a`: "), "{keys}: {error}");
@@ -297,9 +295,12 @@ fn the_files_of_two_controllers_and_requirements_never_have_the_same_path() {
         std::fs::copy("controllers/point-reaching/ppo.safetensors", &path).unwrap();
         subject("point-reaching", path.to_str().unwrap(), 0)
     });
-    let settings = CheckSettings { episodes: Some(1), ..settings(&file, &text) };
+    let settings = CheckSettings { episodes: Some(1), ..settings() };
     let mut watch = |_: &_| ControlFlow::Continue(());
-    let found = check(&subjects, &settings, &folder.path().join("checked"), &mut watch).unwrap().unwrap();
+    let found =
+        check(&subjects, &of_file(&file, &text), &settings, &folder.path().join("checked"), &mut watch)
+            .unwrap()
+            .unwrap();
     let files = found.cells.iter().map(|cell| cell.counterexample.clone().unwrap().file.unwrap());
     let files: std::collections::BTreeSet<String> = files.collect();
     assert_eq!(files.len(), 4, "{files:?}");
@@ -315,7 +316,8 @@ fn a_folder_with_files_of_something_else_stays_as_it_is() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(name), content).unwrap();
         let mut watch = |_: &_| panic!("a simulation has started");
-        let found = check(&[subject(TARGET, "", 0)], &settings(&file, &text), folder.path(), &mut watch);
+        let found =
+            check(&[subject(TARGET, "", 0)], &of_file(&file, &text), &settings(), folder.path(), &mut watch);
         let error = found.unwrap_err().with_causes();
         assert!(error.contains(name), "{error}");
         assert_eq!(std::fs::read_to_string(folder.path().join(name)).unwrap(), content);
@@ -335,14 +337,15 @@ fn a_check_that_was_killed_while_it_created_a_run_continues_and_one_that_runs_is
     let file = file(&text);
     let again = || {
         let mut watch = |_: &_| ControlFlow::Continue(());
-        check(&[subject(TARGET, "", 3)], &settings(&file, &text), folder.path(), &mut watch).err()
+        check(&[subject(TARGET, "", 3)], &of_file(&file, &text), &settings(), folder.path(), &mut watch).err()
     };
     let mut inner = None;
     let mut watch = |_: &_| {
         inner.get_or_insert_with(&again);
         ControlFlow::Continue(())
     };
-    let outer = check(&[subject(TARGET, "", 3)], &settings(&file, &text), folder.path(), &mut watch);
+    let outer =
+        check(&[subject(TARGET, "", 3)], &of_file(&file, &text), &settings(), folder.path(), &mut watch);
     assert_eq!(outer.unwrap().unwrap(), first);
     let error = inner.unwrap().expect("a second check of the same folder is refused");
     assert!(matches!(error, MishandleError::CheckRuns { .. }), "{error}");

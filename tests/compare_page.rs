@@ -81,6 +81,11 @@ fn accepts(words: &[&str]) -> bool {
     exit_code(&[words, &["--help"]].concat()) == 0
 }
 
+/// Returns whether a plan or settings have a key.
+fn has_key(name: &str) -> bool {
+    mishandle::plan::keys().iter().any(|key| key.name == name)
+}
+
 /// Returns whether the Python package exports a name.
 fn exports(name: &str) -> bool {
     include_str!("../python/mishandle/__init__.py").contains(&format!("    \"{name}\",\n"))
@@ -370,10 +375,10 @@ fn the_cells_about_evaluation_are_true() {
     let shipped = format!("shipped controllers, which see in {} tasks", number(seeing.count()));
     let policies = [
         shipped.as_str(),
-        holds("controller files and ONNX models", accepts(&["controller", "export", "a", "--onnx", "b"])),
+        holds("controller files and ONNX models", accepts(&["controller", "a", "--out", "b"])),
         holds(
             "imports from Stable-Baselines3, skrl and PyTorch",
-            accepts(&["controller", "import", "model.zip", "--task", "t", "--out", "o"]),
+            accepts(&["controller", "model.zip", "--task", "t", "--out", "o"]),
         ),
         holds("LeRobot (`mishandle.lerobot`)", exports("lerobot") && installs("lerobot>=")),
         holds(
@@ -394,7 +399,8 @@ fn the_cells_about_evaluation_are_true() {
         holds(
             "folders with hashes and a signature of `ssh-keygen` (`mishandle evidence --key`), verified with a replay of a random share",
             accepts(&["evidence", "run", "--out", "folder", "--key", "key"])
-                && accepts(&["evidence", "verify", "folder", "--replay", "0.05"]),
+                && accepts(&["evidence", "--verify", "folder", "-k", "evidence.replay=0.05"])
+                && has_key("evidence.replay"),
         ),
     ];
     let cameras = quoted(CAMERA_NAMES, ", ");
@@ -468,8 +474,8 @@ fn the_cells_about_training_are_true() {
                 [
                     "own networks on the CPU",
                     holds(
-                        "of PPO on an NVIDIA GPU, too (`--device gpu`)",
-                        accepts(&["train", "--device", "gpu"]),
+                        "of PPO on an NVIDIA GPU, too (`-k train.device=gpu`)",
+                        accepts(&["train", "-k", "train.device=gpu"]) && has_key("train.device"),
                     ),
                 ]
                 .join("; "),

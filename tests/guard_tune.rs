@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use mishandle::plan::{AxisSetting, EvaluatePlan, GuardPlan};
+use mishandle::plan::{AxisSetting, EvaluatePlan, GuardPlan, TuneSettings};
 use mishandle::results::{GuardTuning, Number};
 use mishandle::rollout::{Episode, Request, Scenario, Seed};
 use mishandle::store::RunFile;
-use mishandle::tune::{TuneSettings, tune};
+use mishandle::tune::tune;
 use mishandle::{Plan, ResolvedPlan};
 
 /// The success formula of ball-balancing: always[50:200](ball_tray_horizontal_distance <= 0.25).
@@ -159,7 +159,7 @@ fn refusals_say_what_to_do() {
     assert!(
         error(&Plan { guard: plan().guard, ..Plan::new("toy/noisy", "") }, &settings()).contains("guard")
     );
-    assert!(error(&plan(), &TuneSettings { false_alarms: 1.0, ..settings() }).contains("false alarms"));
+    assert!(error(&plan(), &TuneSettings { false_alarms: 1.0, ..settings() }).contains("tune.false-alarms"));
     // Without delays, ppo does not fail.
     let easy = Plan { space: "starts".to_string(), axes: Default::default(), ..plan() };
     let found = error(&easy, &TuneSettings { episodes: 12, ..settings() });

@@ -8,21 +8,17 @@ use std::sync::Arc;
 
 use mishandle::dataset::Format;
 use mishandle::picture::CameraSettings;
-use mishandle::plan::{AxisSetting, EvaluatePlan};
-use mishandle::record::{ArchiveSettings, RecordSettings, record};
+use mishandle::plan::{AxisSetting, EvaluatePlan, RecordSettings};
+use mishandle::record::record;
 use mishandle::results::Demonstrations;
 use mishandle::rollout::{Controller, ControllerWorker, Environment, Request, Scenario, Seed, System};
 use mishandle::run::{Engine, ask};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
-const PLAIN: RecordSettings = RecordSettings {
-    format: Format::Npz,
-    relabel: None,
-    cameras: None,
-    only_successful: false,
-    archive: None,
-};
+fn npz() -> RecordSettings {
+    RecordSettings { format: "npz".to_string(), ..RecordSettings::default() }
+}
 
 fn plan(target: &str, controller: &str, episodes: u64) -> Plan {
     let evaluate = EvaluatePlan { episodes, batch: 4, ..EvaluatePlan::default() };
@@ -141,7 +137,7 @@ fn replayed_actions_give_the_same_observations_and_the_facts_are_those_of_an_eva
         observation_noise: 0.001,
         ..plan("ball-balancing", "ppo", 6)
     };
-    let found = write(&plan, &PLAIN, &out).unwrap().unwrap();
+    let found = write(&plan, &npz(), &out).unwrap().unwrap();
     assert_eq!([found.episodes, found.simulations, found.frames, found.left_out], [6, 6, 1800, 0]);
 
     let resolved = ResolvedPlan::new(&plan).unwrap();
@@ -192,9 +188,9 @@ fn labels_are_the_actions_of_an_expert_that_begins_in_each_state() {
     let [labeled, plain] = ["labeled", "plain"].map(|name| folder.path().join(name));
     // The expert of this task has phases.
     let plan = Plan { action_noise: 0.2, ..plan("cube-stacking", "ppo", 2) };
-    let settings = RecordSettings { relabel: Some("expert".to_string()), ..PLAIN };
+    let settings = RecordSettings { relabel: Some("expert".to_string()), ..npz() };
     write(&plan, &settings, &labeled).unwrap().unwrap();
-    write(&plan, &PLAIN, &plain).unwrap().unwrap();
+    write(&plan, &npz(), &plain).unwrap().unwrap();
     let [labeled, plain] = [labeled, plain].map(|out| Arrays::read(&out));
     // Labels change nothing of what happens.
     assert_eq!(labeled.bytes("action.executed"), plain.bytes("action"));
@@ -221,9 +217,9 @@ fn labels_are_those_of_the_state_and_not_of_what_the_student_saw() {
     let folder = tempfile::tempdir().unwrap();
     let [noisy, plain] = ["noisy", "plain"].map(|name| folder.path().join(name));
     let plan = plan("ball-pushing", "expert", 3);
-    let settings = RecordSettings { relabel: Some("expert".to_string()), ..PLAIN };
+    let settings = RecordSettings { relabel: Some("expert".to_string()), ..npz() };
     write(&Plan { observation_noise: 0.01, ..plan.clone() }, &settings, &noisy).unwrap().unwrap();
-    write(&plan, &PLAIN, &plain).unwrap().unwrap();
+    write(&plan, &npz(), &plain).unwrap().unwrap();
     let [noisy, plain] = [noisy, plain].map(|out| Arrays::read(&out));
     for start in plain.words("episode_starts").into_iter().take(3) {
         let bytes = 9 * 4 * start as usize..9 * 4 * (start as usize + 1);
@@ -243,10 +239,10 @@ fn scenarios_of_an_archive_are_drawn_by_weight_and_the_others_are_those_of_the_e
     table("weight,action_delay,observation_delay\n3,3,0\n1,0,3\n");
     let plan = Plan { space: "starts+delay".to_string(), ..plan("ball-balancing", "ppo", 100) };
     let archive = |share: f64| {
-        let archive = Some(ArchiveSettings { path: failures.clone(), share });
-        RecordSettings { archive, ..PLAIN }
+        let archive = Some(failures.clone());
+        RecordSettings { archive, archive_share: share, ..npz() }
     };
-    let without = write(&plan, &PLAIN, &plain).unwrap().unwrap();
+    let without = write(&plan, &npz(), &plain).unwrap().unwrap();
     assert_eq!((without.archive, without.archived), (None, 0));
     assert_eq!(write(&plan, &archive(0.0), &none).unwrap().unwrap().archived, 0);
     let found = write(&plan, &archive(0.5), &mixed).unwrap().unwrap();
@@ -278,8 +274,8 @@ fn scenarios_of_an_archive_are_drawn_by_weight_and_the_others_are_those_of_the_e
     assert!((0.57..=0.93).contains(&(given[0] as f64 / found.archived as f64)), "{given:?}");
 
     let error = |settings: &RecordSettings| write(&plan, settings, &out).unwrap_err().with_causes();
-    assert!(error(&archive(1.5)).contains("share of the archive"));
-    assert!(error(&archive(f64::NAN)).contains("share of the archive"));
+    assert!(error(&archive(1.5)).contains("record.archive-share"));
+    assert!(error(&archive(f64::NAN)).contains("record.archive-share"));
     table("weight,drift_x\n1,0\n");
     let said = error(&archive(0.5));
     assert!(said.contains("archive.csv") && said.contains("`drift_x` is not an axis"), "{said}");
@@ -293,8 +289,8 @@ fn successful_episodes_are_those_of_the_whole_data_set() {
     let folder = tempfile::tempdir().unwrap();
     let [all, some] = ["all", "some"].map(|name| folder.path().join(name));
     let plan = Plan { space: "delay".to_string(), ..plan("ball-balancing", "ppo", 8) };
-    let whole = write(&plan, &PLAIN, &all).unwrap().unwrap();
-    let settings = RecordSettings { only_successful: true, ..PLAIN };
+    let whole = write(&plan, &npz(), &all).unwrap().unwrap();
+    let settings = RecordSettings { successful: true, ..npz() };
     let kept = write(&plan, &settings, &some).unwrap().unwrap();
     assert!((1..8).contains(&whole.successes), "{}", whole.successes);
     assert_eq!(
@@ -309,8 +305,8 @@ fn successful_episodes_are_those_of_the_whole_data_set() {
 #[test]
 fn bytes_do_not_depend_on_the_batch_size_and_images_are_those_of_the_states() {
     let folder = tempfile::tempdir().unwrap();
-    let cameras = CameraSettings { names: vec!["wrist".to_string(), "over".to_string()], size: [12, 8] };
-    let settings = RecordSettings { cameras: Some(cameras), ..PLAIN };
+    let camera = vec!["wrist".to_string(), "over".to_string()];
+    let settings = RecordSettings { camera, size: [12, 8], ..npz() };
     let sets = [1, 3].map(|batch| {
         let out = folder.path().join(format!("batch-{batch}"));
         let mut plan = plan("point-reaching", "expert", 3);
@@ -349,7 +345,7 @@ fn images_of_a_replay_are_those_of_the_recording() {
         let evaluate = plan.evaluate.as_mut().unwrap();
         (evaluate.corners, evaluate.control) = (false, false);
         let cameras = CameraSettings { names: vec!["wrist".to_string(), "over".to_string()], size: [12, 8] };
-        let settings = RecordSettings { cameras: Some(cameras.clone()), ..PLAIN };
+        let settings = RecordSettings { camera: cameras.names.clone(), size: cameras.size, ..npz() };
         let out = folder.path().join(format!("recorded-{}", controller.len()));
         write(&plan, &settings, &out).unwrap();
         let arrays = Arrays::read(&out);
@@ -379,7 +375,7 @@ fn an_interrupted_or_impossible_recording_leaves_nothing() {
     let out = folder.path().join("set");
     let resolved = ResolvedPlan::new(&plan("point-reaching", "expert", 8)).unwrap();
     for format in Format::ALL {
-        let settings = RecordSettings { format, ..PLAIN };
+        let settings = RecordSettings { format: format.name().to_string(), ..npz() };
         let found = record(&resolved, &settings, &out, |done| {
             assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "{done}");
             assert!(!out.exists());
@@ -387,22 +383,25 @@ fn an_interrupted_or_impossible_recording_leaves_nothing() {
         });
         assert!(found.unwrap().is_none());
     }
-    let settings = RecordSettings { relabel: Some("expert".to_string()), ..PLAIN };
-    let camera = CameraSettings { names: vec!["left".to_string()], size: [8, 8] };
-    let drawn = RecordSettings { cameras: Some(camera), ..PLAIN };
+    let settings = RecordSettings { relabel: Some("expert".to_string()), ..npz() };
+    let seen_by = |camera: &[&str]| RecordSettings {
+        camera: camera.iter().map(ToString::to_string).collect(),
+        size: [8, 8],
+        ..npz()
+    };
+    let drawn = seen_by(&["left"]);
     let lost = Plan { space: "delay".to_string(), ..plan("ball-balancing", "ppo", 1) };
     let error = |plan: &Plan, settings: &RecordSettings| write(plan, settings, &out).unwrap_err().to_string();
     assert!(error(&plan("toy/noisy", "", 1), &settings).contains("a task or a target file"));
     assert!(error(&plan("point-reaching", "ppo", 1), &drawn).contains("over, wrist"));
-    let twice = CameraSettings { names: vec!["over".to_string(); 2], size: [8, 8] };
-    let twice = RecordSettings { cameras: Some(twice), ..PLAIN };
+    let twice = seen_by(&["over"; 2]);
     assert!(error(&plan("point-reaching", "ppo", 1), &twice).contains("over twice"));
-    let missing = RecordSettings { relabel: Some("experts".to_string()), ..PLAIN };
+    let missing = RecordSettings { relabel: Some("experts".to_string()), ..npz() };
     assert!(error(&plan("point-reaching", "ppo", 1), &missing).contains("experts"));
-    let only_successful = RecordSettings { only_successful: true, ..PLAIN };
+    let only_successful = RecordSettings { successful: true, ..npz() };
     let no_success = Plan { axes: [("action_delay".to_string(), AxisSetting::Value(3.0))].into(), ..lost };
     assert!(error(&no_success, &only_successful).contains("none of 1 simulation"));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     std::fs::create_dir(&out).unwrap();
-    assert!(error(&plan("point-reaching", "expert", 1), &PLAIN).contains("nothing exists"));
+    assert!(error(&plan("point-reaching", "expert", 1), &npz()).contains("nothing exists"));
 }

@@ -5,8 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle::MishandleError;
+use mishandle::plan::TrainPlan;
 use mishandle::run::Device;
-use mishandle::train::{Curve, TrainPlan, TrainReport};
+use mishandle::train::{Curve, TrainReport};
 use mishandle::world::CpuDevice;
 
 use crate::silent::Silent;
@@ -32,16 +33,9 @@ fn plan_with(folder: &Path, device: &str, more: &str) -> TrainPlan {
         reward: "shaped".to_string(),
         device: device.to_string(),
         settings: Some(settings),
-        from: None,
-        steps: None,
-        space: None,
-        axes: Default::default(),
-        guard: None,
         seed: 4,
         out: folder.join(format!("{device}.safetensors")),
-        csv: None,
-        tensorboard: None,
-        resume: false,
+        ..TrainPlan::default()
     }
 }
 
@@ -60,7 +54,7 @@ fn the_bits_of_training_do_not_depend_on_the_interface_of_the_engines() {
     let resumed = train(&TrainPlan { resume: true, ..gpu.clone() }).unwrap();
     assert_eq!(resumed.result.last.hash(), cpu.result.last.hash());
     assert_eq!(resumed.result.last_validation, cpu.result.last_validation);
-    assert!(gpu.command().contains(" --device gpu "), "{}", gpu.command());
+    assert!(gpu.command().contains(" -k train.device=gpu "), "{}", gpu.command());
 
     // A run of one engine is not resumed on another.
     let other = TrainPlan { device: "cpu".to_string(), resume: true, ..gpu };

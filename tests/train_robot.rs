@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 
 use mishandle::controllers::ControllerFile;
 use mishandle::harden::{ModeExamples, finished, harden, harden_folder};
-use mishandle::plan::{AxisSetting, EvaluatePlan, HardenPlan};
+use mishandle::plan::{AxisSetting, EvaluatePlan, HardenPlan, TrainPlan};
 use mishandle::resolve::{ResolvedPlan, robot_file};
 use mishandle::results;
 use mishandle::rollout::Seed;
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::train::{
-    Curve, TrainObserver, TrainPlan, TrainReport, default_out, default_reward, train, training_facts,
+    Curve, TrainObserver, TrainReport, default_out, default_reward, train, training_facts,
     uses_default_settings,
 };
 use mishandle::training::{
@@ -42,18 +42,11 @@ fn plan(folder: &Path, change: impl Fn(String) -> String, settings: &str) -> Tra
         task: file.to_string_lossy().into_owned(),
         algorithm: "ppo".to_string(),
         reward: "file".to_string(),
-        device: "cpu".to_string(),
         settings: Some(path),
-        from: None,
-        steps: None,
-        space: None,
-        axes: Default::default(),
-        guard: None,
         seed: 1,
         out: folder.join("c.safetensors"),
         csv: Some(folder.join("curve.csv")),
-        tensorboard: None,
-        resume: false,
+        ..TrainPlan::default()
     }
 }
 
@@ -262,7 +255,7 @@ fn what_a_robot_cannot_train_with_is_an_error_that_says_so() {
         assert!(text.contains("cartpole.toml, line ") && text.contains(part), "{text}");
     }
     let text = error(same, PPO, |plan| plan.reward = "shaped".to_string());
-    assert!(text.contains("--reward is shaped; it must be left out"), "{text}");
+    assert!(text.contains("train.reward is shaped; it must be left out"), "{text}");
     let text = error(same, PPO, |plan| plan.device = "gpu".to_string());
     assert!(text.contains("does not support training on a GPU; only tasks do"), "{text}");
     let text = error(same, &format!("{PPO}rewards.speed = 0.1"), |_| ());

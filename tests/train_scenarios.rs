@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex};
 
 use mishandle::MishandleError;
 use mishandle::controllers::Policy;
-use mishandle::plan::AxisSetting;
+use mishandle::plan::{AxisSetting, TrainPlan};
 use mishandle::run::Device;
 use mishandle::tasks::{Preset, Reward, TaskBatches, TaskEnvironment};
-use mishandle::train::{Curve, TrainPlan, TrainReport};
+use mishandle::train::{Curve, TrainReport};
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings, SpaceSetting};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{
@@ -313,16 +313,12 @@ fn plan(folder: &Path, name: &str, device: &str) -> TrainPlan {
         reward: "shaped".to_string(),
         device: device.to_string(),
         settings: Some(settings),
-        from: None,
-        steps: None,
         space: Some("delay+dynamics+sensing+faults-sensing".to_string()),
         axes: [("action_delay".to_string(), AxisSetting::Range([0.0, 2.0]))].into(),
-        guard: None,
         seed: 4,
         out: folder.join(format!("{name}.safetensors")),
         csv: Some(folder.join(format!("{name}.csv"))),
-        tensorboard: None,
-        resume: false,
+        ..TrainPlan::default()
     }
 }
 

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use mishandle::MishandleError;
 use mishandle::controllers::ControllerFile;
-use mishandle::train::{TrainObserver, TrainPlan, algorithm_of, train};
+use mishandle::plan::TrainPlan;
+use mishandle::train::{TrainObserver, algorithm_of, train};
 use mishandle::training::{AlgorithmSettings, TrainingControl, TrainingProgress};
 
 struct Silent;
@@ -40,18 +41,13 @@ fn plan(folder: &Path, algorithm: &str, from: &str) -> TrainPlan {
         task: "point-reaching".to_string(),
         algorithm: algorithm.to_string(),
         reward: "shaped".to_string(),
-        device: "cpu".to_string(),
         settings: Some(settings),
         from: Some(from.to_string()),
         steps: Some(256),
         space: Some("delay".to_string()),
-        axes: Default::default(),
-        guard: None,
         seed: 2,
         out: folder.join("out.safetensors"),
-        csv: None,
-        tensorboard: None,
-        resume: false,
+        ..TrainPlan::default()
     }
 }
 

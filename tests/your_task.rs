@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Once;
 
+use mishandle::plan::TrainPlan;
 use mishandle::store::RunFile;
-use mishandle::train::TrainPlan;
 use mishandle::training::AlgorithmSettings;
 
 /// Registers the task once for all tests.
@@ -79,21 +79,13 @@ fn the_example_has_less_than_200_lines() {
 fn a_training_run_without_shipped_settings_uses_the_defaults() {
     add_task();
     let plan = |task: &str, settings: Option<&str>| TrainPlan {
-        device: "cpu".to_string(),
         task: task.to_string(),
         algorithm: "sac".to_string(),
         reward: "shaped".to_string(),
         settings: settings.map(Into::into),
-        from: None,
         steps: Some(512),
-        space: None,
-        axes: Default::default(),
-        guard: None,
-        seed: 0,
         out: "unused.safetensors".into(),
-        csv: None,
-        tensorboard: None,
-        resume: false,
+        ..TrainPlan::default()
     };
     let uses_defaults =
         |task, settings| mishandle::train::uses_default_settings(&plan(task, settings)).unwrap();

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle::check::{CheckProgress, CheckSettings, CheckSubject};
+use mishandle::check::{CheckProgress, CheckSubject, Requirements};
 use mishandle::files::{limits, read_text_bounded};
+use mishandle::plan::CheckSettings;
 use mishandle::results::Severity;
 use mishandle::rollout::NamedFormula;
 use mishandle::stl::Formula;
@@ -55,18 +56,8 @@ pub fn check(
     let fail_on = Severity::ALL.into_iter().find(|severity| severity.name() == fail_on);
     let fail_on = fail_on
         .ok_or_else(|| InvalidValueError::new_err(format!("fail_on must be one of {}", known.join(", "))))?;
-    let settings = CheckSettings {
-        file: &file,
-        path: &requirements,
-        text: &text,
-        episodes,
-        trials,
-        budget,
-        search: &search,
-        batch,
-        fail_on,
-        allow_inapplicable,
-    };
+    let settings = CheckSettings { episodes, trials, budget, search, batch, fail_on, allow_inapplicable };
+    let requirements = Requirements { file: &file, path: &requirements, text: &text };
     let mut under_test = target.target.clone();
     // An evaluation has the first formula as its requirement, so the target must have its signals.
     let signals = under_test.signal_names();
@@ -85,7 +76,7 @@ pub fn check(
     let subject = CheckSubject { plan: target.plan.clone(), target: Some(under_test) };
     let found = detached(py, target, || {
         let mut watch = |done: &CheckProgress| report(target, progress.as_ref(), done.done, done.all);
-        mishandle::check::check(&[subject], &settings, &out, &mut watch)
+        mishandle::check::check(&[subject], &requirements, &settings, &out, &mut watch)
     })?;
     let found = found.ok_or_else(|| InvalidStateError::new_err("the check was interrupted"))?;
     mishandle_cli::write_check_reports(&found, &out, &mut || py.check_signals().is_err())

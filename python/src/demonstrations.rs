@@ -4,8 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mishandle::ResolvedPlan;
-use mishandle::picture::CameraSettings;
-use mishandle::record::{ArchiveSettings, RecordSettings};
+use mishandle::plan::RecordSettings;
 use mishandle::store::RunKind;
 use pyo3::prelude::*;
 
@@ -23,7 +22,7 @@ use crate::{InvalidStateError, raised};
 pub fn record(
     py: Python<'_>,
     call: &str,
-    format: &str,
+    format: String,
     relabel: Option<String>,
     cameras: Vec<String>,
     size: [u16; 2],
@@ -36,11 +35,13 @@ pub fn record(
     let mut plan = Call::read(call)?.plan;
     let episodes = plan.evaluate.get_or_insert_default().episodes;
     let settings = RecordSettings {
-        format: mishandle::record::format(format).map_err(raised)?,
+        format,
         relabel,
-        cameras: (!cameras.is_empty()).then_some(CameraSettings { names: cameras, size }),
-        only_successful,
-        archive: archive.map(|path| ArchiveSettings { path, share: archive_share }),
+        camera: cameras,
+        size,
+        archive,
+        archive_share,
+        successful: only_successful,
     };
     let mut exception = None;
     let watch = |done: u64| {

@@ -27,17 +27,17 @@ class DataSets(unittest.TestCase):
         cls.folder = tempfile.TemporaryDirectory()
         root = pathlib.Path(cls.folder.name)
         words = [
-            "record", "ball-balancing", "--controller", "ppo", "--relabel", "expert", "--space",
-            "delay"
+            "record", "ball-balancing", "--controller", "ppo", "-k", "record.relabel=expert",
+            "--space", "delay"
         ]
         words += [
-            "--episodes", str(EPISODES), "--seed", "3", "--cameras", ",".join(CAMERAS), "--size",
+            "--episodes", str(EPISODES), "--seed", "3", "--camera", ",".join(CAMERAS), "--size",
             f"{WIDTH}x{HEIGHT}"
         ]
         cls.results = {}
         for name in ["lerobot", "npz"]:
-            command = [PROGRAM, *words, "--format", name, "--out", root / name, "--json"]
-            found = subprocess.run(command, check=True, stdout=subprocess.PIPE)
+            output = ["-k", f"record.format={name}", "--out", root / name, "--json"]
+            found = subprocess.run([PROGRAM, *words, *output], check=True, stdout=subprocess.PIPE)
             cls.results[name] = json.loads(found.stdout)
         cls.meta = root / "lerobot" / "meta"
         cls.info = json.loads((cls.meta / "info.json").read_text())

@@ -522,8 +522,8 @@ class Training(unittest.TestCase):
     def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
         with tempfile.TemporaryDirectory() as folder:
             _, expected = self.train(folder, "cpu", 512)
-            self.train(folder, "gpu", 256, "--device", "gpu")
-            document, found = self.train(folder, "gpu", 512, "--device", "gpu", "--resume")
+            self.train(folder, "gpu", 256, "-k", "train.device=gpu")
+            document, found = self.train(folder, "gpu", 512, "-k", "train.device=gpu", "--resume")
         self.assertEqual(document["device"], "gpu")
         for column in ("kl", "entropy", "validation_return"):
             numbers = [float(rows[-1][column]) for rows in (found, expected)]
@@ -539,7 +539,7 @@ class Training(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             costs = []
             for device in ("cpu", "gpu"):
-                options = ("--device", device, "--from", "ppo")
+                options = ("-k", f"train.device={device}", "--from", "ppo")
                 _, rows = self.train(
                     folder, device, 800, *options, task="peg-in-hole", settings=settings
                 )

@@ -606,8 +606,8 @@ class Import(unittest.TestCase):
 
     def test_files_of_other_tools_say_what_to_do(self):
         for name, data, advice in (
-            ("a.zip", b"PK\x03\x04 model", "mishandle controller import"),
-            ("a.pt", b"PK\x03\x04 model", "mishandle controller import"),
+            ("a.zip", b"PK\x03\x04 model", "mishandle controller FILE --task TASK"),
+            ("a.pt", b"PK\x03\x04 model", "mishandle controller FILE --task TASK"),
             ("a.pkl", b"\x80\x04\x95\x10\0\0\0\0\0\0\0}.", "can run any code"),
         ):
             path = self.path.with_name(name)

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_requirements::{WrittenRequirement, unit_of};
+use mishandle_requirements::{RequirementFile, WrittenRequirement, unit_of};
 use mishandle_rollout::Target;
 
-use super::{CheckSettings, CheckSubject};
+use super::CheckSubject;
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, FalsifyPlan, Plan};
+use crate::plan::{CheckSettings, EvaluatePlan, FalsifyPlan, Plan};
 use crate::resolve::{ResolvedPlan, missing_signals, target};
 
 /// A requirement of the file for a target.
@@ -27,7 +27,7 @@ pub(super) struct Asked<'a> {
 /// The check of one controller.
 pub(super) struct Checker<'a> {
     pub label: String,
-    pub settings: &'a CheckSettings<'a>,
+    pub settings: &'a CheckSettings,
     pub folder: &'a Path,
     pub target: Target,
     pub plan: Plan,
@@ -40,7 +40,8 @@ impl<'a> Checker<'a> {
     pub(super) fn new(
         subject: &CheckSubject,
         label: String,
-        settings: &'a CheckSettings<'a>,
+        file: &'a RequirementFile,
+        settings: &'a CheckSettings,
         folder: &'a Path,
     ) -> Result<Checker<'a>, MishandleError> {
         let plan = Plan { screening: None, ..subject.plan.clone().without_questions() };
@@ -51,7 +52,7 @@ impl<'a> Checker<'a> {
         let first_space = target.spaces.first().map_or("", |space| space.name()).to_string();
         let default_space = if plan.space.is_empty() { first_space } else { plan.space.clone() };
         let mut asked = Vec::new();
-        for written in &settings.file.requirements {
+        for written in &file.requirements {
             let formula = written.timed_formula();
             asked.push(Asked {
                 missing: missing_signals(&formula, &target).map_err(|error| of(written, error))?,
@@ -62,7 +63,7 @@ impl<'a> Checker<'a> {
                 alone: None,
             });
         }
-        if let Some(problem) = unit_problem(&settings.file.units, &target, &asked) {
+        if let Some(problem) = unit_problem(&file.units, &target, &asked) {
             return Err(MishandleError::Units { problem });
         }
         let mut checker = Checker { label, settings, folder, target, plan, asked, random: Vec::new() };
@@ -141,7 +142,7 @@ impl<'a> Checker<'a> {
         let settings = self.settings;
         let falsify = FalsifyPlan {
             formula: Some(asked.formula.clone()),
-            search: settings.search.to_string(),
+            search: settings.search.clone(),
             trials: settings.trials.or(check.trials).unwrap_or(1),
             budget: settings.budget.or(check.budget).unwrap_or(FalsifyPlan::default().budget),
             batch: settings.batch,

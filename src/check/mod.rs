@@ -13,12 +13,12 @@ use std::path::Path;
 
 use mishandle_requirements::RequirementFile;
 use mishandle_results as results;
-use mishandle_results::{Check, CheckedController, CheckedRequirement, Severity};
+use mishandle_results::{Check, CheckedController, CheckedRequirement};
 use mishandle_rollout::Target;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{CheckSettings, Plan};
 
 use checker::{Asked, Checker};
 use column::Column;
@@ -36,29 +36,15 @@ pub struct CheckSubject {
     pub target: Option<Target>,
 }
 
-/// Requirements and the effort of their check.
-#[derive(Clone, Debug)]
-pub struct CheckSettings<'a> {
+/// A file of requirements.
+#[derive(Clone, Copy, Debug)]
+pub struct Requirements<'a> {
     /// The requirements.
     pub file: &'a RequirementFile,
     /// Path of the file.
     pub path: &'a Path,
     /// Text of the file.
     pub text: &'a str,
-    /// Number of random scenarios; `None`: that of the requirement, or 100.
-    pub episodes: Option<u64>,
-    /// Number of searches for each requirement; `None`: that of the requirement, or 1.
-    pub trials: Option<u32>,
-    /// Largest number of simulations of a search; `None`: that of the requirement, or 300.
-    pub budget: Option<u32>,
-    /// Name of the search.
-    pub search: &'a str,
-    /// Batch size.
-    pub batch: u32,
-    /// Least severity of a violation that fails.
-    pub fail_on: Severity,
-    /// Whether requirements are accepted whose signals the target lacks.
-    pub allow_inapplicable: bool,
 }
 
 /// Progress of a check.
@@ -84,7 +70,8 @@ pub type Watch<'w> = &'w mut (dyn FnMut(&CheckProgress) -> ControlFlow<()> + Sen
 /// run or stored.
 pub fn check(
     subjects: &[CheckSubject],
-    settings: &CheckSettings<'_>,
+    requirements: &Requirements<'_>,
+    settings: &CheckSettings,
     folder: &Path,
     watch: Watch<'_>,
 ) -> Result<Option<Check>, MishandleError> {
@@ -93,10 +80,10 @@ pub fn check(
     let checkers: Result<Vec<Checker<'_>>, MishandleError> = subjects
         .iter()
         .zip(labels)
-        .map(|(subject, label)| Checker::new(subject, label, settings, folder))
+        .map(|(subject, label)| Checker::new(subject, label, requirements.file, settings, folder))
         .collect();
     let checkers = checkers?;
-    let _lock = folder::open(folder, settings.text)?;
+    let _lock = folder::open(folder, requirements.text)?;
     let mut columns = Vec::new();
     for checker in &checkers {
         match checker.run(watch)? {
@@ -104,15 +91,16 @@ pub fn check(
             None => return Ok(None),
         }
     }
-    let found = result(&checkers, settings, folder, columns);
-    folder::write_result(folder, &found, settings.text)?;
+    let found = result(&checkers, requirements, settings, folder, columns);
+    folder::write_result(folder, &found, requirements.text)?;
     Ok(Some(found))
 }
 
 /// Returns the result of all controllers.
 fn result(
     checkers: &[Checker<'_>],
-    settings: &CheckSettings<'_>,
+    requirements: &Requirements<'_>,
+    settings: &CheckSettings,
     folder: &Path,
     columns: Vec<Column>,
 ) -> Check {
@@ -144,22 +132,22 @@ fn result(
         });
         by_controller.push(column.cells.into_iter());
     }
-    let count = settings.file.requirements.len();
+    let count = requirements.file.requirements.len();
     let cells =
         (0..count).flat_map(|_| by_controller.iter_mut().filter_map(Iterator::next).collect::<Vec<_>>());
     let cells = cells.collect();
     Check {
         folder: path_text(folder),
-        requirements_file: path_text(settings.path),
-        requirements_digest: file_digest(settings.text),
-        title: settings.file.title.clone(),
-        notice: settings.file.notice.clone(),
+        requirements_file: path_text(requirements.path),
+        requirements_digest: file_digest(requirements.text),
+        title: requirements.file.title.clone(),
+        notice: requirements.file.notice.clone(),
         target: first.map_or(String::new(), |first| first.target.identity.name.clone()),
         target_kind: first.map_or(String::new(), |first| first.target.identity.kind.clone()),
         fail_on: settings.fail_on,
         allows_inapplicable: settings.allow_inapplicable,
         seed: results::Seed(first.map_or(0, |first| first.plan.seed)),
-        search: settings.search.to_string(),
+        search: settings.search.clone(),
         program: crate::build::VERSION_AND_COMMIT.to_string(),
         requirements: first.map_or(Vec::new(), |first| first.asked.iter().map(requirement).collect()),
         controllers,

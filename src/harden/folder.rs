@@ -32,9 +32,6 @@ const BEFORE: &str = "before";
 /// Stem of the name of the controller that a round trains.
 const CANDIDATE: &str = "controller";
 
-/// Guard under which the controller acts and trains.
-const GUARD: &str = "guard.toml";
-
 /// Training settings of the controller, or of the plan's file.
 const SETTINGS: &str = "settings.toml";
 
@@ -80,9 +77,6 @@ impl Folder {
         before.write(&folder, &folder.before())?;
         if let Some(settings) = settings {
             folder.write(&folder.settings(), settings.as_bytes())?;
-        }
-        if let Some(guard) = &plan.guard {
-            folder.write(&folder.guard(), guard.to_toml().as_bytes())?;
         }
         // The last one: a folder without it is not that of a hardening.
         folder.write(&path.join(PLAN), plan.to_toml().as_bytes())
@@ -148,10 +142,6 @@ impl Folder {
     /// Returns the file of the accepted controller.
     pub fn accepted(&self) -> PathBuf {
         self.given.with_extension(self.extension)
-    }
-
-    pub fn guard(&self) -> PathBuf {
-        self.path.join(GUARD)
     }
 
     pub fn settings(&self) -> PathBuf {

@@ -16,10 +16,10 @@ use super::trainer::Trainer;
 use super::{HardenProgress, HardenUnit, Watch};
 use crate::archive::{Simulated, TABLE, csv, shows_nan, weighted};
 use crate::error::MishandleError;
-use crate::plan::{HardenPlan, Plan};
+use crate::plan::{HardenPlan, Plan, TrainPlan};
 use crate::resolve::{ResolvedPlan, default_reward};
 use crate::run::Device;
-use crate::train::{TrainObserver, TrainPlan, train};
+use crate::train::{TrainObserver, train};
 
 /// Index of the child seed of the searches, and of the training, of round 0. Each round has its
 /// own.
@@ -153,15 +153,11 @@ impl Session<'_> {
             device: table.device.clone(),
             settings: Some(file),
             from: Some(path_text(self.controller)),
-            steps: None,
-            space: None,
-            axes: Default::default(),
-            guard: base.guard.as_ref().map(|_| folder.guard()),
+            guard: base.guard.clone(),
             seed: self.seed.0,
             csv: Some(folder.of_round(round, CURVE)),
-            tensorboard: None,
-            resume: false,
             out: folder.candidate(round),
+            ..TrainPlan::default()
         };
         plan.resume = plan.checkpoint().exists();
         if !plan.resume {

@@ -1,7 +1,7 @@
 //! Guards in plans.
 
 use super::declare::plan_table;
-use super::keys;
+use super::keys::{self, Within};
 use super::read::read_guard;
 use crate::error::MishandleError;
 
@@ -31,6 +31,22 @@ plan_table! {
         /// `positions`. That of tasks is known.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub actions: Option<String> = None, "\"increments\" or \"positions\"";
+    }
+}
+
+plan_table! {
+    /// How the threshold of a guard is chosen: the table `[tune]`.
+    pub struct TuneSettings in "tune" {
+        /// Number of training scenarios.
+        pub episodes: u64 = 500, keys::EPISODES => Within<1, 1_000_000_000>;
+        /// Number of held-out scenarios.
+        pub held_out: u64 = 500, keys::EPISODES => Within<1, 1_000_000_000>;
+        /// Largest share of successful training scenarios with an alarm.
+        pub false_alarms: f64 = 0.05, "a number from 0 to less than 1";
+        /// Requirement whose violation is a failure: the name of a formula of the target, or the
+        /// text of a formula. `None` selects the target's first formula.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub formula: Option<String> = None, keys::FORMULA;
     }
 }
 

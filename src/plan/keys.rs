@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 use toml::de::{DeValue, ValueDeserializer};
 
@@ -67,6 +68,38 @@ impl Key {
         self.default = defaults.get(&self.name).map(ToString::to_string);
         self.name = if table.is_empty() { self.name } else { format!("{table}.{}", self.name) };
         self
+    }
+}
+
+/// The type of an integer from `LOW` to `HIGH`. Settings are checked key by key; the numbers of a
+/// question are checked when the whole plan is known.
+pub(super) struct Within<const LOW: u64, const HIGH: u64>;
+
+impl<'de, const LOW: u64, const HIGH: u64> Deserialize<'de> for Within<LOW, HIGH> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let number = u64::deserialize(deserializer)?;
+        if (LOW..=HIGH).contains(&number) { Ok(Within) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
+/// The type of a number from 0 to 1.
+pub(super) struct Share;
+
+impl<'de> Deserialize<'de> for Share {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let share = f64::deserialize(deserializer)?;
+        if (0.0..=1.0).contains(&share) { Ok(Share) } else { Err(D::Error::custom("out of range")) }
+    }
+}
+
+/// The type of the width and the height of an image, pixels.
+pub(super) struct ImageSize;
+
+impl<'de> Deserialize<'de> for ImageSize {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let sides = <[u16; 2]>::deserialize(deserializer)?;
+        let is_allowed = sides.iter().all(|side| (1..=1024).contains(side));
+        if is_allowed { Ok(ImageSize) } else { Err(D::Error::custom("out of range")) }
     }
 }
 

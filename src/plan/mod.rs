@@ -2,6 +2,7 @@
 //!
 //! A [`Plan`] is read from TOML or made from flags. This room looks nothing up: `resolve` does.
 
+mod check;
 mod declare;
 mod edit;
 mod grid;
@@ -10,9 +11,11 @@ mod harden;
 mod keys;
 mod metamorphic;
 mod read;
+mod record;
 mod risk;
 pub(crate) mod search_options;
 mod settings;
+mod train;
 mod until;
 
 use std::collections::BTreeMap;
@@ -26,18 +29,21 @@ use serde::{Deserialize, Serialize};
 use crate::error::MishandleError;
 use declare::plan_table;
 
+pub use check::CheckSettings;
 pub use edit::{Values, axis_setting, set, set_tables, set_value};
 pub use grid::{GridRun, grid, read_grid};
-pub use guard::GuardPlan;
+pub use guard::{GuardPlan, TuneSettings};
 pub use harden::HardenPlan;
 pub use keys::{Key, keys};
 pub use metamorphic::{MetamorphicPlan, RelationPlan};
 pub use mishandle_results::StartRegion;
 pub use mishandle_training::AxisSetting;
 pub use read::table;
+pub use record::RecordSettings;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
-pub use settings::{EngineSettings, ReportSettings, Settings, SizePlan};
+pub use settings::{EngineSettings, EvidenceSettings, ImportSettings, ReportSettings, Settings, SizePlan};
+pub use train::TrainPlan;
 pub use until::{ComparePlan, Measure, Until};
 
 /// Device of a plan that every front end has.

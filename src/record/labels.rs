@@ -16,7 +16,7 @@ pub(super) fn labeler(resolved: &ResolvedPlan, name: &str) -> Result<Arc<dyn Con
         return Err(MishandleError::InvalidValue {
             what: "the controller of the labels",
             value: name.to_string(),
-            expected: "the path of a controller, because only tasks have an expert: --relabel FILE",
+            expected: "the path of a controller, because only tasks have an expert",
         });
     }
     let plan = Plan { controller: name.to_string(), guard: None, stochastic: false, ..plan.clone() };

@@ -10,7 +10,7 @@ mod labels;
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
@@ -29,7 +29,7 @@ use crate::picture::{
     CameraSettings, Decisions, RecordedController, Recording, RecordingEnvironment, SharedDecisions,
     SharedRecordings, TargetCameras,
 };
-use crate::plan::CPU;
+use crate::plan::{CPU, RecordSettings};
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target, training_target};
 use crate::run::end_text;
 use crate::run::evaluate::with_requests;
@@ -39,57 +39,23 @@ use self::labels::{labeler, labels};
 /// Bytes of the images of controllers that are in memory until they are written.
 const KEPT_BYTES: usize = 1 << 28;
 
-/// Settings of a recording besides the plan of an evaluation.
-#[derive(Clone, Debug)]
-pub struct RecordSettings {
-    /// Format of the data set.
-    pub format: Format,
-    /// Controller whose action in each state is the action of the data set, by its name or its
-    /// path. `None`: the action is that of the controller that acts.
-    pub relabel: Option<String>,
-    /// Cameras whose images are recorded. `None`: no images.
-    pub cameras: Option<CameraSettings>,
-    /// Whether episodes that violate the success formula, or have no verdict, are left out.
-    pub only_successful: bool,
-    /// Failures whose scenarios replace some of the random ones. `None`: all are random.
-    pub archive: Option<ArchiveSettings>,
-}
-
-/// Settings of the failures from which a recording draws scenarios.
-#[derive(Clone, Debug)]
-pub struct ArchiveSettings {
-    /// Folder of the failures of a hardening's round, or anything else that training draws from: a
-    /// table of scenarios, a run file, a counterexample, or a folder of counterexamples.
-    pub path: PathBuf,
-    /// Share of the simulations with a scenario of it, from 0 to 1.
-    pub share: f64,
-}
-
-impl ArchiveSettings {
-    /// Share without another wish.
-    pub const SHARE: f64 = 0.5;
-
-    /// Returns the draw of the scenarios.
-    fn draw(&self, resolved: &ResolvedPlan) -> Result<ScenarioDraw, MishandleError> {
-        if !(0.0..=1.0).contains(&self.share) {
-            let what = "the share of the archive";
-            let value = self.share.to_string();
-            return Err(MishandleError::InvalidValue { what, value, expected: "a number from 0 to 1" });
-        }
-        // A robot whose file has no rewards cannot be trained, so only its axes are compared.
-        let target = training_target(&resolved.plan.target, CPU).ok();
-        let given = given_scenarios(&self.path, &resolved.space, target.as_deref())?;
-        let scenarios = TrainingScenarios { given, ..TrainingScenarios::of(resolved.space.clone()) };
-        let settings = ScenarioSettings { file_share: self.share, ..ScenarioSettings::default() };
-        Ok(ScenarioDraw::new(scenarios, &settings))
+/// Returns how scenarios are drawn from the failures in the archive `path`.
+fn draw(path: &Path, share: f64, resolved: &ResolvedPlan) -> Result<ScenarioDraw, MishandleError> {
+    if !(0.0..=1.0).contains(&share) {
+        let what = "record.archive-share";
+        let value = share.to_string();
+        return Err(MishandleError::InvalidValue { what, value, expected: "a number from 0 to 1" });
     }
+    // A robot whose file has no rewards cannot be trained, so only its axes are compared.
+    let target = training_target(&resolved.plan.target, CPU).ok();
+    let given = given_scenarios(path, &resolved.space, target.as_deref())?;
+    let scenarios = TrainingScenarios { given, ..TrainingScenarios::of(resolved.space.clone()) };
+    let settings = ScenarioSettings { file_share: share, ..ScenarioSettings::default() };
+    Ok(ScenarioDraw::new(scenarios, &settings))
 }
 
 /// Returns the format with this name.
-///
-/// # Errors
-/// If the name is unknown.
-pub fn format(name: &str) -> Result<Format, MishandleError> {
+fn format(name: &str) -> Result<Format, MishandleError> {
     let known = || Format::ALL.iter().map(|format| format.name().to_string()).collect();
     let found = Format::ALL.into_iter().find(|format| format.name() == name);
     found.ok_or_else(|| MishandleError::UnknownName {
@@ -114,11 +80,14 @@ pub fn record(
     out: &Path,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Option<Demonstrations>, MishandleError> {
+    let format = format(&settings.format)?;
     let target = recordable(resolved)?;
-    check_rate(resolved, settings.format)?;
+    check_rate(resolved, format)?;
     let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
-    let archive = settings.archive.as_ref().map(|archive| archive.draw(resolved)).transpose()?;
-    let named = settings.cameras.as_ref();
+    let archive = settings.archive.as_deref().map(|path| draw(path, settings.archive_share, resolved));
+    let archive = archive.transpose()?;
+    let named = CameraSettings { names: settings.camera.clone(), size: settings.size };
+    let named = (!named.names.is_empty()).then_some(&named);
     let named = named.map(|named| TargetCameras::new(&resolved.plan.target, &resolved.space, named));
     let mut cameras = named.transpose()?.map(|cameras| cameras.seen_by(target.controller().sees()));
     let kept_bytes = cameras.as_ref().and_then(TargetCameras::kept_bytes);
@@ -132,14 +101,14 @@ pub fn record(
     };
     let folder = AtomicFolder::create_new(out).map_err(failed)?;
     let contents = contents(resolved, &target, cameras.as_ref(), labeler.is_some());
-    let mut writer = settings.format.writer(contents, folder.path()).map_err(failed)?;
+    let mut writer = format.writer(contents, folder.path()).map_err(failed)?;
     let mut recorder = Recorder::new(resolved, &target, labeler, (cameras.is_some(), kept_bytes.is_some()))?;
     let mut found = Demonstrations {
         subject: resolved.subject(),
         folder: path_text(out),
-        format: settings.format.name().to_string(),
+        format: settings.format.clone(),
         relabel: settings.relabel.clone(),
-        archive: settings.archive.as_ref().map(|archive| path_text(&archive.path)),
+        archive: settings.archive.as_deref().map(path_text),
         archived: 0,
         simulations: 0,
         episodes: 0,
@@ -173,7 +142,7 @@ pub fn record(
         }
         for mut recorded in recorder.run(&requests)? {
             found.simulations += 1;
-            let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.only_successful);
+            let is_kept = recorded.frames > 0 && (recorded.is_success || !settings.successful);
             if !is_kept {
                 found.left_out += 1;
                 continue;
@@ -220,7 +189,7 @@ fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleEr
         Err(MishandleError::InvalidValue {
             what: "the control step of the target",
             value: format!("{dt} s"),
-            expected: "a whole number of steps per second for the format lerobot: choose --format npz",
+            expected: "a whole number of steps per second for the format lerobot: set `record.format` to npz",
         })
     } else {
         Ok(())

@@ -5,14 +5,15 @@ use std::path::Path;
 use mishandle_controllers::{ControllerFile, Header, TrainingRecord};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::{
-    ImportOptions, InterchangeError, ObservationNormalizer, OnnxPolicy, TorchProblem, import,
+    ACTIVATIONS, ImportOptions, InterchangeError, Normalization, ObservationNormalizer, OnnxPolicy,
+    TorchProblem, import,
 };
-
+use mishandle_network::Activation;
 use mishandle_rollout::{Controller, RolloutError};
 use mishandle_tasks::Definition;
 
 use crate::error::MishandleError;
-use crate::plan::Plan;
+use crate::plan::{ImportSettings, Plan};
 use crate::resolve::{camera_names, is_target_file, robot_file, task};
 use crate::shipped::ShippedFile;
 
@@ -26,14 +27,15 @@ use crate::shipped::ShippedFile;
 pub fn import_controller(
     path: &Path,
     task_name: &str,
-    options: &ImportOptions,
+    settings: &ImportSettings,
 ) -> Result<ControllerFile, MishandleError> {
+    let options = options(settings)?;
     let definition = task(task_name)?.definition();
     let layout = definition.layout();
     let error = |problem| InterchangeError::Torch { problem, path: path.to_path_buf() };
     let bytes = read_bounded(path, limits::CONTROLLER)
         .map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })?;
-    let imported = import(&bytes, options).map_err(error)?;
+    let imported = import(&bytes, &options).map_err(error)?;
     let network = imported.policy.network();
     for (side, found, expected) in [
         ("observation", network.input_size(), layout.observation_size()),
@@ -61,11 +63,29 @@ pub fn import_controller(
     Ok(ControllerFile { header, policy: imported.policy })
 }
 
+/// Returns what the settings say about a policy.
+fn options(settings: &ImportSettings) -> Result<ImportOptions, MishandleError> {
+    let activation = |name: &str| {
+        name.parse::<Activation>().map_err(|_| MishandleError::UnknownName {
+            kind: "activation",
+            name: name.to_string(),
+            known: ACTIVATIONS.iter().map(ToString::to_string).collect(),
+        })
+    };
+    let normalizer = match settings.normalizer.as_deref() {
+        None => Normalization::OfFile,
+        Some(ImportSettings::NO_NORMALIZER) => Normalization::Nothing,
+        Some(path) => Normalization::Given(read_normalizer(Path::new(path))?),
+    };
+    Ok(ImportOptions {
+        activation: settings.activation.as_deref().map(activation).transpose()?,
+        output_activation: settings.output_activation.as_deref().map(activation).transpose()?,
+        normalizer,
+    })
+}
+
 /// Reads the statistics of a normalizer from a JSON file.
-///
-/// # Errors
-/// If the file cannot be read, or is not such a file.
-pub fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleError> {
+fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleError> {
     let bytes = read_bounded(path, limits::SETTINGS)
         .map_err(|source| InterchangeError::Read { source, path: path.to_path_buf() })?;
     let invalid = |reason: String| InterchangeError::Normalizer { reason, path: path.to_path_buf() };

@@ -50,7 +50,7 @@ pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
 pub use first_file::first_target_file;
 pub use guard::{monitor as guard_monitor, recorded_guard};
-pub use import::{import_controller, is_onnx, onnx_policy, read_normalizer};
+pub use import::{import_controller, is_onnx, onnx_policy};
 pub use kind::{has_scene, is_python};
 pub use metamorphic::{MetamorphicCases, metamorphic_cases};
 pub(crate) use policy::check_allowed;

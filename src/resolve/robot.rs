@@ -158,7 +158,7 @@ impl RobotToTrain {
             Ok(())
         } else {
             Err(MishandleError::InvalidValue {
-                what: "--reward",
+                what: "train.reward",
                 value: reward.to_string(),
                 expected: "left out: the rewards of a robot are those of its file, in the table [rewards]",
             })

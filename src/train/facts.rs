@@ -3,9 +3,10 @@ use mishandle_rollout::Seed;
 use mishandle_training::{AlgorithmSettings, Checkpoint};
 
 use crate::error::MishandleError;
+use crate::plan::TrainPlan;
 use crate::run::Device;
 use crate::train::curve::CurveColumns;
-use crate::train::{Prepared, TrainPlan, batches, check_outputs, prepare};
+use crate::train::{Prepared, batches, check_outputs, prepare};
 
 /// Facts that determine the result of a training run and the format of its controller files.
 #[derive(Clone, Debug, PartialEq)]

@@ -25,7 +25,7 @@ use mishandle_training::{
 
 use crate::build::build;
 use crate::error::MishandleError;
-use crate::plan::{CPU, DEVICES, GPU, GuardPlan};
+use crate::plan::{CPU, DEVICES, GPU, TrainPlan};
 use crate::resolve::{TrainingEnvironment, TrainingTarget, training_target};
 use crate::run::Device;
 pub(crate) use output_check::check as check_outputs;
@@ -36,7 +36,7 @@ pub use crate::error::CurveProblem;
 pub use crate::resolve::{default_reward, reward};
 pub use curve::{Curve, CurveRow, NoTrainingTime};
 pub use facts::{TrainingFacts, training_facts};
-pub use plan::{TrainPlan, default_out};
+pub use plan::default_out;
 pub use result::controller_result;
 
 /// Total steps per step in which only the critic learns, if training starts from a controller and
@@ -193,15 +193,8 @@ pub(crate) fn prepare(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<P
     let start = settings.run().from.as_deref();
     let start = start.map(|name| target.start_controller(name)).transpose()?;
     let start = start.map(|file| file.policy);
-    let guard = plan.guard.as_deref().map(|path| target.guard(&read_guard(path)?)).transpose()?;
+    let guard = plan.guard.as_ref().map(|guard| target.guard(guard)).transpose()?;
     Ok(Prepared { settings, start, environment, scenarios, guard })
-}
-
-/// Reads the file of a guard.
-fn read_guard(path: &Path) -> Result<GuardPlan, MishandleError> {
-    let text = read_text_bounded(path, limits::SETTINGS)
-        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
-    GuardPlan::from_toml(&text)
 }
 
 /// Returns the factory of a plan's training environments.

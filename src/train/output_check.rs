@@ -4,8 +4,8 @@ use std::path::Path;
 
 use mishandle_training::Checkpoint;
 
-use super::TrainPlan;
 use crate::error::MishandleError;
+use crate::plan::TrainPlan;
 use crate::train::curve::{CurveColumns, CurveWriter};
 use crate::train::tensorboard::EventFile;
 

@@ -1,55 +1,15 @@
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use mishandle_training::AxisSetting;
 
 use crate::error::MishandleError;
-use crate::plan::CPU;
+use crate::plan::{CPU, GuardPlan, TrainPlan};
 use crate::resolve::{TrainingTarget, default_reward, is_target_file, training_target};
 use crate::train::curve::has_no_rows;
 use mishandle_text::{path_text, shell_quote};
 
 /// Extension of controller files.
 const EXTENSION: &str = "safetensors";
-
-/// Plan of a training run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrainPlan {
-    /// Name of the task, or path of a target file.
-    pub task: String,
-    /// Name of the algorithm.
-    pub algorithm: String,
-    /// Name of the reward: `original` or `shaped`, or `file` for that of a target file.
-    pub reward: String,
-    /// Name of the physics engine of the training episodes: `cpu` (MuJoCo C) or `gpu`. Validations
-    /// always use MuJoCo C.
-    pub device: String,
-    /// Settings file, or name of a settings base. `None` and `best` mean the shipped settings of
-    /// task and algorithm, or the algorithm's defaults if none are shipped.
-    pub settings: Option<PathBuf>,
-    /// Controller from which training starts: a path, or the name of a shipped one. Without
-    /// settings, those by which it was trained are used.
-    pub from: Option<String>,
-    /// Total number of environment steps; overrides the settings.
-    pub steps: Option<u64>,
-    /// Scenario space of the episodes; overrides the settings.
-    pub space: Option<String>,
-    /// Axes with a narrower range or a fixed value; each overrides that of the settings.
-    pub axes: BTreeMap<String, AxisSetting>,
-    /// File of a guard, under which the policy trains: the actions of the environment are those
-    /// that leave the guard.
-    pub guard: Option<PathBuf>,
-    /// Random seed.
-    pub seed: u64,
-    /// File of the best controller; the last controller and the checkpoint are written beside it.
-    pub out: PathBuf,
-    /// CSV file of the learning curve.
-    pub csv: Option<PathBuf>,
-    /// Folder of the TensorBoard event files.
-    pub tensorboard: Option<PathBuf>,
-    /// Whether to resume from the checkpoint.
-    pub resume: bool,
-}
 
 impl TrainPlan {
     /// Returns the target of the training run.
@@ -78,11 +38,17 @@ impl TrainPlan {
     pub fn command(&self) -> String {
         let mut command =
             format!("mishandle train {} --algorithm {}", shell_quote(&self.task), self.algorithm);
+        let mut key = |name: &str, value: &str| {
+            command += &format!(" -k {}", shell_quote(&format!("{name}={value}")));
+        };
         if self.reward != default_reward(&self.task) {
-            command += &format!(" --reward {}", self.reward);
+            key("train.reward", &self.reward);
         }
         if self.device != CPU {
-            command += &format!(" --device {}", self.device);
+            key("train.device", &self.device);
+        }
+        for (name, value) in self.guard.iter().flat_map(changed_keys) {
+            key(&format!("guard.{name}"), &value);
         }
         if let Some(settings) = &self.settings {
             command += &format!(" --settings {}", shell_quote(&path_text(settings)));
@@ -95,9 +61,6 @@ impl TrainPlan {
         }
         if let Some(space) = &self.space {
             command += &format!(" --space {}", shell_quote(space));
-        }
-        if let Some(guard) = &self.guard {
-            command += &format!(" --guard {}", shell_quote(&path_text(guard)));
         }
         for (name, setting) in &self.axes {
             let value = match setting {
@@ -182,6 +145,15 @@ impl TrainPlan {
     }
 }
 
+/// Returns the keys of a guard without the defaults, each with its value on a command line.
+fn changed_keys(guard: &GuardPlan) -> Vec<(String, String)> {
+    let [given, default] =
+        [guard, &GuardPlan::default()].map(|guard| toml::Table::try_from(guard).unwrap_or_default());
+    let changed = given.into_iter().filter(|(key, value)| default.get(key) != Some(value));
+    let text = |value: toml::Value| value.as_str().map_or_else(|| value.to_string(), str::to_string);
+    changed.map(|(key, value)| (key, text(value))).collect()
+}
+
 /// Returns the default file of a trained controller.
 pub fn default_out(task: &str, algorithm: &str, seed: u64) -> PathBuf {
     let task = match Path::new(task).file_stem().filter(|_| is_target_file(task)) {
@@ -216,18 +188,9 @@ mod tests {
             task: "point-reaching".to_string(),
             algorithm: "ppo".to_string(),
             reward: "shaped".to_string(),
-            device: "cpu".to_string(),
-            settings: None,
-            from: None,
-            steps: None,
-            space: None,
-            axes: Default::default(),
-            guard: None,
             seed: 3,
             out: out.into(),
-            csv: None,
-            tensorboard: None,
-            resume: false,
+            ..TrainPlan::default()
         }
     }
 
@@ -261,6 +224,22 @@ mod tests {
         plan.csv = Some("a.csv".into());
         plan.tensorboard = Some("board".into());
         assert!(plan.resume_command().ends_with(" --csv a.csv --tensorboard board --resume"));
+    }
+
+    #[test]
+    fn the_command_states_what_has_no_flag_by_keys() {
+        let guard = GuardPlan {
+            formula: "abs(angle) <= 0.1".to_string(),
+            fallback: "expert".to_string(),
+            threshold: f64::NEG_INFINITY,
+            ..GuardPlan::default()
+        };
+        let plan = TrainPlan { reward: "original".to_string(), guard: Some(guard), ..plan("a.safetensors") };
+        assert_eq!(
+            plan.command(),
+            "mishandle train point-reaching --algorithm ppo -k train.reward=original -k guard.fallback=expert \
+             -k 'guard.formula=abs(angle) <= 0.1' -k guard.threshold=-inf --seed 3"
+        );
     }
 
     #[test]

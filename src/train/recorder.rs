@@ -12,8 +12,9 @@ use mishandle_rollout::{
 use mishandle_training::{Checkpoint, Observer, Rates, TrainingControl, TrainingProgress, Validation};
 
 use super::write_failures::WriteFailures;
-use super::{Prepared, TrainObserver, TrainPlan};
+use super::{Prepared, TrainObserver};
 use crate::error::MishandleError;
+use crate::plan::TrainPlan;
 use crate::train::curve::{CurveColumns, CurveWriter};
 use crate::train::tensorboard::EventFile;
 

@@ -5,7 +5,8 @@ use mishandle_results::{
 use mishandle_text::path_text;
 use mishandle_training::{Rates, RunSettings};
 
-use crate::train::{CurveRow, NoTrainingTime, TrainPlan, TrainReport, TrainingFacts};
+use crate::plan::TrainPlan;
+use crate::train::{CurveRow, NoTrainingTime, TrainReport, TrainingFacts};
 
 impl TrainReport {
     /// Returns the report of a finished training run as a result.

@@ -21,7 +21,7 @@ use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, GuardPlan, Plan};
+use crate::plan::{EvaluatePlan, GuardPlan, Plan, TuneSettings};
 use crate::resolve::ResolvedPlan;
 use crate::run::{Engine, Progress, ask, continue_run};
 use alarm::{Requirement, WatchedRun};
@@ -47,26 +47,6 @@ const RUNS: [&str; 4] = ["training.sqlite", "controller.sqlite", "guarded.sqlite
 
 /// The guard with the chosen threshold.
 const CHOSEN: &str = "guard.toml";
-
-/// How a threshold is chosen.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TuneSettings {
-    /// Number of training scenarios.
-    pub episodes: u64,
-    /// Number of held-out scenarios.
-    pub held_out: u64,
-    /// Largest share of successful training scenarios with an alarm.
-    pub false_alarms: f64,
-    /// Name or text of the formula whose violation is a failure; `None`: the first one of the
-    /// target.
-    pub formula: Option<String>,
-}
-
-impl Default for TuneSettings {
-    fn default() -> Self {
-        TuneSettings { episodes: 500, held_out: 500, false_alarms: 0.05, formula: None }
-    }
-}
 
 /// Progress of a tuning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,7 +147,7 @@ impl<'p> Tuner<'p> {
         let guard = plan.guard.as_ref().ok_or(missing)?;
         if !(0.0..1.0).contains(&settings.false_alarms) {
             return Err(MishandleError::InvalidValue {
-                what: "the share of false alarms",
+                what: "tune.false-alarms",
                 value: settings.false_alarms.to_string(),
                 expected: "from 0 to less than 1",
             });

@@ -12,9 +12,9 @@ use mishandle_text::{path_text, plural};
 
 use super::alarm::{Requirement, WatchedRun};
 use super::threshold::Least;
-use super::{Asked, CHOSEN, TuneSettings};
+use super::{Asked, CHOSEN};
 use crate::error::MishandleError;
-use crate::plan::GuardPlan;
+use crate::plan::{GuardPlan, TuneSettings};
 use crate::run::record;
 
 /// The three evaluations on held-out scenarios.

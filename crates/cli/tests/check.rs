@@ -27,11 +27,11 @@ fn exit_codes_follow_severities() {
     for (number, (text, flags, expected)) in [
         (FINE.to_string(), "", 0),
         (format!("{FINE}{WRONG}"), "", 0),
-        (format!("{FINE}{WRONG}"), "--fail-on warning", 1),
-        (format!("{FINE}{}", WRONG.replace("warning", "critical")), "--fail-on critical", 1),
+        (format!("{FINE}{WRONG}"), "-k check.fail-on=warning", 1),
+        (format!("{FINE}{}", WRONG.replace("warning", "critical")), "-k check.fail-on=critical", 1),
         (format!("{FINE}{OTHER}"), "", 2),
-        (format!("{FINE}{OTHER}"), "--allow-inapplicable", 0),
-        (format!("{FINE}{OTHER}"), "--fail-on critical", 0),
+        (format!("{FINE}{OTHER}"), "-k check.allow-inapplicable=true", 0),
+        (format!("{FINE}{OTHER}"), "-k check.fail-on=critical", 0),
         (format!("{FINE}max-failure-rate = 0.0001\n"), "", 2),
         (format!("{FINE}max-failure-rate = 0.1\n"), "", 0),
     ]
@@ -47,7 +47,7 @@ fn exit_codes_follow_severities() {
 fn the_folder_has_reports_that_agree_with_the_document() {
     let bench = Bench::new();
     write(&bench, &format!("title = \"Cell <7>\"\nnotice = \"no certificate\"\n{FINE}{WRONG}{OTHER}"));
-    let command = format!("{CHECK} --out checked --allow-inapplicable --fail-on warning");
+    let command = format!("{CHECK} --out checked -k check.allow-inapplicable=true -k check.fail-on=warning");
     let found = bench.json(&format!("{command} --json"), 1);
     let read = |name: &str| std::fs::read_to_string(bench.path(&format!("checked/{name}"))).unwrap();
     let verdicts = ["not violated", "violated", "not applicable"];
@@ -143,10 +143,10 @@ fn a_check_is_evidence_that_others_verify() {
     let bench = Bench::new();
     let named = "[[requirement]]\nname = \"R-0\"\nformula = \"success\"\nmax-failure-rate = 0.5\n";
     write(&bench, &format!("{named}{FINE}{WRONG}{OTHER}"));
-    bench.check(&format!("{CHECK} --out checked --allow-inapplicable"), 0);
+    bench.check(&format!("{CHECK} --out checked -k check.allow-inapplicable=true"), 0);
     bench.check("evidence checked --out ev", 0);
     std::fs::remove_dir_all(bench.path("checked")).unwrap();
-    let found = bench.json("evidence verify ev --replay 0.05 --json", 0);
+    let found = bench.json("evidence --verify ev -k evidence.replay=0.05 --json", 0);
     assert_eq!(found["checks"][0]["verdicts"], 4);
     // Of R-0, whose rate is below its limit, and of R-2.
     assert_eq!(found["checks"][0]["replayed"], 2);
@@ -198,7 +198,7 @@ fn a_check_is_evidence_that_others_verify() {
     );
     replace("ev/SHA256SUMS", &before.0, &now);
     replace("ev/SHA256SUMS", &before.1, &sums("manifest.json"));
-    let found = bench.json("evidence verify ev --replay 0 --json", 1);
+    let found = bench.json("evidence --verify ev -k evidence.replay=0 --json", 1);
     let problems = found["problems"].to_string();
     assert!(problems.contains("the runs give another result") && problems.contains("R-2"), "{problems}");
     bench.refuses("evidence ev --out other", &["without a finished check"]);

@@ -59,7 +59,7 @@ fn copy(from: &Path, to: &Path) {
 #[test]
 fn a_folder_is_verified_by_this_program_and_by_openssh_and_coreutils_alone() {
     let Some(bench) = signed() else { return };
-    let found = bench.json("evidence verify ev --allowed-signers signers --replay 1 --json", 0);
+    let found = bench.json("evidence --verify ev --allowed-signers signers -k evidence.replay=1 --json", 0);
     assert_eq!((&found["signature"], &found["is_verified"]), (&"trusted".into(), &true.into()));
     assert_eq!(found["signer"]["principals"][0], "me@example.org");
     for run in found["runs"].as_array().unwrap() {
@@ -91,7 +91,7 @@ fn a_folder_is_verified_by_this_program_and_by_openssh_and_coreutils_alone() {
     // The folder needs neither the controller's old place nor the present folder.
     fs::remove_file(bench.path("mine.safetensors")).unwrap();
     fs::rename(bench.path("ev"), bench.path("moved")).unwrap();
-    bench.check("evidence verify moved --public-key key.pub --replay 1", 0);
+    bench.check("evidence --verify moved --public-key key.pub -k evidence.replay=1", 0);
 }
 
 #[test]
@@ -103,12 +103,12 @@ fn one_changed_byte_of_any_file_is_found() {
             let mut changed = bytes.clone();
             changed[at] ^= 1;
             fs::write(&file, &changed).unwrap();
-            let out = bench.check("evidence verify ev --allowed-signers signers --replay 0", 1);
+            let out = bench.check("evidence --verify ev --allowed-signers signers -k evidence.replay=0", 1);
             assert!(out.contains("NOT VERIFIED"), "{} {at}: {out}", file.display());
         }
         fs::write(&file, bytes).unwrap();
     }
-    bench.check("evidence verify ev --allowed-signers signers --replay 0", 0);
+    bench.check("evidence --verify ev --allowed-signers signers -k evidence.replay=0", 0);
 }
 
 #[test]
@@ -117,25 +117,25 @@ fn a_forger_with_another_key_or_without_one_is_found() {
     // All hashes fit, but the key is another one.
     bench.check("evidence toy.sqlite --out forged --key other", 0);
     for trust in ["--allowed-signers signers", "--public-key key.pub"] {
-        let found = bench.json(&format!("evidence verify forged {trust} --json"), 1);
+        let found = bench.json(&format!("evidence --verify forged {trust} --json"), 1);
         assert_eq!((&found["signature"], found["runs"].as_array().unwrap().len()), (&"wrong".into(), 0));
     }
-    assert_eq!(bench.json("evidence verify forged --json", 0)["signature"], "valid");
+    assert_eq!(bench.json("evidence --verify forged --json", 0)["signature"], "valid");
     // A signature of the same key for another purpose.
     keygen(&bench, &["-q", "-Y", "sign", "-f", "key", "-n", "git", "forged/SHA256SUMS"], "");
     let moved = bench.path("forged/SHA256SUMS.sig");
-    bench.check("evidence verify forged --public-key key.pub", 1);
+    bench.check("evidence --verify forged --public-key key.pub", 1);
     // The signature that OpenSSH makes is that of this program.
     fs::remove_file(&moved).unwrap();
-    assert_eq!(bench.json("evidence verify forged --json", 0)["signature"], "missing");
-    bench.check("evidence verify forged --public-key key.pub", 1);
+    assert_eq!(bench.json("evidence --verify forged --json", 0)["signature"], "missing");
+    bench.check("evidence --verify forged --public-key key.pub", 1);
     keygen(&bench, &["-q", "-Y", "sign", "-f", "key", "-n", "mishandle-evidence", "forged/SHA256SUMS"], "");
-    bench.check("evidence verify forged --public-key key.pub", 0);
+    bench.check("evidence --verify forged --public-key key.pub", 0);
     // The option of the line allows other namespaces only.
     let public = fs::read_to_string(bench.path("key.pub")).unwrap();
     for options in ["namespaces=\"git\"", "valid-before=\"20200101\"", "cert-authority"] {
         bench.write("narrow", &format!("me {options} {public}"));
-        bench.check("evidence verify forged --allowed-signers narrow", 1);
+        bench.check("evidence --verify forged --allowed-signers narrow", 1);
     }
 }
 
@@ -157,7 +157,7 @@ fn a_forged_result_with_right_hashes_is_found_by_its_replay() {
     }
     forged.close().unwrap();
     bench.check("evidence forged.sqlite --out forged", 0);
-    let found = bench.json("evidence verify forged --replay 0.01 --seed 1 --json", 1);
+    let found = bench.json("evidence --verify forged -k evidence.replay=0.01 --seed 1 --json", 1);
     assert_eq!(found["problems"].as_array().unwrap().len(), 0);
     assert!(!found["runs"][0]["replayed"][0]["differences"].as_array().unwrap().is_empty(), "{found}");
 }
@@ -175,22 +175,22 @@ fn hostile_folders_open_nothing_outside_and_end_at_once() {
     fs::remove_file(links.join("README.md")).unwrap();
     symlink(bench.path("secret"), links.join("README.md")).unwrap();
     symlink("/", links.join("root")).unwrap();
-    let out = bench.check("evidence verify links", 1);
+    let out = bench.check("evidence --verify links", 1);
     assert!(out.contains("README.md: it is a link") && out.contains("root: it is a link"), "{out}");
     let extra = fresh("extra");
     fs::write(extra.join("runs/c.sqlite-wal"), "").unwrap();
-    assert!(bench.check("evidence verify extra", 1).contains("runs/c.sqlite-wal: the file is not listed"));
+    assert!(bench.check("evidence --verify extra", 1).contains("runs/c.sqlite-wal: the file is not listed"));
     fs::remove_file(extra.join("runs/c.sqlite-wal")).unwrap();
     fs::remove_file(extra.join("pages/toy.html")).unwrap();
-    assert!(bench.check("evidence verify extra", 1).contains("pages/toy.html: the file is missing"));
+    assert!(bench.check("evidence --verify extra", 1).contains("pages/toy.html: the file is missing"));
     let fifo = fresh("fifo");
     assert!(Command::new("mkfifo").arg(fifo.join("pipe")).status().unwrap().success());
-    bench.check("evidence verify fifo", 1);
+    bench.check("evidence --verify fifo", 1);
     for (name, line) in [("outside", "../secret"), ("absolute", "/etc/passwd"), ("twice", "README.md")] {
         let folder = fresh(name);
         let list = fs::read_to_string(folder.join("SHA256SUMS")).unwrap();
         fs::write(folder.join("SHA256SUMS"), format!("{list}{}  {line}\n", "0".repeat(64))).unwrap();
-        assert!(bench.check(&format!("evidence verify {name}"), 1).contains("of SHA256SUMS"));
+        assert!(bench.check(&format!("evidence --verify {name}"), 1).contains("of SHA256SUMS"));
     }
     for (name, file) in
         [("sums", "SHA256SUMS"), ("signature", "SHA256SUMS.sig"), ("manifest", "manifest.json")]
@@ -198,7 +198,7 @@ fn hostile_folders_open_nothing_outside_and_end_at_once() {
         let path = fresh(name).join(file);
         fs::File::create(path).unwrap().set_len(1 << 40).unwrap();
         if file != "manifest.json" {
-            bench.check(&format!("evidence verify {name}"), 1);
+            bench.check(&format!("evidence --verify {name}"), 1);
         }
     }
 }
@@ -214,14 +214,16 @@ fn a_program_of_a_folder_is_never_started() {
     let output = falsify.args(["--command", "python3 tank.py"]).output().unwrap();
     assert!(bench.path("p.sqlite").exists(), "{}", text(&output.stderr));
     bench.check("evidence p.sqlite --out ev", 0);
-    let mut verify = bench.command("evidence verify ev --replay 1 --json");
+    let mut verify = bench.command("evidence --verify ev -k evidence.replay=1 --json");
     let output = verify.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
     let found = text(&output.stdout);
     // Nothing differs, but nothing was replayed.
     assert!(output.status.code() == Some(1) && found.contains("no program is started"), "{found}");
     let found: serde_json::Value = serde_json::from_str(&found).unwrap();
     assert_eq!((found["problems"].as_array().unwrap().len(), &found["is_verified"]), (0, &false.into()));
-    assert!(bench.check("evidence verify ev --replay 0", 0).contains("No simulation was replayed"));
+    assert!(
+        bench.check("evidence --verify ev -k evidence.replay=0", 0).contains("No simulation was replayed")
+    );
 }
 
 #[test]
@@ -231,10 +233,10 @@ fn mistakes_are_errors_and_leave_nothing() {
         ("evidence toy.sqlite --out ev", "exists already"),
         ("evidence missing.sqlite --out new", "missing.sqlite"),
         ("evidence mine.safetensors --out new", "mine.safetensors"),
-        ("evidence verify missing", "not a folder of evidence"),
-        ("evidence verify ev --public-key missing", "missing"),
-        ("evidence verify ev --allowed-signers mine.safetensors", "UTF-8"),
-        ("evidence verify ev --replay 2", "0 to 1"),
+        ("evidence --verify missing", "not a folder of evidence"),
+        ("evidence --verify ev --public-key missing", "missing"),
+        ("evidence --verify ev --allowed-signers mine.safetensors", "UTF-8"),
+        ("evidence --verify ev -k evidence.replay=2", "0 to 1"),
     ] {
         let output = bench.run(arguments);
         let error = text(&output.stderr);
@@ -249,7 +251,7 @@ fn mistakes_are_errors_and_leave_nothing() {
     assert!(bench.path("mine/thesis.tex").exists());
     bench.check("evidence toy.sqlite --out ev --force", 0);
     assert!(!bench.path("ev/runs/task.sqlite").exists());
-    bench.check("evidence verify ev", 0);
+    bench.check("evidence --verify ev", 0);
     // Nothing of temporary folders is left.
     let names = fs::read_dir(bench.path("")).unwrap().map(|entry| entry.unwrap().file_name());
     assert!(names.into_iter().all(|name| !name.to_string_lossy().contains(".part")));

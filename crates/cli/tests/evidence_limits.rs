@@ -1,5 +1,5 @@
-//! `mishandle evidence verify`: what no replay can find is said, manifest, pages and README follow
-//! from the run files, nothing is written, and an interruption does not count as agreement.
+//! `mishandle evidence --verify`: what no replay can find is said, manifest, pages and README
+//! follow from the run files, nothing is written, and an interruption does not count as agreement.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -81,7 +81,7 @@ fn seal(bench: &Bench, folder: &str, edit: impl Fn(&mut Value)) {
 /// Verifies a folder, which must say `part` and nothing of agreement.
 #[track_caller]
 fn says(bench: &Bench, arguments: &str, part: &str) -> String {
-    let out = bench.check(&format!("evidence verify {arguments}"), 1);
+    let out = bench.check(&format!("evidence --verify {arguments}"), 1);
     assert!(out.contains(part) && !out.contains("All agrees"), "{part}:\n{out}");
     out
 }
@@ -108,20 +108,24 @@ fn simulations_that_the_clock_ended_are_counted_and_named_first() {
     let failures = RunFile::open(bench.path("run.sqlite")).unwrap().counts().unwrap().falsified;
     assert!(failures > 0);
     forge(&bench, |_| (), None, |_| true, |row| Some(hidden(row)));
-    let out = says(&bench, "forged --replay 1", &format!("not verified: runs/forged.sqlite: {failures} of "));
+    let out = says(
+        &bench,
+        "forged -k evidence.replay=1",
+        &format!("not verified: runs/forged.sqlite: {failures} of "),
+    );
     assert!(
         out.starts_with("not verified: ") && out.contains("chosen simulations cannot be replayed"),
         "{out}"
     );
-    let found = bench.json("evidence verify forged --replay 1 --json", 1);
+    let found = bench.json("evidence --verify forged -k evidence.replay=1 --json", 1);
     let run = &found["runs"][0];
     let replayed = run["replayed"].as_array().unwrap().len() as u64;
     assert_eq!(run["chosen"].as_u64().unwrap(), replayed + failures);
     assert_eq!((&found["is_verified"], found["unverified"].as_array().unwrap().len()), (&false.into(), 1));
     // Also if none of them is chosen.
-    says(&bench, "forged --replay 0.001 --seed 1", &format!("the run has {failures} of these"));
+    says(&bench, "forged -k evidence.replay=0.001 --seed 1", &format!("the run has {failures} of these"));
     // Without replays, the question still finds an end that the target does not have.
-    says(&bench, "forged --replay 0", "which its target does not have");
+    says(&bench, "forged -k evidence.replay=0", "which its target does not have");
 }
 
 #[test]
@@ -131,10 +135,14 @@ fn runs_that_lack_what_their_plan_asks_for_are_no_agreement() {
     says(&bench, "forged", "says that the run is finished, but: its question asks for further simulations");
     let first_half = |row: Simulation| Some(row).filter(|row| row.number <= 200);
     forge(&bench, |_| (), Some(TrialStatus::Running), |trial| trial == 1, first_half);
-    let out = says(&bench, "forged --replay 0", "not verified: runs/forged.sqlite: the run is not finished");
+    let out = says(
+        &bench,
+        "forged -k evidence.replay=0",
+        "not verified: runs/forged.sqlite: the run is not finished",
+    );
     assert!(out.contains("it has 200 of 400 random simulations"), "{out}");
     forge(&bench, |_| (), None, |_| false, Some);
-    says(&bench, "forged --replay 0", "the run has no simulation");
+    says(&bench, "forged -k evidence.replay=0", "the run has no simulation");
 }
 
 #[test]
@@ -142,9 +150,9 @@ fn a_target_of_this_program_cannot_be_declared_not_replayable() {
     let bench = evaluation();
     let declared = |manifest: &mut Value| manifest["runs"][0]["not_replayable"] = "it is secret".into();
     seal(&bench, "ev", declared);
-    says(&bench, "ev --replay 0", "says that its simulations cannot be replayed, but they can");
+    says(&bench, "ev -k evidence.replay=0", "says that its simulations cannot be replayed, but they can");
     forge(&bench, |header| header.target.kind = "python".to_string(), None, |_| true, Some);
-    says(&bench, "forged --replay 0", "says that its target toy/sphere-2d is written in Python");
+    says(&bench, "forged -k evidence.replay=0", "says that its target toy/sphere-2d is written in Python");
 }
 
 #[test]
@@ -157,7 +165,7 @@ fn manifest_pages_and_readme_say_what_the_run_files_say() {
         seal(&bench, name, edit);
     };
     fresh("same", &|_| ());
-    assert!(bench.check("evidence verify same", 0).contains("README and pages: made again and compared"));
+    assert!(bench.check("evidence --verify same", 0).contains("README and pages: made again and compared"));
     for (fact, value) in [
         ("failures", json!(0)),
         ("simulations", json!(1_000_000)),
@@ -187,7 +195,7 @@ fn manifest_pages_and_readme_say_what_the_run_files_say() {
     }
     // Another build writes other pages, so nothing is said about them.
     fresh("other", &|manifest| manifest["program"]["commit"] = "c0ffee".into());
-    let out = bench.check("evidence verify other", 0);
+    let out = bench.check("evidence --verify other", 0);
     assert!(out.contains("not compared, because another build") && !out.contains("All agrees"), "{out}");
 }
 
@@ -216,7 +224,7 @@ fn a_run_that_needs_a_log_is_copied_without_and_never_opened_in_a_folder() {
     let before = (names(&bench.path("")), fs::read(bench.path("run.sqlite")).unwrap());
     bench.check("evidence run.sqlite --out ev --force", 0);
     assert_eq!((names(&bench.path("")), fs::read(bench.path("run.sqlite")).unwrap()), before);
-    bench.check("evidence verify ev", 0);
+    bench.check("evidence --verify ev", 0);
     assert_eq!(names(&bench.path("ev/runs")), ["run.sqlite"]);
 }
 

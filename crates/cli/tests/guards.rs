@@ -89,6 +89,19 @@ fn a_search_finds_a_false_alarm_and_its_counterexample_replays() {
 }
 
 #[test]
+fn a_guard_is_tuned_by_a_flag_and_keys() {
+    let bench = cartpole();
+    let tune = "guard cartpole.toml --guard policy.toml.guard --out tuned";
+    bench.refuses(tune, &["--tune"]);
+    bench.refuses(
+        &format!("{tune} --tune -k tune.false-alarms=1"),
+        &["tune.false-alarms is 1", "less than 1"],
+    );
+    // The pole does not fall so soon.
+    bench.refuses(&format!("{tune} --tune -k tune.episodes=12"), &["of 12 training scenarios fail"]);
+}
+
+#[test]
 fn mistakes_name_the_key_or_the_quantity() {
     let bench = cartpole();
     for (guard, parts) in [

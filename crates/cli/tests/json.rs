@@ -123,7 +123,7 @@ fn every_document_satisfies_its_schema() {
     );
     let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
     let import = format!(
-        "controller import {linear} --task point-reaching --output-activation identity --out i.safetensors"
+        "controller {linear} --task point-reaching -k import.output-activation=identity --out i.safetensors"
     );
     let commands = [
         ("list", "list", 0),
@@ -177,8 +177,8 @@ fn every_document_satisfies_its_schema() {
         ("train --dry-run", "train point-reaching --settings small.toml --out b.safetensors --dry-run", 0),
         ("train", "train point-reaching --settings small.toml --out a.safetensors --csv c.csv", 0),
         ("controller", "controller a.safetensors", 0),
-        ("controller export", "controller export a.safetensors --onnx a.onnx", 0),
-        ("controller import", &import, 0),
+        ("controller --out", "controller a.safetensors --out a.onnx", 0),
+        ("controller --task", &import, 0),
     ];
     bench.refuses("list toy/nosiy --json", &["there is no target `toy/nosiy`", "did you mean `toy/noisy`?"]);
     bench.check("run grid.toml --out made", 0);

@@ -14,6 +14,8 @@ fn value(name: &str, allowed: &str) -> String {
         "compare.robustness-bounds" => "[-0.5, 0.5]".to_string(),
         "harden.searches" => "[\"portfolio\"]".to_string(),
         "harden.allow" => "[\"strict\"]".to_string(),
+        "record.camera" => "[\"over\"]".to_string(),
+        "record.size" => "[96, 64]".to_string(),
         _ if allowed == "true or false" => "true".to_string(),
         _ if allowed.contains(" number") || allowed.contains("integer") => number.unwrap_or("1".to_string()),
         _ => quoted.unwrap_or("a".to_string()),

@@ -900,7 +900,7 @@ fn a_dry_run_prints_the_settings_and_trains_nothing() {
     bench.write("all.toml", settings);
     let again = train("--settings all.toml");
     assert_eq!((&again["settings"], &again["task_hash"]), (&facts["settings"], &facts["task_hash"]));
-    assert_ne!(train("--settings a.toml --reward original")["task_hash"], facts["task_hash"]);
+    assert_ne!(train("--settings a.toml -k train.reward=original")["task_hash"], facts["task_hash"]);
     bench.refuses(
         "train point-reaching --settings a.toml --dry-run --algorithm sad",
         &["did you mean `sac`?"],
@@ -969,7 +969,7 @@ fn a_shipped_controller_shows_its_known_weaknesses() {
 #[test]
 fn policies_of_other_tools_run_and_replay() {
     let bench = Bench::new();
-    let exported = bench.check("controller export point-reaching/ppo --onnx ppo.onnx", 0);
+    let exported = bench.check("controller point-reaching/ppo --out ppo.onnx", 0);
     assert!(exported.is_empty(), "{exported}");
     let run = "evaluate point-reaching --episodes 4 --seed 1 --json";
     let model = bench.json(&format!("{run} --controller ./ppo.onnx --out a.sqlite"), 0);
@@ -979,7 +979,7 @@ fn policies_of_other_tools_run_and_replay() {
     bench.check("replay a.sqlite --trial 1", 0);
     // Another model at the same path is not the controller of the run.
     std::fs::remove_file(bench.path("ppo.onnx")).unwrap();
-    bench.check("controller export point-reaching/trpo --onnx ppo.onnx", 0);
+    bench.check("controller point-reaching/trpo --out ppo.onnx", 0);
     bench.refuses("replay a.sqlite --trial 1", &["is not the controller of the run"]);
     bench.refuses(
         "evaluate ball-balancing --controller ./ppo.onnx",
@@ -989,25 +989,33 @@ fn policies_of_other_tools_run_and_replay() {
         "evaluate point-reaching --controller ./ppo.onnx -k stochastic=true",
         &["an ONNX model is deterministic"],
     );
-    bench.refuses("controller export point-reaching/ppo --onnx ppo.onnx", &["exists already"]);
+    bench.refuses("controller point-reaching/ppo --out ppo.onnx", &["exists already"]);
+    for (arguments, said) in [
+        ("--out a.pt", "expected a path that ends in .onnx or .safetensors, found: a.pt"),
+        ("--out a.safetensors", "--task is missing"),
+        ("--out a.onnx --task point-reaching", "a controller knows its task"),
+        ("--task point-reaching", "--out"),
+    ] {
+        bench.refuses(&format!("controller point-reaching/ppo {arguments}"), &[said]);
+    }
 
     let linear = concat!(env!("CARGO_MANIFEST_DIR"), "/../interchange/tests/data/point_reaching.pt");
     bench.refuses(
         &format!("evaluate point-reaching --controller {linear}"),
-        &["zip archive", "mishandle controller import FILE --task TASK --out controller.safetensors"],
+        &["zip archive", "mishandle controller FILE --task TASK --out controller.safetensors"],
     );
-    let import = format!("controller import {linear} --task point-reaching --out i.safetensors");
-    bench.refuses(&import, &["pass --output-activation elu|relu|tanh"]);
-    bench.check(&format!("{import} --output-activation tanh"), 0);
+    let import = format!("controller {linear} --task point-reaching --out i.safetensors");
+    bench.refuses(&import, &["pass -k import.output-activation=elu|relu|tanh"]);
+    bench.check(&format!("{import} -k import.output-activation=tanh"), 0);
     bench.check("evaluate point-reaching --controller ./i.safetensors --episodes 2 --out i.sqlite", 0);
     let small = linear.replace("point_reaching.pt", "sb3_ppo.zip");
     bench.refuses(
-        &format!("controller import {small} --task point-reaching --out s.safetensors"),
+        &format!("controller {small} --task point-reaching --out s.safetensors"),
         &["the policy does not fit point-reaching: it has 2 numbers per observation, but the task has 27"],
     );
     bench.write("stats.json", r#"{"mean": [0], "variance": [1, 2]}"#);
     bench.refuses(
-        &format!("{import} --normalizer stats.json"),
+        &format!("{import} -k import.normalizer=stats.json"),
         &["1 means and 2 variances", "docs/guide/import.md"],
     );
 }

@@ -49,12 +49,20 @@ fn the_robot_with_cameras_is_recorded() {
         bench.write(&name, &(text + more));
     }
     let command = PAGE.lines().find_map(|line| line.strip_prefix("mishandle record ")).unwrap();
-    let found = bench.run(&format!("record {command} --episodes 1 --format npz --size 8x8"));
+    let found = bench.run(&format!("record {command} --episodes 1 -k record.format=npz --size 8x8"));
     assert!(found.status.success(), "{}", bench::text(&found.stderr));
     let data = std::fs::read(bench.path("demonstrations/data.npz")).unwrap();
     for camera in ["desk", "ride"] {
         let column = format!("observation.images.{camera}.npy");
         assert!(data.windows(column.len()).any(|bytes| bytes == column.as_bytes()), "{camera}");
+    }
+    for (keys, said) in [
+        ("--size 8x8", "record.size needs record.camera"),
+        ("-k record.archive-share=0.1", "record.archive-share needs record.archive"),
+        ("-k record.archive-share=2", "a number from 0 to 1"),
+        ("-k record.format=hdf", "no format `hdf`"),
+    ] {
+        bench.refuses(&format!("record cartpole.toml --out other {keys}"), &[said]);
     }
 }
 

@@ -47,15 +47,15 @@ fn each_kind_of_key_signs_and_is_verified_with_and_without_this_program() {
     let names = ["ED25519", "RSA", "ECDSA"];
     for (kind, name) in kinds.into_iter().zip(names) {
         sign_by_hand(&bench, kind);
-        let found = bench.json("evidence verify ev --allowed-signers signers --json", 0);
+        let found = bench.json("evidence --verify ev --allowed-signers signers --json", 0);
         assert_eq!((&found["signature"], &found["signer"]["algorithm"]), (&"trusted".into(), &name.into()));
         let principals = serde_json::json!([format!("{kind}@example.org"), kind]);
         assert_eq!(found["signer"]["principals"], principals);
         let fingerprint = found["signer"]["fingerprint"].as_str().unwrap();
         assert!(keygen(&bench, &["-l", "-f", &format!("{kind}.pub")], "").contains(fingerprint));
-        bench.check(&format!("evidence verify ev --public-key {kind}.pub"), 0);
+        bench.check(&format!("evidence --verify ev --public-key {kind}.pub"), 0);
         for other in kinds.into_iter().filter(|other| *other != kind) {
-            let found = bench.json(&format!("evidence verify ev --public-key {other}.pub --json"), 1);
+            let found = bench.json(&format!("evidence --verify ev --public-key {other}.pub --json"), 1);
             assert!(found["problems"][0].as_str().unwrap().contains("by another key"), "{found}");
         }
         let out = format!("signed-{kind}");
@@ -65,7 +65,7 @@ fn each_kind_of_key_signs_and_is_verified_with_and_without_this_program() {
         let list = format!("{out}/SHA256SUMS");
         let verify = ["-Y", "verify", "-f", "signers", "-I", kind, "-n", "mishandle-evidence", "-s"];
         keygen(&bench, &[&verify[..], &[&signature]].concat(), &list);
-        bench.check(&format!("evidence verify {out} --allowed-signers signers"), 0);
+        bench.check(&format!("evidence --verify {out} --allowed-signers signers"), 0);
     }
 }
 
@@ -90,7 +90,7 @@ fn a_key_with_a_passphrase_signs_with_an_agent_and_is_an_error_without() {
     agent.args(["sh", "-c", script, env!("CARGO_BIN_EXE_mishandle")]).args(arguments.split(' '));
     let output = agent.current_dir(bench.path("")).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
-    bench.check("evidence verify new --public-key ed25519.pub", 0);
+    bench.check("evidence --verify new --public-key ed25519.pub", 0);
 }
 
 #[test]
@@ -111,20 +111,20 @@ fn keys_and_signers_that_are_something_else_are_errors_and_leave_nothing() {
         ("evidence toy.sqlite --out new --key alone.pub", "it is a public key"),
         ("evidence toy.sqlite --out new --key missing", "No such file"),
         ("evidence toy.sqlite --out new --key .", "it is not a private key"),
-        ("evidence verify ev --public-key ed25519", "it is a private key"),
-        ("evidence verify ev --public-key signers", "name it as the allowed signers"),
-        ("evidence verify ev --public-key two.pub", "it has several public keys"),
-        ("evidence verify ev --public-key notes", "it is not a public key"),
-        ("evidence verify ev --public-key missing", "missing"),
-        ("evidence verify ev --allowed-signers missing", "missing"),
-        ("evidence verify ev --allowed-signers ed25519.pub", "name it as the public key"),
-        ("evidence verify ev --allowed-signers ed25519", "it is a private key"),
-        ("evidence verify ev --allowed-signers /dev/zero", "/dev/zero"),
+        ("evidence --verify ev --public-key ed25519", "it is a private key"),
+        ("evidence --verify ev --public-key signers", "name it as the allowed signers"),
+        ("evidence --verify ev --public-key two.pub", "it has several public keys"),
+        ("evidence --verify ev --public-key notes", "it is not a public key"),
+        ("evidence --verify ev --public-key missing", "missing"),
+        ("evidence --verify ev --allowed-signers missing", "missing"),
+        ("evidence --verify ev --allowed-signers ed25519.pub", "name it as the public key"),
+        ("evidence --verify ev --allowed-signers ed25519", "it is a private key"),
+        ("evidence --verify ev --allowed-signers /dev/zero", "/dev/zero"),
     ] {
         bench.refuses(arguments, &[part]);
         assert!(!bench.path("new").exists(), "{arguments}");
     }
-    let out = bench.check("evidence verify ev --allowed-signers notes", 1);
+    let out = bench.check("evidence --verify ev --allowed-signers notes", 1);
     assert!(out.contains("none of the allowed signers"), "{out}");
 }
 
@@ -137,7 +137,7 @@ fn a_signature_is_not_checked_without_ssh_keygen() {
     let path = bench.path("empty");
     fs::create_dir(&path).unwrap();
     for trust in ["", "--public-key key.pub", "--allowed-signers signers"] {
-        let mut command = bench.command(&format!("evidence verify ev {trust} --json"));
+        let mut command = bench.command(&format!("evidence --verify ev {trust} --json"));
         let output = command.env("PATH", &path).output().unwrap();
         let found: serde_json::Value = serde_json::from_str(&text(&output.stdout)).unwrap();
         assert_eq!((output.status.code(), &found["signature"]), (Some(1), &"unchecked".into()));
@@ -147,7 +147,7 @@ fn a_signature_is_not_checked_without_ssh_keygen() {
         // The rest is verified all the same.
         assert!(!found["runs"][0]["replayed"].as_array().unwrap().is_empty(), "{found}");
     }
-    let output = bench.command("evidence verify ev").env("PATH", &path).output().unwrap();
+    let output = bench.command("evidence --verify ev").env("PATH", &path).output().unwrap();
     assert!(text(&output.stdout).contains("signature: not checked"), "{output:?}");
     let output =
         bench.command("evidence toy.sqlite --out new --key key").env("PATH", &path).output().unwrap();
@@ -163,7 +163,7 @@ fn an_interruption_does_not_wait_for_ssh_keygen() {
     bench.write("hanging/ssh-keygen", "#!/bin/sh\n: > \"${0%/*}/started\"\nexec sleep 60\n");
     fs::set_permissions(bench.path("hanging/ssh-keygen"), Permissions::from_mode(0o755)).unwrap();
     let path = format!("{}:{}", bench.path("hanging").display(), std::env::var("PATH").unwrap());
-    let mut command = bench.command("evidence verify ev --json");
+    let mut command = bench.command("evidence --verify ev --json");
     let child = command.env("PATH", path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     wait_until("ssh-keygen starts", || bench.path("hanging/started").exists());
     let start = Instant::now();
@@ -191,11 +191,11 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     let signature = bench.path(SIGNATURE);
     let good = fs::read_to_string(&signature).unwrap();
     bench.write("good", &good);
-    let verify = || bench.json("evidence verify ev --allowed-signers signers --json", 1);
+    let verify = || bench.json("evidence --verify ev --allowed-signers signers --json", 1);
     // No name of the folder is an option.
     for name in ["-P", "--", "-f\nx", " a;touch b", "%d"] {
         fs::rename(bench.path("ev"), bench.path(name)).unwrap();
-        bench.check(&format!("evidence verify './{name}' --allowed-signers signers"), 0);
+        bench.check(&format!("evidence --verify './{name}' --allowed-signers signers"), 0);
         fs::rename(bench.path(name), bench.path("ev")).unwrap();
     }
     // A link is not followed, also to a signature that fits.
@@ -234,7 +234,7 @@ fn a_hostile_folder_opens_no_other_file_asks_nothing_and_ends_at_once() {
     let many = (0..100_000).map(|number| format!("n{number}")).collect::<Vec<_>>().join(",");
     for (name, code) in [("-f", 0), ("!me,you", 0), ("*", 0), ("!*", 1), (many.as_str(), 0)] {
         bench.write("signers", &format!("{name} {public}"));
-        bench.check("evidence verify ev --allowed-signers signers", code);
+        bench.check("evidence --verify ev --allowed-signers signers", code);
     }
 }
 
@@ -249,7 +249,7 @@ fn only_names_that_may_sign_are_named() {
     sign_by_hand(&bench, "ed25519");
     let verify = |signers: &str, code| {
         bench.write("signers", signers);
-        bench.json("evidence verify ev --allowed-signers signers --json", code)
+        bench.json("evidence --verify ev --allowed-signers signers --json", code)
     };
     for names in ["release,ci", "ci,release"] {
         let found =

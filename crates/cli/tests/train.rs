@@ -205,7 +205,34 @@ fn settings_and_names_are_checked_before_training() {
         "train point-reaching --algorithm pppo",
         &["no training algorithm `pppo`", "did you mean `ppo`?"],
     );
-    bench.refuses("train point-reaching --reward best", &["no reward `best`", "shaped"]);
+    bench.refuses("train point-reaching -k train.reward=best", &["no reward `best`", "shaped"]);
+}
+
+#[test]
+fn a_plan_and_keys_train_as_flags_do() {
+    let bench = bench();
+    bench.write(
+        "plan.toml",
+        "target = 'point-reaching'\nspace = 'delay'\nseed = 7\n[train]\nsettings = 'ppo.toml'\nsteps = 512\n[margin]\n",
+    );
+    let command = |arguments: &str| {
+        let train = format!("train --dry-run --json --out a.safetensors {arguments}");
+        bench.json(&train, 0)["command"].as_str().unwrap().to_string()
+    };
+    let flags = "--algorithm ppo --settings ppo.toml --steps 512 --space delay --seed 7";
+    assert_eq!(command("--plan plan.toml"), format!("mishandle train point-reaching {flags}"));
+    let keys = "-k space=delay -k seed=7 -k train.settings=ppo.toml -k train.steps=512";
+    assert_eq!(command(&format!("point-reaching {keys}")), command("--plan plan.toml"));
+    let guard = "-k 'guard.formula=distance >= 0' -k guard.fallback=expert -k guard.privileged=true";
+    bench.refuses(&format!("train point-reaching {guard}"), &["training computes no signals"]);
+    for (arguments, parts) in [
+        ("", ["there is no target", "as an argument"]),
+        ("point-reaching --steps 512 -k train.steps=256", ["train.steps is set twice", "--steps"]),
+        ("point-reaching -k train.steps=0", ["`train.steps` is 0", "an integer from 1 to 10^12"]),
+        ("point-reaching -k harden.steps=3", ["harden.steps is a key of the table harden", "train"]),
+    ] {
+        bench.refuses(&format!("train {arguments}"), &parts);
+    }
 }
 
 #[test]
@@ -318,8 +345,8 @@ fn a_robot_of_a_file_is_trained_and_evaluated_by_its_path() {
     assert_eq!(trained["success_rate"], 1.0);
     bench.check("evaluate pole.toml --controller ./c.safetensors --episodes 4", 0);
     bench.refuses(
-        &format!("{train} --out d.safetensors --reward shaped"),
-        &["--reward is shaped", "[rewards]"],
+        &format!("{train} --out d.safetensors -k train.reward=shaped"),
+        &["train.reward is shaped", "[rewards]"],
     );
-    bench.refuses(&format!("{train} --out d.safetensors --device gpu"), &["only tasks do"]);
+    bench.refuses(&format!("{train} --out d.safetensors -k train.device=gpu"), &["only tasks do"]);
 }

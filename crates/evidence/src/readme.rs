@@ -70,7 +70,7 @@ pub fn text(manifest: &Manifest) -> String {
          ALLOWED_SIGNERS is a file of yours with a line `NAME KEY` for each key that you trust. Without `{SIGNATURE}`, the \
          folder is\nnot signed: its hashes then show accidents, but anybody can change a file and its hash.\n\n\
          With Mishandle, which also finds further files, checks the records, and simulates a random share of them again:\n\n\
-         ```bash\nmishandle evidence verify . --allowed-signers ALLOWED_SIGNERS --replay 0.05\n```\n\n\
+         ```bash\nmishandle evidence --verify . --allowed-signers ALLOWED_SIGNERS\n```\n\n\
          A replay agrees to the bit if the program has the version, the commit and the architecture above.\n\n\
          ## Files\n\n- `{MANIFEST}`: program, machine, plans, and the identities of targets and controllers.\n\
          - `{RUNS}`: the run files (SQLite), byte for byte. A run whose controller was a file contains its path at that time.\n\

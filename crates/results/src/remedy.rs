@@ -34,14 +34,19 @@ keys! {
     LOG_DECIMAL = "log.decimal",
     LOG_UNIT = "log.unit",
     LOG_STRICT_HORIZON = "log.strict-horizon",
-    NORMALIZER = "controller.normalizer",
-    ACTIVATION = "controller.activation",
-    OUTPUT_ACTIVATION = "controller.output-activation",
+    NORMALIZER = "import.normalizer",
+    ACTIVATION = "import.activation",
+    OUTPUT_ACTIVATION = "import.output-activation",
     PARAMETER = "formula.set",
     RESOLUTION = "formula.resolution",
 }
 
 impl Key {
+    /// Returns the name.
+    pub fn name(self) -> &'static str {
+        self.0
+    }
+
     /// Returns the name without the table.
     pub fn word(self) -> &'static str {
         self.0.rsplit_once('.').map_or(self.0, |(_, word)| word)

@@ -54,16 +54,16 @@ impl Document {
             Document::object::<Exports>("counterexamples export"),
             Document::object::<Regression>("regress"),
             Document::object::<Evidence>("evidence"),
-            Document::object::<EvidenceVerification>("evidence verify"),
+            Document::object::<EvidenceVerification>("evidence --verify"),
             Document::object::<Bisection>("bisect"),
             Document::object::<Demonstrations>("record"),
             Document::object::<Training>("train"),
             Document::object::<Hardening>("harden"),
             Document::object::<TrainingPlan>("train --dry-run"),
-            Document::object::<GuardTuning>("guard tune"),
+            Document::object::<GuardTuning>("guard"),
             Document::object::<Controller>("controller"),
-            Document::object::<ControllerExport>("controller export"),
-            Document::object::<ControllerImport>("controller import"),
+            Document::object::<ControllerExport>("controller --out"),
+            Document::object::<ControllerImport>("controller --task"),
         ]
     }
 

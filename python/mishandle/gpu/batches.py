@@ -1,5 +1,5 @@
 """Thousands of MuJoCo worlds on an NVIDIA GPU, stepped by MuJoCo Warp. The commands use it for
-``-k screening.device=gpu`` and ``train --device gpu``.
+``-k screening.device=gpu`` and ``-k train.device=gpu``.
 
 Its results are close to those of MuJoCo C, but not the same bits. It proposes simulations; MuJoCo C
 repeats those that count.

@@ -1,5 +1,5 @@
-"""Networks on an NVIDIA GPU, for the learner of ``mishandle train --device gpu``: forward and
-backward passes of multilayer perceptrons.
+"""Networks on an NVIDIA GPU, for the learner of ``mishandle train -k train.device=gpu``: forward
+and backward passes of multilayer perceptrons.
 
 The learner keeps parameters, losses and optimizer. It calls :meth:`WarpNetwork.forward` and
 :meth:`WarpNetwork.backward` instead of the same passes on the CPU.

@@ -18,9 +18,9 @@ for task; do
     for guard in "$here/$task".toml "$here/$task"-*.toml; do
         [ -f "$guard" ] || continue
         name=$(basename "$guard" .toml)
-        ${MISHANDLE:-mishandle} guard tune "$task" --controller "$controller" --guard "$guard" \
+        ${MISHANDLE:-mishandle} guard "$task" --tune --controller "$controller" --guard "$guard" \
             --space starts+delay+sensing+faults-sensing --axis action_delay=0:2 --axis observation_delay=0:2 --episodes "${TRAINING:-500}" \
-            --held-out "${HELD_OUT:-500}" --seed "${SEED:-1}" --false-alarms "${FALSE_ALARMS:-0.2}" --out "$folder/$name" --json \
+            -k "tune.held-out=${HELD_OUT:-500}" --seed "${SEED:-1}" -k "tune.false-alarms=${FALSE_ALARMS:-0.2}" --out "$folder/$name" --json \
             > "$folder/$name.json.part" && mv "$folder/$name.json.part" "$folder/$name.json" ||
             echo "$name: no result" >&2 # such as too few failures to choose from
     done

@@ -99,7 +99,7 @@ def train(program, definition, seed):
     with tempfile.TemporaryDirectory() as folder:
         file = pathlib.Path(folder) / "settings.toml"
         file.write_text("\n".join(record["settings"]) + "\n")
-        command = [program, "train", task, "--algorithm", algorithm, "--settings", str(file), "--reward", reward]
+        command = [program, "train", task, "--algorithm", algorithm, "--settings", str(file), "-k", f"train.reward={reward}"]
         command += ["--seed", str(seed), "--threads", "1", "--json", "--out", f"{folder}/policy.safetensors"]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(command, capture_output=True, text=True)

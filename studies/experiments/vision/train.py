@@ -95,8 +95,8 @@ class Data:
         shutil.rmtree(folder, ignore_errors=True)
         found = program(
             options, "record", options.task, "--controller", controller, "--episodes", episodes,
-            "--space", space, "--cameras", options.cameras, "--size", f"{options.size}x{options.size}",
-            "--format", "npz", "--out", folder, *more, seed=seed,
+            "--space", space, "--camera", options.cameras, "--size", f"{options.size}x{options.size}",
+            "-k", "record.format=npz", "--out", folder, *more, seed=seed,
         )
         with np.load(folder / "data.npz") as data:
             rows, actions = chunks(data["action"], data["episode_starts"], options.every, options.chunk)
@@ -147,7 +147,7 @@ def choose(options, rates, note):
         answers = [
             program(
                 options, "record", options.task, "--controller", options.out / f"round-{number}.onnx", "--space", space,
-                "--episodes", options.choose, "--format", "npz", "--out", options.out / f"choice-{number}-{space}",
+                "--episodes", options.choose, "-k", "record.format=npz", "--out", options.out / f"choice-{number}-{space}",
                 seed=8_000_000 + options.seed,
             )
             for space in spaces(options)
@@ -192,7 +192,7 @@ def main():
         start = time.time()
         rates = data.record(
             options.out / f"round-{number}.onnx", options.student_episodes, 2000 + 100 * options.seed + number,
-            "--relabel", "expert",
+            "-k", "record.relabel=expert",
         )
         episodes = 3 * options.choose * len(rates) + options.evaluate
         length = max(length, (time.time() - start) * episodes / options.student_episodes)

@@ -65,7 +65,7 @@ def main():
     nothing = torch.zeros(PROPRIOCEPTION_SIZE + state_size)
     student = make(options, state_size, (nothing, nothing)).to(options.device)
     load(student, options.controller)
-    bounds = [word for name in ["axis", "set"] for value in getattr(options, name) for word in (f"--{name}", value)]
+    bounds = [word for name in ["axis", "set"] for value in getattr(options, name) for word in ("--axis", value)]
     options.epochs, options.most_steps = float("inf"), max(1, options.steps // PASSES)
     with tempfile.TemporaryDirectory() as folder:
         out, options.out = options.out, Path(folder)
@@ -74,10 +74,10 @@ def main():
             current = options.out / f"{number}.onnx"
             export(student, options, current)
             third, seed = options.episodes // 3, options.seed + number
-            plain = data.record_in("starts", current, third, seed, "--relabel", "expert")
+            plain = data.record_in("starts", current, third, seed, "-k", "record.relabel=expert")
             found = data.record_in(
-                options.space, current, options.episodes - third, seed, "--relabel", "expert",
-                "--archive", options.archive.resolve(), *bounds,
+                options.space, current, options.episodes - third, seed, "-k", "record.relabel=expert",
+                "-k", f"record.archive={options.archive.resolve()}", *bounds,
             )
             print(f"pass {number + 1}: success {plain} from starts, {found} in the space with the archive", flush=True)
             states = data.merge()[0]

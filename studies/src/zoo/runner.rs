@@ -4,11 +4,11 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle::build::build;
-use mishandle::plan::{EvaluatePlan, FalsifyPlan, StartRegion};
+use mishandle::plan::{EvaluatePlan, FalsifyPlan, StartRegion, TrainPlan};
 use mishandle::results::{Evaluation, Falsification};
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::tasks::{Preset, TASKS, task_hash};
-use mishandle::train::{TrainObserver, TrainPlan, reward};
+use mishandle::train::{TrainObserver, reward};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 
 use crate::zoo::folder::{create_parent, remove};

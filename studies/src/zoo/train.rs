@@ -5,7 +5,8 @@ use std::path::Path;
 
 use mishandle::MishandleError;
 use mishandle::files::FileLock;
-use mishandle::train::{TrainObserver, TrainPlan};
+use mishandle::plan::TrainPlan;
+use mishandle::train::TrainObserver;
 use mishandle::training::{TrainingControl, TrainingProgress};
 
 use crate::zoo::folder::{create_parent, remove, write};
@@ -41,21 +42,14 @@ pub(crate) fn train(
         write(&file(STARTED), started_mark(&entry.expected).as_bytes())?;
     }
     let plan = TrainPlan {
-        device: "cpu".to_string(),
         task: training.task.clone(),
         algorithm: training.algorithm.clone(),
         reward: REWARD.to_string(),
-        settings: None,
-        from: None,
-        steps: None,
-        space: None,
-        axes: Default::default(),
-        guard: None,
         seed: SEED,
         out: file(CONTROLLER),
         csv: Some(file(CURVE)),
-        tensorboard: None,
         resume: file(CHECKPOINT).is_file(),
+        ..TrainPlan::default()
     };
     let name = training.name();
     let has_ended = bench.runner.train(&plan, &mut Watch { bench, name: &name, observer })?;

@@ -2,12 +2,11 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mishandle::Plan;
-use mishandle::check::{CheckProgress, CheckSettings, CheckSubject, check};
-use mishandle::plan::FalsifyPlan;
+use mishandle::check::{CheckProgress, CheckSubject, Requirements, check};
 use mishandle::resolve::command_target;
-use mishandle::results::{Check, NOT_APPLICABLE, Severity};
+use mishandle::results::{Check, NOT_APPLICABLE};
 use mishandle_text::{path_text, plural, shell_quote};
 
 use crate::exit_status::ExitStatus;
@@ -32,8 +31,9 @@ The folder contains the requirements, the run files, a counterexample for each v
 check.json, junit.xml, report.md and report.html. The same command continues an interrupted check,
 and `mishandle evidence FOLDER` packs all of it for others.
 
-Exit code 0 means that no requirement is violated, 1 that at least one of --fail-on is, 2 that one
-of them could not be checked. docs/guide/check.md describes the file.")]
+Exit code 0 means that no requirement is violated, 1 that at least one of the severity of
+-k check.fail-on (default: error) or above is, 2 that one of them could not be checked.
+docs/guide/check.md describes the file.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
@@ -42,7 +42,7 @@ pub struct Arguments {
     #[arg(long, value_name = "COMMAND", conflicts_with = "target")]
     pub command: Option<String>,
     /// TOML file with [[requirement]] tables (docs/guide/check.md)
-    #[arg(long, alias = "formulas", value_name = "FILE")]
+    #[arg(long, value_name = "FILE")]
     pub requirements: PathBuf,
     /// Folder of the runs, the counterexamples and the reports
     #[arg(long, value_name = "FOLDER")]
@@ -53,40 +53,14 @@ pub struct Arguments {
     /// Number of random scenarios [default: that of the requirement, or 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
-    /// Number of searches for each requirement [default: that of the requirement, or 1]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::TRIALS))]
-    pub trials: Option<u32>,
     /// Largest number of simulations of a search [default: that of the requirement, or 300]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u32>(Plan::BUDGET))]
     pub budget: Option<u32>,
     /// Search algorithm, a name of `mishandle list searches` [default: portfolio]
     #[arg(long, value_name = "S")]
     pub search: Option<String>,
-    /// Least severity of a violation with exit code 1
-    #[arg(long, value_name = "SEVERITY", default_value = "error")]
-    pub fail_on: FailOn,
-    /// Accept requirements whose signals the target lacks; without the flag they give exit code 2
-    #[arg(long)]
-    pub allow_inapplicable: bool,
     #[command(flatten)]
     pub run: flags::Run,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum FailOn {
-    Critical,
-    Error,
-    Warning,
-}
-
-impl FailOn {
-    fn severity(self) -> Severity {
-        match self {
-            FailOn::Critical => Severity::Critical,
-            FailOn::Error => Severity::Error,
-            FailOn::Warning => Severity::Warning,
-        }
-    }
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
@@ -96,7 +70,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let (file, text) = logs::requirement_file(path)?;
     let mut planned = flags::planned("check", &command.subject, &command.run)?;
     planned.flag("--command", "target", command.command.as_deref().map(command_target))?;
-    let (first, _) = planned.plan()?;
+    planned.number("--episodes", "check.episodes", command.episodes)?;
+    planned.number("--budget", "check.budget", command.budget)?;
+    planned.flag("--search", "check.search", command.search.clone())?;
+    let (first, settings) = planned.plan()?;
     ensure!(first.requirements.is_empty(), "the plan has requirements: write them into {}", path.display());
     let subject = |plan: Plan| CheckSubject { plan, target: None };
     let further =
@@ -104,22 +81,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let subjects: Vec<CheckSubject> = std::iter::once(subject(first.clone())).chain(further).collect();
     let names: BTreeSet<&str> = subjects.iter().map(|subject| subject.plan.controller.as_str()).collect();
     ensure!(names.len() == subjects.len(), "a controller is given twice");
-    let defaults = FalsifyPlan::default();
-    let settings = CheckSettings {
-        file: &file,
-        path,
-        text: &text,
-        episodes: command.episodes,
-        trials: command.trials,
-        budget: command.budget,
-        search: command.search.as_deref().unwrap_or(&defaults.search),
-        batch: defaults.batch,
-        fail_on: command.fail_on.severity(),
-        allow_inapplicable: command.allow_inapplicable,
-    };
+    let requirements = Requirements { file: &file, path, text: &text };
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let found = check(&subjects, &settings, out, &mut |progress: &CheckProgress| {
+    let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
         bar.set_length(progress.all);
         bar.set_position(progress.done);
         bar.set_note(progress.phase.clone());
@@ -152,8 +117,8 @@ fn status(found: &Check) -> Result<ExitStatus> {
     }
     let hint = if open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
         format!(
-            "; `mishandle list {}` lists the signals, and --allow-inapplicable accepts requirements whose signals the target \
-             lacks",
+            "; `mishandle list {}` lists the signals, and -k check.allow-inapplicable=true accepts requirements \
+             whose signals the target lacks",
             shell_quote(&found.target)
         )
     } else {

@@ -1,77 +1,82 @@
 mod export;
 mod import;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
-use clap::{Args, Subcommand};
+use anyhow::{Result, bail, ensure};
+use clap::Args;
 use mishandle::controllers::ControllerFile;
+use mishandle::resolve::is_onnx;
 use mishandle::tasks::{Topic, notes};
 use mishandle::training::AlgorithmSettings;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
+use crate::flags;
 use crate::show::output::{self, table};
 
 /// Show how a controller was trained, export it as ONNX, or import one from PyTorch
 #[derive(Debug, Args)]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "Examples:
   mishandle controller my_controller.safetensors
-  mishandle controller point-reaching/ppo                     a shipped controller
-  mishandle controller point-reaching/ppo --json
-  mishandle controller export point-reaching/ppo --onnx ppo.onnx
-  mishandle controller import model.zip --task point-reaching --out model.safetensors
+  mishandle controller point-reaching/ppo --json               a shipped controller
+  mishandle controller point-reaching/ppo --out ppo.onnx
+  mishandle controller sac.zip --task point-reaching --out a.safetensors
+  mishandle controller sac.zip --task point-reaching --out a.safetensors -k import.normalizer=n.json
+  mishandle controller agent.pt --task point-reaching --out a.safetensors -k import.activation=elu
 
-The output is a valid settings file: `mishandle train --settings FILE` trains with the same
-settings. Success rates are from validation during training. `mishandle evaluate` measures the
-controller on other initial states.")]
+Without --out, the output is a valid settings file: `mishandle train --settings FILE` trains with
+the same settings. Success rates are from validation during training. `mishandle evaluate` measures
+the controller on other initial states.
+
+The ONNX model has the normalizer and the clipping of observations and actions. Its input
+`observation` has the shape [N, size], in the units of the task. Its output `action` is clipped to
+[-1, 1], as the task does; `unclipped_action` is the controller's own output. Both are the mean of a
+stochastic policy. `mishandle evaluate TASK --controller ppo.onnx` runs it.
+
+A policy to import is a model of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG), a checkpoint of skrl,
+or a state dictionary written by `torch.save(model.state_dict(), FILE)`. It must be a multi-layer
+perceptron that acts as a controller can; other policies are refused with the reason and run as
+ONNX. Weights and texts are read: nothing in the file is unpickled or executed. docs/guide/import.md
+shows how to write the statistics of a VecNormalize.")]
 pub struct Arguments {
-    #[command(subcommand)]
-    pub command: Option<ControllerCommand>,
-    /// Path of a controller, or TASK/NAME for a shipped controller
-    #[arg(value_name = "FILE|TASK/NAME", required = true)]
-    pub controller: Option<String>,
+    /// Path of a controller, or TASK/NAME for a shipped controller; to import: a model or
+    /// checkpoint (.zip, .pt, .pth)
+    #[arg(value_name = "FILE|TASK/NAME")]
+    pub controller: String,
+    /// Task of a policy to import; `mishandle list tasks` lists them
+    #[arg(long, value_name = "TASK", requires = "out")]
+    pub task: Option<String>,
+    /// File to create: an ONNX model (.onnx), or the controller of an imported policy
+    /// (.safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Print one JSON document to stdout
     #[arg(long)]
     pub json: bool,
-}
-
-#[derive(Debug, Subcommand)]
-pub enum ControllerCommand {
-    /// Write a controller as an ONNX model, with its normalizer and the clipping of observations
-    /// and actions
-    #[command(after_help = "Examples:
-  mishandle controller export point-reaching/ppo --onnx ppo.onnx
-  mishandle controller export my_controller.safetensors --onnx my_controller.onnx --json
-
-The model's input `observation` has the shape [N, size], in the units of the task. Its output
-`action` is clipped to [-1, 1], as the task does; `unclipped_action` is the controller's own output.
-Both are the mean of a stochastic policy. `mishandle evaluate TASK --controller ppo.onnx` runs it.")]
-    Export {
-        /// Path of a controller, or TASK/NAME for a shipped controller
-        #[arg(value_name = "FILE|TASK/NAME")]
-        controller: String,
-        /// ONNX file to create
-        #[arg(long, value_name = "FILE")]
-        onnx: PathBuf,
-        /// Print one JSON document to stdout
-        #[arg(long)]
-        json: bool,
-    },
-    /// Make a controller from the weights of a policy of Stable-Baselines3, skrl or PyTorch
-    Import(import::Arguments),
+    #[command(flatten)]
+    pub keys: flags::SettingKeys,
 }
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
-    match &command.command {
-        Some(ControllerCommand::Export { controller, onnx, json }) => export::run(controller, onnx, *json),
-        Some(ControllerCommand::Import(command)) => import::run(command),
-        None => show(command.controller.as_deref().unwrap_or_default(), command.json),
+    let settings = command.keys.settings("controller")?.import;
+    let Some(out) = command.out.as_deref() else { return show(&command.controller, command.json) };
+    let is_import = out.extension().is_some_and(|found| found == "safetensors");
+    ensure!(
+        is_import || is_onnx(out),
+        "expected a path that ends in .onnx or .safetensors, found: {}",
+        out.display()
+    );
+    match (&command.task, is_import) {
+        (Some(task), true) => import::run(Path::new(&command.controller), task, out, &settings, command.json),
+        (None, true) => bail!("--task is missing: an imported policy does not say its task"),
+        (Some(_), false) => bail!("--task is for a policy to import; a controller knows its task"),
+        (None, false) => export::run(&command.controller, out, command.json),
     }
 }
 
-fn show(controller: &str, json: bool) -> Result<ExitStatus> {
+/// Prints how a controller was trained.
+pub fn show(controller: &str, json: bool) -> Result<ExitStatus> {
     let file = mishandle::resolve::find_controller(controller)?.controller()?;
     let weaknesses = weaknesses(controller)?;
     if json {

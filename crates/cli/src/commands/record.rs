@@ -1,9 +1,7 @@
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args;
-use mishandle::picture::CameraSettings;
-use mishandle::record::{ArchiveSettings, RecordSettings};
 use mishandle::{Plan, ResolvedPlan};
 
 use crate::exit_status::ExitStatus;
@@ -16,12 +14,13 @@ use crate::show::{demonstrations, output};
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle record ball-balancing --controller expert --episodes 200 --out balancing
-  mishandle record ball-balancing --controller expert --space starts+delay --successful --out delay
-  mishandle record ball-balancing --controller expert --format npz --out arrays
-  mishandle record ball-balancing --controller ppo --relabel expert --out dagger
-  mishandle record ball-balancing --controller ppo --relabel expert --space starts+delay \\
-    --archive better.harden/round-1/failures --out repair
-  mishandle record ball-pushing --controller expert --cameras over,wrist --size 96x96 --out seen
+  mishandle record ball-balancing --controller expert --space starts+delay \\
+    -k record.successful=true --out delay
+  mishandle record ball-balancing --controller expert -k record.format=npz --out arrays
+  mishandle record ball-balancing --controller ppo -k record.relabel=expert --out dagger
+  mishandle record ball-balancing --controller ppo -k record.relabel=expert --space starts+delay \\
+    -k record.archive=better.harden/round-1/failures --out repair
+  mishandle record ball-pushing --controller expert --camera over,wrist --size 96x96 --out seen
 
 The scenarios are the random ones of `mishandle evaluate` with the same target, space, seed and
 number of episodes. Each control step is a frame: what the controller saw, and what it did before
@@ -34,29 +33,12 @@ pub struct Arguments {
     /// Number of simulations [default: 100]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = numbers::integer::<u64>(Plan::EPISODES))]
     pub episodes: Option<u64>,
-    /// Format: lerobot (LeRobot data set, version 3.0) or npz (NumPy arrays in data.npz)
-    #[arg(long, value_name = "NAME", default_value = "lerobot")]
-    pub format: String,
-    /// Record what this controller would do in each state, while --controller acts (DAgger):
-    /// expert, another shipped controller, or a path
-    #[arg(long, value_name = "NAME")]
-    pub relabel: Option<String>,
-    /// Draw a share of the scenarios from failures: those of a round of `harden`
-    /// (round-N/failures), a run file, a counterexample, a folder of them, or a table (.csv)
-    #[arg(long, value_name = "PATH")]
-    pub archive: Option<PathBuf>,
-    /// Share of the simulations with a scenario of the archive [default: 0.5]
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, requires = "archive")]
-    pub archive_share: Option<f64>,
     /// Record what these cameras see: over, wrist, or those of the target file
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
-    pub cameras: Vec<String>,
-    /// Width and height of the images, pixels, each from 1 to 1024
-    #[arg(long, value_name = "WxH", default_value = "64x64", requires = "cameras", value_parser = numbers::image_size)]
-    pub size: [u16; 2],
-    /// Keep only episodes that satisfy the success formula
-    #[arg(long)]
-    pub successful: bool,
+    pub camera: Vec<String>,
+    /// Width and height of the images, pixels, each from 1 to 1024 [default: 64x64]
+    #[arg(long, value_name = "WxH", value_parser = numbers::image_size)]
+    pub size: Option<[u16; 2]>,
     /// Folder of the data set; it must not exist
     #[arg(long, value_name = "FOLDER")]
     pub out: PathBuf,
@@ -66,26 +48,23 @@ pub struct Arguments {
 
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.run.threads)?;
-    let settings = RecordSettings {
-        format: mishandle::record::format(&command.format)?,
-        relabel: command.relabel.clone(),
-        cameras: (!command.cameras.is_empty())
-            .then(|| CameraSettings { names: command.cameras.clone(), size: command.size }),
-        only_successful: command.successful,
-        archive: command.archive.clone().map(|path| ArchiveSettings {
-            path,
-            share: command.archive_share.unwrap_or(ArchiveSettings::SHARE),
-        }),
-    };
     let mut planned =
         flags::planned("record", &command.subject, &command.run)?.simulator(&command.simulator)?;
     planned.number("--episodes", "evaluate.episodes", command.episodes)?;
-    let resolved = ResolvedPlan::new(&planned.question("evaluate")?.0)?;
+    let camera = (!command.camera.is_empty()).then(|| command.camera.clone());
+    planned.flag("--camera", "record.camera", camera)?;
+    planned.flag("--size", "record.size", command.size.map(|size| size.map(i64::from).to_vec()))?;
+    for (key, needed) in [("size", "camera"), ("archive-share", "archive")] {
+        let is_alone = planned.has("record", key) && !planned.has("record", needed);
+        ensure!(!is_alone, "record.{key} needs record.{needed}");
+    }
+    let (plan, settings) = planned.question("evaluate")?;
+    let resolved = ResolvedPlan::new(&plan)?;
     let bar =
         Bar::new(resolved.plan.evaluate.as_ref().map_or(0, |evaluate| evaluate.episodes), "simulations");
     run::stop_on_signals(&bar)?;
     let mut done = 0;
-    let found = mishandle::record::record(&resolved, &settings, &command.out, |simulations| {
+    let found = mishandle::record::record(&resolved, &settings.record, &command.out, |simulations| {
         done = simulations;
         bar.set_position(simulations);
         control_flow()

@@ -5,14 +5,14 @@ use std::sync::LazyLock;
 use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use mishandle::MishandleError;
-use mishandle::plan::{CPU, DEVICES};
+use mishandle::plan::{TrainPlan, Values};
 use mishandle::results::Training;
 use mishandle::run::Device;
-use mishandle::train::{TrainPlan, TrainReport, default_out, default_reward};
-use mishandle_text::plural;
+use mishandle::train::{TrainReport, default_out, default_reward};
+use mishandle_text::{path_text, plural};
 
 use crate::exit_status::ExitStatus;
-use crate::flags::{self, numbers};
+use crate::flags::{self, Planned, numbers};
 use crate::interrupt;
 use crate::run;
 use crate::show::output;
@@ -36,7 +36,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
   mishandle train ball-balancing --algorithm ppo --out my_controller.safetensors --resume
   mishandle train ball-balancing --algorithm sac --csv curve.csv --tensorboard board
   mishandle train ball-balancing --algorithm sac --dry-run      check and print all settings
-  mishandle train cube-stacking --algorithm ppo --device gpu    thousands of worlds on a GPU
+  mishandle train cube-stacking --algorithm ppo -k train.device=gpu   thousands of worlds on a GPU
   mishandle train ball-balancing --space delay+sensing --axis action_delay=0:2
   mishandle train ball-balancing --from ppo --space delay --steps 2e6   continue a controller
   mishandle train cartpole.toml --algorithm ppo --out c.safetensors     a robot of a file
@@ -44,7 +44,7 @@ static ALGORITHM_HELP: LazyLock<String> = LazyLock::new(|| {
 The best controller by validation is written to --out, the last one beside it: FILE.safetensors and
 FILE.last.safetensors. Training also writes a checkpoint there. --resume continues from the
 checkpoint and continues the files of --csv and --tensorboard. On the CPU, the results are the same
-as those of an uninterrupted run, bit for bit; with --device gpu they are not.
+as those of an uninterrupted run, bit for bit; with -k train.device=gpu they are not.
 If a file cannot be written, as on a full disk, training warns, continues and tries again; it stops
 if it cannot write the first checkpoint. The settings run.stop_success, run.stop_strict and
 run.stop_validations enable early stopping.
@@ -52,7 +52,7 @@ Columns of the CSV file: docs/guide/training.md.
 All settings: docs/reference/algorithms/settings.md.")]
 pub struct Arguments {
     /// Name of a task, or target file of a robot (.toml)
-    pub task: String,
+    pub task: Option<String>,
     #[arg(long, value_name = "NAME", help = ALGORITHM_HELP.as_str())]
     pub algorithm: Option<String>,
     /// Start from this controller instead of random weights: a name or a file. Only the critic
@@ -74,14 +74,6 @@ pub struct Arguments {
     /// guard (docs/guide/guard.md)
     #[arg(long, value_name = "FILE")]
     pub guard: Option<PathBuf>,
-    /// Reward of a task: shaped or original [default: shaped]
-    #[arg(long, value_name = "NAME")]
-    pub reward: Option<String>,
-    /// Device of the physics of the training episodes: cpu (MuJoCo C) or gpu (MuJoCo Warp)
-    /// [default: cpu]. Validations always use MuJoCo C. The setting episodes.environments is the
-    /// number of worlds
-    #[arg(long, value_name = "NAME", hide_possible_values = true, value_parser = DEVICES)]
-    pub device: Option<String>,
     /// File of the best controller [default: runs/TASK-ALGORITHM-sSEED.safetensors]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -101,6 +93,8 @@ pub struct Arguments {
     /// Check settings and output files, print all settings, and exit without creating files
     #[arg(long)]
     pub dry_run: bool,
+    #[command(flatten)]
+    pub keys: flags::Keys,
     #[command(flatten)]
     pub run: flags::Run,
 }
@@ -204,30 +198,45 @@ fn dry_run(plan: &TrainPlan, gpu: Option<&Device>, as_json: bool) -> Result<Exit
 }
 
 fn plan(command: &Arguments) -> Result<TrainPlan> {
-    let seed = command.run.seed.unwrap_or(0);
-    let algorithm = match (&command.algorithm, &command.from) {
-        (Some(algorithm), _) => algorithm.clone(),
-        (None, Some(from)) => mishandle::train::algorithm_of(&command.task, from)?,
-        (None, None) => "ppo".to_string(),
-    };
-    let out = || default_out(&command.task, &algorithm, seed);
-    Ok(TrainPlan {
-        task: command.task.clone(),
-        out: command.out.clone().unwrap_or_else(out),
-        algorithm,
-        from: command.from.clone(),
-        reward: command.reward.clone().unwrap_or_else(|| default_reward(&command.task).to_string()),
-        device: command.device.clone().unwrap_or(CPU.to_string()),
-        settings: command.settings.clone(),
-        steps: command.steps,
-        space: command.space.clone(),
-        axes: command.axes.settings()?,
-        guard: command.guard.clone(),
-        seed,
-        csv: command.csv.clone(),
-        tensorboard: command.tensorboard.clone(),
+    let mut planned = Planned::new(&command.keys)?;
+    planned.flag("TASK", "target", command.task.clone())?;
+    planned.guard(command.guard.as_deref())?;
+    planned.flag("--space", "space", command.space.clone())?;
+    planned.axes(&command.axes)?;
+    planned.number("--seed", "seed", command.run.seed)?;
+    planned.flag("--algorithm", "train.algorithm", command.algorithm.clone())?;
+    planned.flag("--from", "train.from", command.from.clone())?;
+    planned.number("--steps", "train.steps", command.steps)?;
+    for (flag, key, path) in [
+        ("--settings", "train.settings", &command.settings),
+        ("--csv", "train.csv", &command.csv),
+        ("--tensorboard", "train.tensorboard", &command.tensorboard),
+    ] {
+        planned.flag(flag, key, path.as_deref().map(path_text))?;
+    }
+    planned.assign(&command.keys.keys, "train", Values::One)?;
+    let (plan, settings) = planned.no_question()?;
+    let mut train = TrainPlan {
+        space: Some(plan.space).filter(|space| !space.is_empty()),
+        axes: plan.axes,
+        guard: plan.guard,
+        seed: plan.seed,
+        task: plan.target,
         resume: command.resume,
-    })
+        ..settings.train
+    };
+    if train.algorithm.is_empty() {
+        train.algorithm = match &train.from {
+            Some(from) => mishandle::train::algorithm_of(&train.task, from)?,
+            None => "ppo".to_string(),
+        };
+    }
+    if train.reward.is_empty() {
+        train.reward = default_reward(&train.task).to_string();
+    }
+    let out = || default_out(&train.task, &train.algorithm, train.seed);
+    train.out = command.out.clone().unwrap_or_else(out);
+    Ok(train)
 }
 
 /// Returns the result as lines for the terminal.

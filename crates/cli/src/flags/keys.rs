@@ -7,27 +7,29 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use clap::builder::{PossibleValue, TypedValueParser};
-use mishandle::Plan;
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::plan::{Key, Settings, Values, keys, set, set_value};
+use mishandle::{MishandleError, Plan};
 use toml::{Table, Value};
 
 /// Keys of a plan that stand outside of its tables.
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 21] = [
+const TABLES: [(&str, &[&str]); 23] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
     ("metamorphic", &[TOP, "axes", "requirements", "guard", "metamorphic", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
-    ("check", &[TOP, "axes", "guard"]),
+    ("check", &[TOP, "axes", "guard", "check"]),
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
     ("simulate", &[TOP, "axes", "requirements", "guard", "falsify.formula"]),
     ("harden", &[TOP, "axes", "guard", "harden"]),
-    ("guard", &[TOP, "axes", "requirements", "guard", "evaluate"]),
-    ("record", &[TOP, "axes", "requirements", "guard", "evaluate"]),
+    ("guard", &[TOP, "axes", "requirements", "guard", "evaluate", "tune"]),
+    ("record", &[TOP, "axes", "requirements", "guard", "evaluate", "record"]),
+    ("train", &["target", "space", "seed", "axes", "guard", "train"]),
+    ("controller", &["import"]),
     (
         "run",
         &[
@@ -53,7 +55,7 @@ const TABLES: [(&str, &[&str]); 21] = [
     ("render", &["engine"]),
     ("report", &["engine"]),
     ("counterexamples", &["engine"]),
-    ("evidence", &["engine"]),
+    ("evidence", &["engine", "evidence"]),
     ("export", &["engine"]),
     ("list", &["preset"]),
 ];
@@ -282,10 +284,21 @@ impl Planned {
 
     /// Returns the plan of one question, whose table has its defaults if nothing sets its keys.
     pub fn question(mut self, question: &str) -> Result<(Plan, Settings)> {
-        let others = ["evaluate", "compare", "falsify", "margin", "metamorphic", "risk", "harden"];
-        self.table.retain(|name, _| !others.contains(&name) || name == question);
+        self.remove_questions(|name| name != question);
         self.table.entry(question).or_insert_with(|| Value::Table(Table::new()));
         self.plan()
+    }
+
+    /// Returns the plan of what asks no question.
+    pub fn no_question(mut self) -> Result<(Plan, Settings)> {
+        self.remove_questions(|_| true);
+        self.plan()
+    }
+
+    /// Removes tables of questions.
+    fn remove_questions(&mut self, is_removed: impl Fn(&str) -> bool) {
+        let all = ["evaluate", "compare", "falsify", "margin", "metamorphic", "risk", "harden"];
+        self.table.retain(|name, _| !(all.contains(&name) && is_removed(name)));
     }
 
     /// Returns the plan with all of its tables.
@@ -316,11 +329,14 @@ impl Planned {
 /// Checks that a command reads a key.
 fn check_table(key: &str, command: &str) -> Result<()> {
     let tables = tables(command);
-    // An unknown key gets a better error than one of another command.
     let is_known = keys().iter().any(|known| {
         known.name == key || key.strip_prefix(&known.name).is_some_and(|rest| rest.starts_with('.'))
     });
-    if !is_known || reads_key(command, key) {
+    if !is_known {
+        let known = keys().iter().map(|key| key.name.as_str()).filter(|key| is_within(key, tables));
+        return Err(MishandleError::UnknownKey { key: key.to_string(), known: known.collect() }.into());
+    }
+    if is_within(key, tables) {
         return Ok(());
     }
     let table = key.split_once('.').map_or(TOP, |(table, _)| table);

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Chain, Result};
 use mishandle::MishandleError;
-use mishandle::train::{TrainObserver, TrainPlan};
+use mishandle::plan::TrainPlan;
+use mishandle::train::TrainObserver;
 use mishandle::training::{TrainingControl, TrainingProgress};
 
 use super::live_curve::LiveCurve;

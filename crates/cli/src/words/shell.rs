@@ -5,16 +5,17 @@ use mishandle_text::shell_quote;
 
 use super::Dialect;
 
-/// The command line: flags.
+/// The command line: keys and flags.
 pub struct Shell;
 
 impl Dialect for Shell {
     fn key(&self, key: Key) -> String {
-        format!("--{}", key.word())
+        if is_key(key) { format!("-k {}", key.name()) } else { format!("--{}", key.word()) }
     }
 
     fn setting(&self, key: Key, value: &Choice) -> String {
         match value {
+            value if is_key(key) => format!("{}={}", self.key(key), word(value)),
             Choice::On => self.key(key),
             value => format!("{} {}", self.key(key), word(value)),
         }
@@ -23,10 +24,15 @@ impl Dialect for Shell {
     fn command(&self, command: Command) -> String {
         match command {
             Command::Import => {
-                "`mishandle controller import FILE --task TASK --out controller.safetensors`".to_owned()
+                "`mishandle controller FILE --task TASK --out controller.safetensors`".to_owned()
             }
         }
     }
+}
+
+/// Returns whether `-k` sets a key. The others have a flag.
+fn is_key(key: Key) -> bool {
+    mishandle::plan::keys().iter().any(|known| known.name == key.name())
 }
 
 fn word(value: &Choice) -> String {
@@ -55,7 +61,7 @@ mod tests {
         }
         let mut flags = BTreeSet::new();
         add(&command_line::declaration(), &mut flags);
-        for key in Key::ALL {
+        for key in Key::ALL.iter().filter(|key| !is_key(**key)) {
             assert!(flags.contains(&Shell.key(*key)), "{key:?}");
         }
     }

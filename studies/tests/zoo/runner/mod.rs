@@ -6,9 +6,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
-use mishandle::plan::StartRegion;
+use mishandle::plan::{StartRegion, TrainPlan};
 use mishandle::results::{Estimate, Seed};
-use mishandle::train::{TrainObserver, TrainPlan};
+use mishandle::train::TrainObserver;
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle_studies::zoo::{
     BenchmarkTask, ControllerUnderTest, CornersRecord, EvaluationRecord, FalsificationRecord, PlanRecord,
