@@ -380,7 +380,7 @@ pub enum MishandleError {
     /// Another build than those of the run would add rows to it.
     #[error(
         "another build made the run, and its rows would stand beside those of this one: {}; continue it with the build of the \
-         run, or set `engine.any-build` (in Python any_build=True), which records this build in the run file, too",
+         run, or set `engine.any-build`, which records this build in the run file, too",
         differences.join("; ")
     )]
     OtherBuild {

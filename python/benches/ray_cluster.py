@@ -92,7 +92,8 @@ def main() -> None:
 
     def write() -> None:
         out = folder / f"{time.monotonic_ns()}.sqlite"
-        mishandle.evaluate(nothing, "always(x > 0)", SPACE, episodes=20_000, batch=1024, out=out)
+        plan = {"evaluate": {"batch": 1024}}
+        mishandle.evaluate(nothing, "always(x > 0)", SPACE, episodes=20_000, plan=plan, out=out)
 
     rates = [20_000 / seconds(write) for _ in range(rounds)]
     print(f"searches and writer: {statistics.median(rates):.0f} rows/s")

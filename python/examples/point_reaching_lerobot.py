@@ -70,7 +70,8 @@ def main():
     run, started = fresh("point_reaching_lerobot"), time.time()
     lit = [*space, *mishandle.sight(env, spaces=["light", "image"])]
     found = mishandle.falsify(
-        env, FORMULA, lit, trials=1, budget=5, isolate=False, out=run, **target
+        env, FORMULA, lit, trials=1, budget=5, plan={"falsify": {"isolate": False}}, out=run,
+        **target
     )
     seconds, replay = time.time() - started, None
     if found.counterexamples:

@@ -79,7 +79,9 @@ def facts_of_task(task, name, policy):
         task, policy=policy, episodes=1000, out=fresh(f"{name}_evaluation")
     )
     run, started = fresh(name), time.time()
-    found = mishandle.falsify(task, policy=policy, trials=10, budget=300, batch=16, out=run)
+    found = mishandle.falsify(
+        task, policy=policy, trials=10, budget=300, plan={"falsify": {"batch": 16}}, out=run
+    )
     seconds, replay = time.time() - started, None
     if found.counterexamples:
         worst = found.counterexamples[0]

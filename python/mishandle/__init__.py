@@ -3,7 +3,7 @@
 from mishandle import lerobot, plots, sb3
 from mishandle._native import __version__
 from mishandle.ask import (
-    Relation, bisect, check, compare_versions, evaluate, falsify, harden, margin, metamorphic,
+    bisect, check, compare_versions, evaluate, falsify, harden, margin, metamorphic,
     record, regress, repeat, replay, requirement, risk, sample_size, simulate,
 )
 from mishandle.base.containment import register_child
@@ -31,7 +31,6 @@ __all__ = [
     "PolicyServer",
     "Process",
     "RayExecutor",
-    "Relation",
     "ResetOption",
     "ScenarioEnv",
     "TaskEnv",

@@ -15,10 +15,6 @@ Samples = tuple[
 ]
 Request = tuple[dict[str, Any], int, tuple[str, float, bool] | None]
 Outcome = tuple[str, int, int, NDArray[np.float64], int, float, str]
-AxisTuple = tuple[
-    str, str, str, float, float, float | None, list[str], str,
-    list[tuple[str, bool, list[float | str]]]
-]
 Node = tuple[str | None, tuple[int, int | None] | None, list[int], list[str] | None]
 
 
@@ -104,7 +100,7 @@ def describe_formula(
 def requirement_formulas(path: str) -> list[tuple[str, str]]: ...
 def check(
     target: Target, *, requirements: str, out: str, episodes: int | None, trials: int | None,
-    budget: int | None, search: str, batch: int, fail_on: str, allow_inapplicable: bool, seed: int,
+    budget: int | None, search: str, batch: int, fail_on: str, allow_inapplicable: bool,
     progress: Any
 ) -> tuple[str, str, int]: ...
 def pattern_formula(name: str, settings: list[tuple[str, str]]) -> tuple[str, str]: ...
@@ -129,7 +125,7 @@ class Search:
     def best(self) -> tuple[list[float], float] | None: ...
 
 class Objective:
-    def __new__(cls, target: Target, formula: str | None) -> Objective: ...
+    def __new__(cls, target: Target) -> Objective: ...
     def robustness(
         self, points: list[list[float]], seed: int, threshold: float
     ) -> list[float | None]: ...
@@ -169,7 +165,6 @@ def verify_evidence(
     folder: str, *, allowed_signers: str | None, public_key: str | None, share: float,
     seed: int | None
 ) -> str: ...
-def with_settings(axes: list[AxisTuple], settings: Mapping[str, Any]) -> list[AxisTuple]: ...
 def diff(first: str, second: str) -> str: ...
 def comparison_page(first: str, second: str) -> str: ...
 
@@ -181,7 +176,7 @@ class Faults:
         control_dt: float, episode_steps: int
     ) -> Faults: ...
     @property
-    def axes(self) -> list[AxisTuple]: ...
+    def axes(self) -> str: ...
     @property
     def random_axes(self) -> list[str]: ...
     def start(self, values: dict[str, float], seed: int) -> ActiveFaults | None: ...
@@ -191,7 +186,7 @@ class Images:
         cls, cameras: list[tuple[str, int, int]], *, control_dt: float, episode_steps: int
     ) -> Images: ...
     @property
-    def axes(self) -> list[tuple[str, AxisTuple]]: ...
+    def axes(self) -> str: ...
     @property
     def random_axes(self) -> list[str]: ...
     def start(self, values: dict[str, float], seed: int) -> ActiveImages | None: ...
@@ -204,7 +199,7 @@ class TaskCameras:
     def start(self, state: NDArray[np.float64], values: dict[str, float], seed: int) -> None: ...
     def images(self, state: NDArray[np.float64]) -> list[NDArray[np.uint8]]: ...
 
-def task_sight_axes(task: str) -> list[tuple[str, AxisTuple]]: ...
+def task_sight_axes(task: str) -> str: ...
 
 class ActiveFaults:
     def observe(self, step: int, observation: NDArray[np.float64]) -> None: ...
@@ -297,22 +292,11 @@ class Simulator:
 
 class Target:
     def __new__(
-        cls, *, name: str, content: str, axes: Sequence[AxisTuple],
-        signals: Sequence[tuple[str, str]], formulas: Sequence[tuple[str, str]], control_dt: float,
-        episode_steps: int, is_deterministic: bool, depends_on_seed: bool, termination: str,
-        components: Sequence[tuple[str, str, str]], not_covered: Sequence[str],
-        versions: Sequence[tuple[str, str]], random_axes: Sequence[str],
-        simulate: Callable[[list[Request]], list[Outcome]], painter: Any = None
-    ) -> Target: ...
-    def with_requirements(self, requirements: dict[str, str]) -> Target: ...
-    @staticmethod
-    def of_task(
-        task: str, controller: str, preset: str, space: str,
-        axes: Mapping[str, float | tuple[float, float] | str], noise: tuple[bool, float, float],
-        folder: str | None = None, guard: str | None = None
+        cls, call: str, system: str, *, simulate: Callable[[list[Request]], list[Outcome]],
+        painter: Any = None
     ) -> Target: ...
     @property
-    def axes(self) -> list[AxisTuple]: ...
+    def axes(self) -> str: ...
     @property
     def hashes(self) -> list[str]: ...
     @property
@@ -321,12 +305,9 @@ class Target:
     def formulas(self) -> list[tuple[str, str]]: ...
 
 def policy_interface(target: str) -> tuple[str, int, int]: ...
-def policy_target(
-    target: str, policy: Any, *, images: Sequence[tuple[str, int, int]], preset: str, name: str,
-    identified: tuple[str, str, list[str]], space: str,
-    axes: Mapping[str, float | tuple[float, float] | str], noise: tuple[float, float],
-    versions: Sequence[tuple[str, str]], is_deterministic: bool
-) -> Target: ...
+def policy_target(call: str, policy: Any, document: str) -> Target: ...
+def target(call: str) -> Target: ...
+def is_file(system: str) -> bool: ...
 
 RequestTuple = tuple[list[float | None], int, bool, float | None]
 
@@ -345,79 +326,33 @@ def complete_run(
     durable: bool, any_build: bool, progress: Callable[[int, int], bool]
 ) -> bool: ...
 
-Out = tuple[str | None, bool, bool, bool]
 Answered = tuple[str, BaseException | None, list[str]]
 
-def check_falsify(
-    axes: list[AxisTuple], *, search: str, options: list[tuple[str, Any]], trials: int, budget: int,
-    batch: int, new_mode_rate: float
-) -> None: ...
-def check_evaluate(
-    axes: list[AxisTuple], *, episodes: int, batch: int, until: str | None, rate: float | None
-) -> None: ...
-def falsify(
-    target: Target, *, formula: str | None, search: str, options: list[tuple[str, Any]],
-    trials: int, budget: int, batch: int, fixed_seed: int | None, early_stopping: bool,
-    keep_going: bool, new_mode_rate: float, isolate: bool | None, repeats: int | None, seed: int,
-    out: Out, progress: Callable[[int, int], None] | None
-) -> Answered: ...
-def evaluate(
-    target: Target, *, episodes: int, batch: int, until: str | None, rate: float | None,
-    control: bool, seed: int, out: Out, progress: Callable[[int, int], None] | None
+def check_question(call: str, axes: str) -> str: ...
+def ask(
+    target: Target, *, out: str | None, resume: bool, progress: Callable[[int, int], None] | None
 ) -> Answered: ...
 def evaluate_pairs(
-    first: Target, second: Target, *, until: str, margin: float | None, measure: str,
-    robustness_bounds: tuple[float, float] | None, episodes: int, batch: int, seed: int,
-    out: tuple[str, str] | None, resume: bool, durable: bool,
+    first: Target, second: Target, *, out: tuple[str, str] | None, resume: bool,
     progress: Callable[[int, int], None] | None
 ) -> tuple[tuple[str, str], bool]: ...
-def sample_size(
-    *, expect: float | None, pairs: tuple[float, float, float, float] | None, until: str,
-    rate: float | None, margin: float | None, episodes: int, batch: int, replications: int,
-    seed: int
-) -> str: ...
+def sample_size(call: str, rates: list[float]) -> str: ...
 def simulate(
-    target: Target, *, formula: str | None, values: list[float | None], repeat: int, seed: int
+    target: Target, *, values: Sequence[float | None], repeat: int
 ) -> list[dict[str, Any]]: ...
 def repeat(
-    target: Target, *, formula: str | None, values: list[float | None], repeats: int | None,
-    scenarios: int | None, seed: int
+    target: Target, *, values: Sequence[float | None], repeats: int | None, scenarios: int | None
 ) -> str: ...
 
 Replayed = tuple[str, dict[str, Any], float | None, list[str]]
 
 def replay(target: Target, *, path: str, trial: int | None, number: int | None) -> Replayed: ...
 def replay_counterexample(target: Target, path: str) -> Replayed: ...
-def check_margin(axes: list[AxisTuple], *, budget: int) -> None: ...
-def margin(
-    target: Target, *, formula: str | None, budget: int, each_category: bool, seed: int, out: Out,
-    progress: Callable[[int, int], None] | None
-) -> Answered: ...
-def check_metamorphic(
-    axes: list[AxisTuple], *, relations: list[tuple[str, dict[str, str], str]], pairs: int,
-    batch: int, seed: int
-) -> None: ...
-def metamorphic(
-    target: Target, *, formula: str | None, relations: list[tuple[str, dict[str, str], str]],
-    pairs: int, batch: int, seed: int, out: Out, progress: Callable[[int, int], None] | None
-) -> Answered: ...
-def check_risk(
-    axes: list[AxisTuple], *, simulations: int, method: str, batch: int,
-    distributions: dict[str, str]
-) -> None: ...
-def risk(
-    target: Target, *, formula: str | None, simulations: int, method: str, batch: int,
-    distributions: dict[str, str], seed: int, out: Out, progress: Callable[[int, int], None] | None
-) -> Answered: ...
 def harden(
-    task: str, controller: str, *, preset: str, space: str, axes: dict[str, Any],
-    noise: tuple[bool, float, float], guard: str | None, requirements: dict[str, str], seed: int,
-    table: str, out: str, is_resumed: bool, progress: Callable[[str, int, int], None] | None
+    call: str, *, out: str, resume: bool, progress: Callable[[str, int, int], None] | None
 ) -> str: ...
 def record(
-    target: str, controller: str, *, preset: str, space: str, axes: dict[str, Any],
-    noise: tuple[bool, float, float], guard: str | None, requirements: dict[str, str], seed: int,
-    episodes: int, format: str, relabel: str | None, cameras: list[str], size: list[int],
+    call: str, *, format: str, relabel: str | None, cameras: list[str], size: list[int],
     only_successful: bool, archive: str | None, archive_share: float, out: str,
     progress: Callable[[int, int], None] | None
 ) -> str: ...
@@ -430,7 +365,7 @@ def bisection_report(document: str, probes: int | None, sensitivity: int) -> str
 
 class Scenarios:
     def __new__(
-        cls, axes: list[AxisTuple], *, nominal: float, corners: float, archived: float,
+        cls, axes: str, *, nominal: float, corners: float, archived: float,
         archive: list[str]
     ) -> Scenarios: ...
     def draw(self, seed: int, episode: int) -> tuple[str, dict[str, Any], int]: ...

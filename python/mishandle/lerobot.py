@@ -250,7 +250,7 @@ def read_evaluation(
             warnings.simplefilter("ignore", UserWarning)
             return evaluate(
                 system, formula or {"success": "always(success >= 0.5)"}, [axis],
-                episodes=len(episodes), control=False, out=file
+                episodes=len(episodes), out=file, plan={"evaluate": {"control": False}}
             )
 
     # A run draws the seeds of its simulations. A first run says which episode each stands for.

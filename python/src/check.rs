@@ -12,7 +12,7 @@ use mishandle_requirements::RequirementFile;
 use pyo3::prelude::*;
 
 use crate::target::PyTarget;
-use crate::work::{detached, json, plan, report};
+use crate::work::{detached, json, report};
 use crate::{InvalidStateError, InvalidValueError, MishandleError};
 
 fn read(path: &Path) -> PyResult<(RequirementFile, String)> {
@@ -35,7 +35,7 @@ pub fn requirement_formulas(path: PathBuf) -> PyResult<Vec<(String, String)>> {
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
 #[pyo3(signature = (
-    target, *, requirements, out, episodes, trials, budget, search, batch, fail_on, allow_inapplicable, seed, progress
+    target, *, requirements, out, episodes, trials, budget, search, batch, fail_on, allow_inapplicable, progress
 ))]
 pub fn check(
     py: Python<'_>,
@@ -49,7 +49,6 @@ pub fn check(
     batch: u32,
     fail_on: &str,
     allow_inapplicable: bool,
-    seed: u64,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, String, u8)> {
     let (file, text) = read(&requirements)?;
@@ -74,7 +73,7 @@ pub fn check(
         let named = |(name, text): (&String, String)| NamedFormula { name: name.clone(), text };
         under_test.formulas.extend(first.map(named));
     }
-    let subject = CheckSubject { plan: plan(target, seed), target: Some(under_test) };
+    let subject = CheckSubject { plan: target.plan.clone(), target: Some(under_test) };
     let found = detached(py, target, || {
         let mut watch = |done: &CheckProgress| report(target, progress.as_ref(), done.done, done.all);
         mishandle::check::check(&[subject], &requirements, &settings, &out, &mut watch)

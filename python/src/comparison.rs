@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 use std::sync::PoisonError;
 
+use mishandle::MishandleError;
 use mishandle::evaluation::SizeSettings;
 use mishandle::inspect::{ComparedPair, Expected, SizeQuestion};
-use mishandle::plan::{ComparePlan, EvaluatePlan, Measure};
+use mishandle::plan::SizePlan;
 use mishandle::random::Seed;
 use mishandle::store::RunFile;
-use mishandle::{MishandleError, Plan};
 use pyo3::prelude::*;
 
-use crate::question::rule;
+use crate::call::Call;
 use crate::target::PyTarget;
-use crate::work::{json, open_run, plan, report};
+use crate::work::{json, open_run, report};
 use crate::{InvalidValueError, raised};
 
 /// Robustness in both runs, and whether both succeed.
@@ -62,46 +62,20 @@ pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyRes
 /// Evaluates two versions of a system in step until a rule decides. Returns the paths of the run
 /// files and whether they are complete.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (first, second, *, until, margin, measure, robustness_bounds, episodes, batch, seed, out, resume, durable, progress))]
+#[pyo3(signature = (first, second, *, out, resume, progress))]
 pub fn evaluate_pairs(
     py: Python<'_>,
     first: &PyTarget,
     second: &PyTarget,
-    until: String,
-    margin: Option<f64>,
-    measure: &str,
-    robustness_bounds: Option<[f64; 2]>,
-    episodes: u64,
-    batch: u32,
-    seed: u64,
     out: Option<[PathBuf; 2]>,
     resume: bool,
-    durable: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<([PathBuf; 2], bool)> {
-    let measure = match measure {
-        "success" => Measure::Success,
-        "robustness" => Measure::Robustness,
-        other => {
-            let problem = format!("measure is {other:?}; it must be \"success\" or \"robustness\"");
-            return Err(InvalidValueError::new_err(problem));
-        }
-    };
-    let until = rule(Some(until))?.unwrap_or_default();
-    let compare = ComparePlan { until, measure, margin, robustness_bounds };
-    let evaluate = EvaluatePlan { episodes, batch, control: false, ..EvaluatePlan::default() };
-    let of = |target: &PyTarget| Plan {
-        compare: Some(compare),
-        evaluate: Some(evaluate.clone()),
-        ..plan(target, seed)
-    };
-    let plans = [of(first), of(second)];
     first.check_process()?;
     let done = py.detach(|| {
         let path = |index: usize| out.as_ref().map(|paths| paths[index].clone());
-        let (a, first_run) = open_run(first, &plans[0], (path(0), resume, durable, false))?;
-        let (b, second_run) = open_run(second, &plans[1], (path(1), resume, durable, false))?;
+        let (a, first_run) = open_run(first, path(0), resume)?;
+        let (b, second_run) = open_run(second, path(1), resume)?;
         let paths = [&first_run, &second_run].map(|run| run.file().path().to_path_buf());
         let answers = mishandle::run::evaluate_pairs([&a, &b], [first_run, second_run], |done, total| {
             report(first, progress.as_ref(), done, total)
@@ -115,29 +89,24 @@ pub fn evaluate_pairs(
     }
 }
 
-/// Returns the document of how many simulations or pairs a question takes.
+/// Returns the document of how many simulations, or pairs, the rule of a call takes: with a success
+/// rate, or with the rates of both versions.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (*, expect, pairs, until, rate, margin, episodes, batch, replications, seed))]
-pub fn sample_size(
-    py: Python<'_>,
-    expect: Option<f64>,
-    pairs: Option<[f64; 4]>,
-    until: String,
-    rate: Option<f64>,
-    margin: Option<f64>,
-    episodes: u64,
-    batch: u64,
-    replications: u64,
-    seed: u64,
-) -> PyResult<String> {
-    let expected = match (expect, pairs) {
-        (_, Some(pairs)) => Expected::Pairs(pairs),
-        (Some(rate), None) => Expected::Rate(rate),
-        (None, None) => return Err(InvalidValueError::new_err("give the expected rate")),
+pub fn sample_size(py: Python<'_>, call: &str, rates: Vec<f64>) -> PyResult<String> {
+    let Call { plan, settings, .. } = Call::read(call)?;
+    let SizePlan { both, batch, replications } = settings.size;
+    let expected = match (&rates[..], both) {
+        ([rate], _) => Expected::Rate(*rate),
+        ([first, second], None) => Expected::independent(*first, *second),
+        ([first, second], Some(both)) => {
+            Expected::Pairs([both, first - both, second - both, 1.0 - first - second + both])
+        }
+        _ => return Err(InvalidValueError::new_err("give one expected rate, or two")),
     };
-    let until = rule(Some(until))?.unwrap_or_default();
-    let settings = SizeSettings { max: episodes, batch, replications, seed: Seed(seed) };
-    let question = SizeQuestion { expected, until, rate, margin };
+    let evaluate = plan.evaluate.unwrap_or_default();
+    let compare = plan.compare.unwrap_or_default();
+    let until = evaluate.until.or(plan.compare.map(|compare| compare.until)).unwrap_or_default();
+    let settings = SizeSettings { max: evaluate.episodes, batch, replications, seed: Seed(plan.seed) };
+    let question = SizeQuestion { expected, until, rate: evaluate.rate, margin: compare.margin };
     json(&py.detach(|| mishandle::inspect::sample_size(&question, settings)).map_err(raised)?)
 }

@@ -1,15 +1,14 @@
 //! Demonstrations as data sets.
 
-use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle::plan::{EvaluatePlan, GuardPlan, RecordSettings};
+use mishandle::ResolvedPlan;
+use mishandle::plan::RecordSettings;
 use mishandle::store::RunKind;
-use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 
-use crate::target::{SettingArgument, task_plan};
+use crate::call::Call;
 use crate::work::json;
 use crate::{InvalidStateError, raised};
 
@@ -19,22 +18,10 @@ use crate::{InvalidStateError, raised};
 /// Ctrl-C and exceptions of `progress` are raised after the running batch, and nothing is written.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (
-    target, controller, *, preset, space, axes, noise, guard, requirements, seed, episodes, format, relabel,
-    cameras, size, only_successful, archive, archive_share, out, progress
-))]
+#[pyo3(signature = (call, *, format, relabel, cameras, size, only_successful, archive, archive_share, out, progress))]
 pub fn record(
     py: Python<'_>,
-    target: &str,
-    controller: &str,
-    preset: &str,
-    space: &str,
-    axes: BTreeMap<String, SettingArgument>,
-    noise: (bool, f64, f64),
-    guard: Option<&str>,
-    requirements: BTreeMap<String, String>,
-    seed: u64,
-    episodes: u64,
+    call: &str,
     format: String,
     relabel: Option<String>,
     cameras: Vec<String>,
@@ -45,14 +32,8 @@ pub fn record(
     out: PathBuf,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
-    let plan = Plan {
-        seed,
-        guard,
-        requirements,
-        evaluate: Some(EvaluatePlan { episodes, ..EvaluatePlan::default() }),
-        ..task_plan(target, controller, preset, space, axes, noise)
-    };
+    let mut plan = Call::read(call)?.plan;
+    let episodes = plan.evaluate.get_or_insert_default().episodes;
     let settings = RecordSettings {
         format,
         relabel,

@@ -8,7 +8,7 @@ use numpy::PyReadwriteArray1;
 use pyo3::prelude::*;
 
 use crate::raised;
-use crate::target::{AxisTuple, SPACE, tuple};
+use crate::target::{SPACE, axes_text};
 
 /// The numbers of an observation or action: the channels by name, the range of each number, and
 /// whether they are real numbers.
@@ -78,8 +78,8 @@ impl Faults {
 
     /// The axes.
     #[getter]
-    fn axes(&self) -> Vec<AxisTuple> {
-        self.space.axes().iter().map(tuple).collect()
+    fn axes(&self) -> PyResult<String> {
+        axes_text(self.space.axes())
     }
 
     /// Names of the axes that make an episode depend on its seed.

@@ -1,58 +1,33 @@
 //! Hardening of the controller of a task.
 
-use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use mishandle::MishandleError as Error;
 use mishandle::harden::{FinalRun, HardenProgress, final_runs, finished, harden_folder, resume_plan};
-use mishandle::plan::{GuardPlan, HardenPlan};
 use mishandle::store::RunFile;
-use mishandle::{MishandleError as Error, Plan};
 use mishandle_report::{HardenedModes, hardening_page};
 use pyo3::prelude::*;
 
+use crate::call::Call;
 use crate::run::run_report;
-use crate::target::{SettingArgument, task_plan};
 use crate::work::json;
-use crate::{InvalidStateError, InvalidValueError, gpu, raised};
+use crate::{InvalidStateError, gpu, raised};
 
-/// Hardens the controller of a task, or continues to. `table` is the table `[harden]` of the plan
-/// as JSON. Returns the document.
+/// Hardens the controller of the task that a call names, or continues to. Returns the document.
 ///
 /// Ctrl-C and exceptions of `progress` are raised after the running batch. What was recorded
 /// remains, so that the hardening can continue.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (
-    task, controller, *, preset, space, axes, noise, guard, requirements, seed, table, out, is_resumed, progress
-))]
+#[pyo3(signature = (call, *, out, resume, progress))]
 pub fn harden(
     py: Python<'_>,
-    task: &str,
-    controller: &str,
-    preset: &str,
-    space: &str,
-    axes: BTreeMap<String, SettingArgument>,
-    noise: (bool, f64, f64),
-    guard: Option<&str>,
-    requirements: BTreeMap<String, String>,
-    seed: u64,
-    table: &str,
+    call: &str,
     out: PathBuf,
-    is_resumed: bool,
+    resume: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let mut table: HardenPlan =
-        serde_json::from_str(table).map_err(|error| InvalidValueError::new_err(error.to_string()))?;
-    table.is_trainer_typed = true;
-    let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
-    let plan = Plan {
-        seed,
-        guard,
-        requirements,
-        harden: Some(table),
-        ..task_plan(task, controller, preset, space, axes, noise)
-    };
+    let Call { plan, .. } = Call::read(call)?;
     let device = gpu::device();
     let mut exception = None;
     let mut watch = |done: &HardenProgress| match report(progress.as_ref(), done) {
@@ -63,7 +38,7 @@ pub fn harden(
         }
     };
     let found = py.detach(|| {
-        if is_resumed {
+        if resume {
             resume_plan(&harden_folder(&out), &plan, Some(&device), &mut watch)
         } else {
             mishandle::harden::harden(&plan, &out, Some(&device), &mut watch)

@@ -10,7 +10,8 @@ use mishandle::sight::{ImageFeed, SIGHT_SPACES, Sight};
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray3};
 use pyo3::prelude::*;
 
-use crate::target::{AxisTuple, SPACE, tuple};
+use crate::target::{SPACE, document};
+use crate::work::json;
 use crate::{InvalidValueError, raised};
 
 /// Returns a scenario with some values by name, the others nominal.
@@ -20,8 +21,8 @@ fn scenario(space: &Space, values: &BTreeMap<String, f64>) -> Scenario {
 }
 
 /// Returns the axes of a sight, each with the name of its space.
-fn named_axes(sight: &Sight) -> Vec<(String, AxisTuple)> {
-    sight.axes().map(|(space, axis)| (SIGHT_SPACES[space].to_string(), tuple(axis))).collect()
+fn named_axes(sight: &Sight) -> PyResult<String> {
+    json(&sight.axes().map(|(space, axis)| (SIGHT_SPACES[space], document(axis))).collect::<Vec<_>>())
 }
 
 /// The images in the observations of one environment: their axes, and their effect on each episode.
@@ -50,7 +51,7 @@ impl Images {
 
     /// The axes, each with the name of its space.
     #[getter]
-    fn axes(&self) -> Vec<(String, AxisTuple)> {
+    fn axes(&self) -> PyResult<String> {
         named_axes(&self.sight)
     }
 
@@ -90,9 +91,9 @@ impl ActiveImages {
 
 /// Returns the axes of sight of a task, each with the name of its space.
 #[pyfunction]
-pub fn task_sight_axes(task: &str) -> PyResult<Vec<(String, AxisTuple)>> {
+pub fn task_sight_axes(task: &str) -> PyResult<String> {
     let task = mishandle::resolve::task(task).map_err(raised)?;
-    Ok(named_axes(&mishandle::tasks::sight::sight(task.definition())))
+    named_axes(&mishandle::tasks::sight::sight(task.definition()))
 }
 
 /// Cameras of a task, which draw states of one episode after the other.

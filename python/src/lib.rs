@@ -8,6 +8,7 @@
 
 mod artifacts;
 mod bisection;
+mod call;
 mod camera;
 mod check;
 mod comparison;
@@ -117,7 +118,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(remote::recorded_plan, module)?)?;
     module.add_function(wrap_pyfunction!(recording::recorded_states, module)?)?;
     module.add_function(wrap_pyfunction!(search::search_names, module)?)?;
-    module.add_function(wrap_pyfunction!(target::with_settings, module)?)?;
+    module.add_function(wrap_pyfunction!(target::target, module)?)?;
+    module.add_function(wrap_pyfunction!(target::is_file, module)?)?;
     module.add_function(wrap_pyfunction!(policy::policy_interface, module)?)?;
     module.add_function(wrap_pyfunction!(policy::policy_target, module)?)?;
     module.add_function(wrap_pyfunction!(comparison::compare, module)?)?;
@@ -139,16 +141,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(images::task_sight_axes, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::harden, module)?)?;
     module.add_function(wrap_pyfunction!(hardening::hardening_report, module)?)?;
-    module.add_function(wrap_pyfunction!(question::check_margin, module)?)?;
-    module.add_function(wrap_pyfunction!(question::margin, module)?)?;
-    module.add_function(wrap_pyfunction!(question::check_metamorphic, module)?)?;
-    module.add_function(wrap_pyfunction!(question::metamorphic, module)?)?;
-    module.add_function(wrap_pyfunction!(question::check_risk, module)?)?;
-    module.add_function(wrap_pyfunction!(question::risk, module)?)?;
-    module.add_function(wrap_pyfunction!(question::check_falsify, module)?)?;
-    module.add_function(wrap_pyfunction!(question::check_evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(question::falsify, module)?)?;
-    module.add_function(wrap_pyfunction!(question::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(question::check_question, module)?)?;
+    module.add_function(wrap_pyfunction!(question::ask, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::repeat, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::replay_counterexample, module)?)?;
@@ -213,6 +207,10 @@ fn raised(error: impl Into<Error>) -> PyErr {
         // A caller of a function has no table of a plan.
         Error::MissingPlanTable { table } => {
             format!("the run is not one of mishandle.{table}; continue it with the function that made it")
+        }
+        Error::NoController { target, known } => {
+            let known: Vec<String> = known.iter().map(|name| words::quoted(name)).collect();
+            format!("{target} needs a policy; the shipped ones are {}", known.join(", "))
         }
         _ => words::worded(&error) + &hint,
     };

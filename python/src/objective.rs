@@ -1,8 +1,7 @@
 //! Robustness as a function of a point of \[0, 1\]^d, for optimizers outside of this program.
 
-use mishandle::plan::FalsifyPlan;
+use mishandle::ResolvedPlan;
 use mishandle::rollout::{Request, Seed};
-use mishandle::{Plan, ResolvedPlan};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -20,11 +19,9 @@ pub struct Objective {
 #[pymethods]
 impl Objective {
     #[new]
-    fn new(py: Python<'_>, target: Py<PyTarget>, formula: Option<String>) -> PyResult<Self> {
+    fn new(py: Python<'_>, target: Py<PyTarget>) -> PyResult<Self> {
         let of = target.get();
-        let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
-        let plan = Plan { falsify: Some(falsify), ..of.plan.clone() };
-        let resolved = py.detach(|| ResolvedPlan::with_target(&plan, of.target.clone())).map_err(raised)?;
+        let resolved = py.detach(|| of.simulated()).map_err(raised)?;
         Ok(Objective { target, resolved })
     }
 

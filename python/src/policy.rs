@@ -1,10 +1,8 @@
 //! A policy in Python as the controller of a task, or of a robot that a file describes.
 
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 
-use mishandle::plan::AxisSetting;
 use mishandle::resolve::{is_target_file, preset as task_preset, robot_file, task};
 use mishandle::rollout::{
     Component, Controller, ControllerWorker, Episode, EpisodeEnd, Identity, Image, Noise, Request,
@@ -17,9 +15,11 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::Deserialize;
 
-use crate::target::{Pending, PyTarget, SettingArgument, keep};
-use crate::{InvalidValueError, raised};
+use crate::call::Call;
+use crate::target::{Pending, PyTarget, keep};
+use crate::{InvalidValueError, plain, raised};
 
 /// Number of simulations that the policy acts in at once: as many as a thread steps together.
 const ROWS: usize = 16;
@@ -40,46 +40,48 @@ fn interface(target: &str) -> Result<(String, usize, usize), MishandleError> {
     Ok((target.to_string(), layout.observation_size(), layout.action_size()))
 }
 
-/// A policy in Python: its name, its hash, and what the hash does not cover.
-type Identified = (String, String, Vec<String>);
-
-/// Returns a task, or the robot of a file, with a policy that sees `images`: name of the camera,
-/// width and height. `policy` has the method `act(observations, images, rows, is_start)`, which
-/// returns one action per row, or `None` after an exception that it has kept. The attribute
-/// `has_timed_out` says whether that was a time limit.
-#[pyfunction]
-#[pyo3(signature = (target, policy, *, images, preset, name, identified, space, axes, noise, versions, is_deterministic))]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-pub fn policy_target(
-    py: Python<'_>,
-    target: &str,
-    policy: Py<PyAny>,
-    images: Vec<(String, usize, usize)>,
-    preset: &str,
+/// A policy in Python.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PolicyDocument {
+    /// Name of the target.
     name: String,
-    identified: Identified,
-    space: &str,
-    axes: BTreeMap<String, SettingArgument>,
-    noise: (f64, f64),
+    /// Name of the policy.
+    policy: String,
+    hash: String,
+    /// Parts that the hash does not cover.
+    not_covered: Vec<String>,
+    /// Names of cameras, widths and heights.
+    images: Vec<(String, usize, usize)>,
     versions: Vec<(String, String)>,
     is_deterministic: bool,
-) -> PyResult<PyTarget> {
+}
+
+/// Returns the task, or the robot of a file, that a call names, with a policy that a document
+/// describes. `policy` has the method `act(observations, images, rows, is_start)`, which returns
+/// one action per row, or `None` after an exception that it has kept. The attribute `has_timed_out`
+/// says whether that was a time limit.
+#[pyfunction]
+pub fn policy_target(py: Python<'_>, call: &str, policy: Py<PyAny>, document: &str) -> PyResult<PyTarget> {
+    let call = Call::read(call)?;
+    call.check_keys(&["target", "space", "preset", "action-noise", "observation-noise", "careful"])?;
+    let PolicyDocument { name, policy: policy_name, hash, not_covered, images, versions, is_deterministic } =
+        serde_json::from_str(document).map_err(plain)?;
     let pending = Pending::default();
-    let (policy_name, hash, not_covered) = identified;
+    let given = &call.plan;
+    let named = &*given.target;
     let component = |role: &str, name: String, hash: String| Component {
         role: role.to_string(),
         name,
         hash,
         file_hash: String::new(),
     };
-    let noise = Noise { action_std: noise.0, observation_std: noise.1 };
+    let noise = Noise { action_std: given.action_noise, observation_std: given.observation_noise };
     // The policy acts in all rows at once, and one after the other, whatever the machine.
     let pool = ThreadPoolBuilder::new().num_threads(1).build();
     let pool = Arc::new(pool.map_err(|error| PyRuntimeError::new_err(error.to_string()))?);
-    let axes: BTreeMap<String, AxisSetting> =
-        axes.into_iter().map(|(name, setting)| (name, setting.into())).collect();
     let made = || {
-        let (_, observation_size, action_size) = interface(target)?;
+        let (_, observation_size, action_size) = interface(named)?;
         let image = |(camera, width, height)| Image { camera, width, height };
         let shared = Arc::new(Shared {
             policy,
@@ -90,10 +92,11 @@ pub fn policy_target(
         });
         let controller: Arc<dyn Controller> = Arc::new(PythonPolicy(shared.clone()));
         let components = vec![component("policy", policy_name, hash)];
-        let mut target = if is_target_file(target) {
-            robot_file(&Plan::new(target, ""))?.target(controller, components, noise)?
+        let mut target = if is_target_file(named) {
+            robot_file(&Plan::new(named, ""))?.target(controller, components, noise)?
         } else {
-            TaskTarget::new(task(target)?, task_preset(preset)?, controller, components, noise)?.target()?
+            let preset = task_preset(&given.preset)?;
+            TaskTarget::new(task(named)?, preset, controller, components, noise)?.target()?
         };
         let uncovered = not_covered.into_iter();
         target
@@ -116,19 +119,16 @@ pub fn policy_target(
                 shared: shared.clone(),
             }) as Box<dyn System>)
         });
-        let plan = Plan {
-            space: space.to_string(),
-            axes,
-            action_noise: noise.action_std,
-            observation_noise: noise.observation_std,
-            ..Plan::new(&target.identity.name, "")
-        };
+        let preset = Plan::new("", "").preset;
+        let plan = Plan { target: target.identity.name.clone(), preset, ..given.clone() };
         // Checks the space and the settings, which the axes then have.
-        let ResolvedPlan { target, space, plan, .. } = ResolvedPlan::with_target(&plan, target)?;
-        Ok::<_, MishandleError>((target, space, plan))
+        let checked = plan.clone().without_questions();
+        let ResolvedPlan { target, space, plan: Plan { space: named, .. }, .. } =
+            ResolvedPlan::with_target(&checked, target)?;
+        Ok::<_, MishandleError>((target, space, Plan { space: named, ..plan }))
     };
     let (target, space, plan) = py.detach(made).map_err(raised)?;
-    Ok(PyTarget::of_parts(target, plan, space, pending))
+    Ok(PyTarget::of_parts(target, plan, call.settings, space, pending))
 }
 
 /// The parts that the systems of a target share.

@@ -9,7 +9,7 @@ use mishandle::training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::target::{AxisTuple, scenario, space};
+use crate::target::{axes_from, scenario, space};
 use crate::{InvalidValueError, raised};
 
 /// Draws the scenario of each episode.
@@ -28,13 +28,13 @@ impl Scenarios {
     #[pyo3(signature = (axes, *, nominal, corners, archived, archive))]
     fn new(
         py: Python<'_>,
-        axes: Vec<AxisTuple>,
+        axes: &str,
         nominal: f64,
         corners: f64,
         archived: f64,
         archive: Vec<PathBuf>,
     ) -> PyResult<Self> {
-        let whole = space(axes)?;
+        let whole = space(axes_from(axes)?)?;
         let given = if archive.is_empty() {
             Vec::new()
         } else {

@@ -2,11 +2,34 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use mishandle::search::{Coordinate, Observation, SEARCHES, Search, SearchOptions, by_name};
+use mishandle::search::{Coordinate, Observation, OptionValue, SEARCHES, Search, SearchOptions, by_name};
 use pyo3::prelude::*;
 
 use crate::plain;
-use crate::question::SearchOption;
+
+/// Value of an option of a search.
+#[derive(FromPyObject)]
+enum SearchOption {
+    Boolean(bool),
+    Integer(i64),
+    Float(f64),
+    Text(String),
+    Point(Vec<f64>),
+    Points(Vec<Vec<f64>>),
+}
+
+impl From<SearchOption> for OptionValue {
+    fn from(value: SearchOption) -> OptionValue {
+        match value {
+            SearchOption::Boolean(value) => OptionValue::Boolean(value),
+            SearchOption::Integer(value) => OptionValue::Integer(value),
+            SearchOption::Float(value) => OptionValue::Float(value),
+            SearchOption::Text(value) => OptionValue::Text(value),
+            SearchOption::Point(value) => OptionValue::Point(value),
+            SearchOption::Points(value) => OptionValue::Points(value),
+        }
+    }
+}
 
 /// A search on \[0, 1\]^d.
 #[pyclass(frozen, module = "mishandle._native", name = "Search")]

@@ -3,27 +3,20 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use mishandle::ResolvedPlan;
 use mishandle::counterexample::Counterexample;
 use mishandle::falsification::repeat_seeds;
 use mishandle::inspect::Simulated;
-use mishandle::plan::FalsifyPlan;
 use mishandle::rollout::{Episode, EpisodeEnd, Scenario, Seed, Space};
 use mishandle::store::RunFile;
-use mishandle::{Plan, ResolvedPlan};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
 use crate::target::{PyTarget, scenario};
-use crate::work::{detached, json, plan, recorded, report};
+use crate::work::{detached, json, recorded, report};
 use crate::{InvalidValueError, raised, warn};
-
-/// Returns the plan of simulations with this requirement and seed.
-fn simulation_plan(target: &PyTarget, formula: Option<String>, seed: u64) -> Plan {
-    let falsify = FalsifyPlan { formula, ..FalsifyPlan::default() };
-    Plan { falsify: Some(falsify), ..plan(target, seed) }
-}
 
 /// Returns the scenario of some values. Warns of values that have no effect, which become nominal.
 fn canonical(target: &PyTarget, values: Vec<Option<f64>>) -> PyResult<Scenario> {
@@ -38,23 +31,21 @@ fn canonical(target: &PyTarget, values: Vec<Option<f64>>) -> PyResult<Scenario> 
 /// Simulates a scenario with `seed`, or several times with seeds that are derived from it. Returns
 /// one dictionary per simulation.
 #[pyfunction]
-#[pyo3(signature = (target, *, formula, values, repeat, seed))]
+#[pyo3(signature = (target, *, values, repeat))]
 pub fn simulate<'py>(
     py: Python<'py>,
     target: &PyTarget,
-    formula: Option<String>,
     values: Vec<Option<f64>>,
     repeat: u64,
-    seed: u64,
 ) -> PyResult<Bound<'py, PyList>> {
-    let plan = simulation_plan(target, formula, seed);
     let scenario = canonical(target, values)?;
+    let seed = Seed(target.plan.seed);
     let seeds: Vec<Seed> = match repeat {
-        1 => vec![Seed(seed)],
-        n => repeat_seeds(Seed(seed), n).collect(),
+        1 => vec![seed],
+        n => repeat_seeds(seed, n).collect(),
     };
     let simulated = detached(py, target, || {
-        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
+        let resolved = target.simulated()?;
         mishandle::inspect::simulate(&resolved, &scenario, seeds)
     })?;
     let list = PyList::empty(py);
@@ -69,21 +60,18 @@ pub fn simulate<'py>(
 /// Simulates a scenario with derived seeds, and random scenarios to measure the noise. Returns the
 /// document.
 #[pyfunction]
-#[pyo3(signature = (target, *, formula, values, repeats, scenarios, seed))]
+#[pyo3(signature = (target, *, values, repeats, scenarios))]
 pub fn repeat(
     py: Python<'_>,
     target: &PyTarget,
-    formula: Option<String>,
     values: Vec<Option<f64>>,
     repeats: Option<u64>,
     scenarios: Option<u64>,
-    seed: u64,
 ) -> PyResult<String> {
-    let plan = simulation_plan(target, formula, seed);
     let scenario = canonical(target, values)?;
     let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
     let found = detached(py, target, || {
-        let resolved = ResolvedPlan::with_target(&plan, target.target.clone())?;
+        let resolved = target.simulated()?;
         mishandle::run::repeat_scenario(&resolved, &scenario, repeats, scenarios, watch)
     })?;
     json(&found.result)

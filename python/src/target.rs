@@ -3,21 +3,24 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use mishandle::plan::{AxisSetting, FalsifyPlan, GuardPlan};
+use mishandle::plan::{FalsifyPlan, Settings};
 use mishandle::rollout::{
     Axis, AxisKind, AxisValues, Component, Condition, Episode, EpisodeEnd, Holds, Identity, NamedFormula,
     Request, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
 use mishandle::store::ComponentRecord;
-use mishandle::{Plan, ResolvedPlan};
+use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::PyReadonlyArray2;
 use numpy::ndarray::ArrayView2;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
+use serde::{Deserialize, Serialize};
 
-use crate::{InvalidValueError, formula, in_this_process, raised};
+use crate::call::Call;
+use crate::work::json;
+use crate::{InvalidValueError, formula, in_this_process, plain, raised};
 
 /// Name of the space of all axes.
 pub(crate) const SPACE: &str = "scenarios";
@@ -25,26 +28,9 @@ pub(crate) const SPACE: &str = "scenarios";
 /// An exception that must end the run, kept while errors of Rust pass it.
 pub(crate) type Pending = Arc<Mutex<Option<PyErr>>>;
 
-/// Effect of an argument on an axis.
-#[derive(FromPyObject)]
-pub(crate) enum SettingArgument {
-    Value(f64),
-    Range([f64; 2]),
-    Text(String),
-}
-
-impl From<SettingArgument> for AxisSetting {
-    fn from(setting: SettingArgument) -> AxisSetting {
-        match setting {
-            SettingArgument::Value(value) => AxisSetting::Value(value),
-            SettingArgument::Range(range) => AxisSetting::Range(range),
-            SettingArgument::Text(text) => AxisSetting::Text(text),
-        }
-    }
-}
-
 /// How the formulas see an episode that its target terminated before the last control step.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 enum Termination {
     /// The last sample is repeated until the last control step.
     Hold,
@@ -54,26 +40,73 @@ enum Termination {
     Undecided,
 }
 
-/// An axis as Python passes it: kind, name, unit, bounds, nominal value, values, meaning, and what
-/// it needs for an effect.
-pub(crate) type AxisTuple = (String, String, String, f64, f64, Option<f64>, Vec<String>, String, Vec<Needed>);
+/// An axis as Python passes it.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct AxisDocument {
+    pub name: String,
+    low: f64,
+    high: f64,
+    unit: String,
+    values: Values,
+    nominal: Option<f64>,
+    kind: String,
+    meaning: String,
+    /// Other axes by name, and their values with an effect.
+    when: Vec<(String, Levels)>,
+}
 
-/// The name of another axis, and its values with an effect; or, after `true`, without one.
-type Needed = (String, bool, Vec<Level>);
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Values {
+    Numbers(String),
+    Names(Vec<String>),
+}
+
+/// Values of another axis with an effect, or the one value without.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(untagged)]
+enum Levels {
+    OneOf(Vec<Level>),
+    Except { except: Level },
+}
 
 /// A value of another axis: a number, or the name of a category.
-#[derive(Clone, FromPyObject, IntoPyObject)]
+#[derive(Clone, FromPyObject, Serialize, Deserialize)]
+#[serde(untagged)]
 pub(crate) enum Level {
     Number(f64),
     Name(String),
+}
+
+/// A system of Python: what is known before its first question.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SystemDocument {
+    name: String,
+    content: String,
+    axes: Vec<AxisDocument>,
+    signals: Vec<(String, String)>,
+    formulas: Vec<(String, String)>,
+    control_dt: f64,
+    episode_steps: usize,
+    is_deterministic: bool,
+    depends_on_seed: bool,
+    termination: Termination,
+    /// Role, name and hash of each.
+    components: Vec<(String, String, String)>,
+    not_covered: Vec<String>,
+    versions: Vec<(String, String)>,
+    random_axes: Vec<String>,
 }
 
 /// A target whose episodes a Python function simulates.
 #[pyclass(frozen, module = "mishandle._native", name = "Target")]
 pub struct PyTarget {
     pub(crate) target: Target,
-    /// Names the target and its space.
+    /// The plan of the call, with the target and its space.
     pub(crate) plan: Plan,
+    pub(crate) settings: Settings,
     pub(crate) space: Space,
     pub(crate) pending: Pending,
     /// Draws pictures of simulations, if the system has pictures.
@@ -83,38 +116,28 @@ pub struct PyTarget {
 
 #[pymethods]
 impl PyTarget {
+    /// Makes the target of a system in Python, for a call.
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-    #[pyo3(signature = (*, name, content, axes, signals, formulas, control_dt, episode_steps, is_deterministic, depends_on_seed,
-        termination, components, not_covered, versions, random_axes, simulate, painter=None))]
-    fn new(
-        name: &str,
-        content: &str,
-        axes: Vec<AxisTuple>,
-        signals: Vec<(String, String)>,
-        formulas: Vec<(String, String)>,
-        control_dt: f64,
-        episode_steps: usize,
-        is_deterministic: bool,
-        depends_on_seed: bool,
-        termination: &str,
-        components: Vec<(String, String, String)>,
-        not_covered: Vec<String>,
-        versions: Vec<(String, String)>,
-        random_axes: Vec<String>,
-        simulate: Py<PyAny>,
-        painter: Option<Py<PyAny>>,
-    ) -> PyResult<Self> {
-        let termination = match termination {
-            "hold" => Termination::Hold,
-            "evaluate" => Termination::Evaluate,
-            "undecided" => Termination::Undecided,
-            _ => {
-                return Err(InvalidValueError::new_err(
-                    "termination must be `hold`, `evaluate` or `undecided`",
-                ));
-            }
-        };
+    #[pyo3(signature = (call, system, *, simulate, painter=None))]
+    fn new(call: &str, system: &str, simulate: Py<PyAny>, painter: Option<Py<PyAny>>) -> PyResult<Self> {
+        let call = Call::read(call)?;
+        call.check_keys(&[])?;
+        let SystemDocument {
+            name,
+            content,
+            axes,
+            signals,
+            formulas,
+            control_dt,
+            episode_steps,
+            is_deterministic,
+            depends_on_seed,
+            termination,
+            components,
+            not_covered,
+            versions,
+            random_axes,
+        } = serde_json::from_str(system).map_err(plain)?;
         if !(control_dt.is_finite() && control_dt > 0.0) {
             let message = format!("control_dt is {control_dt}; it must be positive and finite, in seconds");
             return Err(InvalidValueError::new_err(message));
@@ -147,7 +170,7 @@ impl PyTarget {
         let uncovered = |name| (ComponentRecord::NOT_COVERED.to_string(), name, String::new());
         let components = components.into_iter().chain(not_covered.into_iter().map(uncovered));
         let target = Target {
-            identity: Identity::new("python", name, content),
+            identity: Identity::new("python", &name, &content),
             components: components.map(component).collect(),
             axes: space.axes().to_vec(),
             spaces: vec![space.clone()],
@@ -165,58 +188,22 @@ impl PyTarget {
             reachable: None,
             factory: Arc::new(factory),
         };
-        let plan = Plan { space: SPACE.to_string(), ..Plan::new(&target.identity.name, "") };
+        // The axes have the settings of the call already.
+        let plan = Plan {
+            target: target.identity.name.clone(),
+            space: SPACE.to_string(),
+            axes: BTreeMap::new(),
+            ..call.plan
+        };
         let painter = painter.map(Arc::new);
-        Ok(PyTarget { target, plan, space, pending, painter, process: std::process::id() })
-    }
-
-    /// Returns the same target with named requirements.
-    fn with_requirements(&self, requirements: BTreeMap<String, String>) -> PyTarget {
-        PyTarget {
-            target: self.target.clone(),
-            plan: Plan { requirements, ..self.plan.clone() },
-            space: self.space.clone(),
-            pending: self.pending.clone(),
-            painter: self.painter.clone(),
-            process: self.process,
-        }
-    }
-
-    /// Returns a task with one of our controllers in a space of the task, as the command line
-    /// simulates it. `noise` says whether actions are sampled, and the standard deviations of the
-    /// noise of actions and observations; `folder` is the working folder of a simulator, whose
-    /// command the user wrote.
-    #[staticmethod]
-    #[pyo3(signature = (task, controller, preset, space, axes, noise, folder=None, guard=None))]
-    #[expect(clippy::too_many_arguments, reason = "Python passes them")]
-    fn of_task(
-        py: Python<'_>,
-        task: &str,
-        controller: &str,
-        preset: &str,
-        space: &str,
-        axes: BTreeMap<String, SettingArgument>,
-        noise: (bool, f64, f64),
-        folder: Option<String>,
-        guard: Option<&str>,
-    ) -> PyResult<Self> {
-        let is_typed = folder.is_some();
-        let plan = task_plan(task, controller, preset, space, axes, noise);
-        let guard = guard.map(GuardPlan::from_toml).transpose().map_err(raised)?;
-        let plan = Plan { folder: folder.unwrap_or_default(), is_typed, guard, ..plan };
-        let resolved = py.detach(|| {
-            let checked = Plan { falsify: Some(FalsifyPlan::default()), ..plan.clone() };
-            ResolvedPlan::new(&checked)
-        });
-        // Its axes have the settings.
-        let ResolvedPlan { target, space, .. } = resolved.map_err(raised)?;
-        Ok(PyTarget::of_parts(target, plan, space, Pending::default()))
+        let made = PyTarget::of_parts(target, plan, call.settings, space, pending);
+        Ok(PyTarget { painter, ..made })
     }
 
     /// Axes of the space. A nominal value of `None` is drawn with the seed of the simulation.
     #[getter]
-    fn axes(&self) -> Vec<AxisTuple> {
-        self.space.axes().iter().map(tuple).collect()
+    fn axes(&self) -> PyResult<String> {
+        axes_text(self.space.axes())
     }
 
     /// Hashes of the target and of its parts.
@@ -241,8 +228,21 @@ impl PyTarget {
 
 impl PyTarget {
     /// Makes a target without pictures.
-    pub(crate) fn of_parts(target: Target, plan: Plan, space: Space, pending: Pending) -> PyTarget {
-        PyTarget { target, plan, space, pending, painter: None, process: std::process::id() }
+    pub(crate) fn of_parts(
+        target: Target,
+        plan: Plan,
+        settings: Settings,
+        space: Space,
+        pending: Pending,
+    ) -> PyTarget {
+        PyTarget { target, plan, settings, space, pending, painter: None, process: std::process::id() }
+    }
+
+    /// Returns the plan of single simulations.
+    pub(crate) fn simulated(&self) -> Result<ResolvedPlan, Error> {
+        let falsify = Some(self.plan.falsify.clone().unwrap_or_default());
+        let plan = Plan { falsify, screening: None, ..self.plan.clone().without_questions() };
+        ResolvedPlan::with_target(&plan, self.target.clone())
     }
 
     /// Returns the exception that ended the simulations, once.
@@ -256,101 +256,96 @@ impl PyTarget {
     }
 }
 
-/// Returns the plan of a task with one of our controllers.
-pub(crate) fn task_plan(
-    task: &str,
-    controller: &str,
-    preset: &str,
-    space: &str,
-    axes: BTreeMap<String, SettingArgument>,
-    (stochastic, action_noise, observation_noise): (bool, f64, f64),
-) -> Plan {
-    Plan {
-        preset: preset.to_string(),
-        space: space.to_string(),
-        stochastic,
-        action_noise,
-        observation_noise,
-        axes: axes.into_iter().map(|(name, setting)| (name, setting.into())).collect(),
-        ..Plan::new(task, controller)
-    }
+/// Returns the target that a call names, which this program looks up.
+#[pyfunction]
+pub fn target(py: Python<'_>, call: &str) -> PyResult<PyTarget> {
+    let Call { plan, settings, .. } = Call::read(call)?;
+    let resolved = py.detach(|| {
+        let falsify = Some(FalsifyPlan::default());
+        ResolvedPlan::new(&Plan { falsify, ..plan.clone().without_questions() })
+    });
+    // Its axes have the settings.
+    let ResolvedPlan { target, space, .. } = resolved.map_err(raised)?;
+    Ok(PyTarget::of_parts(target, plan, settings, space, Pending::default()))
+}
+
+/// Returns whether a system is a target file.
+#[pyfunction]
+pub fn is_file(system: &str) -> bool {
+    mishandle::resolve::is_target_file(system)
 }
 
 /// Longest episode, in control steps.
 const MAX_STEPS: usize = 10_000_000;
 
-/// Returns axes with narrower ranges or fixed values.
-#[pyfunction]
-pub fn with_settings(
-    axes: Vec<AxisTuple>,
-    settings: BTreeMap<String, SettingArgument>,
-) -> PyResult<Vec<AxisTuple>> {
-    let settings = settings.into_iter().map(|(name, setting)| (name, setting.into())).collect();
-    let space = space(axes)?;
-    let known = space.axes().to_vec();
-    let space = mishandle::resolve::with_settings(space, &settings, &known).map_err(raised)?;
-    Ok(space.axes().iter().map(tuple).collect())
+/// Reads axes of Python.
+pub(crate) fn axes_from(text: &str) -> PyResult<Vec<AxisDocument>> {
+    serde_json::from_str(text).map_err(plain)
 }
 
-/// Returns an axis as Python takes it.
-pub(crate) fn tuple(axis: &Axis) -> AxisTuple {
+/// Returns axes as Python reads them.
+pub(crate) fn axes_text(axes: &[Axis]) -> PyResult<String> {
+    json(&axes.iter().map(document).collect::<Vec<_>>())
+}
+
+/// Returns an axis as Python reads it.
+pub(crate) fn document(axis: &Axis) -> AxisDocument {
     let values = match &axis.values {
-        AxisValues::Continuous => vec!["continuous".to_string()],
-        AxisValues::Logarithmic => vec!["logarithmic".to_string()],
-        AxisValues::Integer => vec!["integer".to_string()],
-        AxisValues::Categorical(names) => names.to_vec(),
+        AxisValues::Continuous => Values::Numbers("continuous".to_string()),
+        AxisValues::Logarithmic => Values::Numbers("logarithmic".to_string()),
+        AxisValues::Integer => Values::Numbers("integer".to_string()),
+        AxisValues::Categorical(names) => Values::Names(names.to_vec()),
     };
     let Axis { name, unit, low, high, nominal, meaning, .. } = axis.clone();
-    let needed = |condition: &Condition| match &condition.holds {
-        Holds::OneOf(values) => {
-            (condition.axis.clone(), false, values.iter().copied().map(Level::Number).collect())
-        }
-        Holds::Except(value) => (condition.axis.clone(), true, vec![Level::Number(*value)]),
+    let levels = |condition: &Condition| match &condition.holds {
+        Holds::OneOf(values) => Levels::OneOf(values.iter().copied().map(Level::Number).collect()),
+        Holds::Except(value) => Levels::Except { except: Level::Number(*value) },
     };
-    let conditions = axis.conditions.iter().map(needed).collect();
-    (axis.kind.name().to_string(), name, unit, low, high, nominal, values, meaning, conditions)
+    let when = axis.conditions.iter().map(|condition| (condition.axis.clone(), levels(condition)));
+    let (kind, when) = (axis.kind.name().to_string(), when.collect());
+    AxisDocument { name, low, high, unit, values, nominal, kind, meaning, when }
 }
 
 /// Returns the conditions of an axis in a space of these axes.
-fn conditions(axis: &str, needed: &[Needed], axes: &[AxisTuple]) -> PyResult<Vec<Condition>> {
-    let error = |problem: String| InvalidValueError::new_err(format!("axis `{axis}` needs {problem}"));
-    let condition = |(name, is_except, values): &Needed| {
+fn conditions(axis: &AxisDocument, axes: &[AxisDocument]) -> PyResult<Vec<Condition>> {
+    let error = |problem: String| InvalidValueError::new_err(format!("axis `{}` needs {problem}", axis.name));
+    let condition = |(name, levels): &(String, Levels)| {
         // Without the other axis nobody could say whether this one has an effect.
-        let Some((_, _, _, low, _, nominal, names, ..)) = axes.iter().find(|other| other.1 == *name) else {
+        let Some(other) = axes.iter().find(|other| other.name == *name) else {
             return Err(error(format!("the axis `{name}`, which is not among the axes; add it")));
         };
         let number = |level: &Level| match level {
             Level::Number(number) => Ok(*number),
             Level::Name(level) => {
-                let index = names.iter().position(|known| known == level);
+                let index = match &other.values {
+                    Values::Names(names) => names.iter().position(|known| known == level),
+                    Values::Numbers(_) => None,
+                };
                 let unknown =
                     || error(format!("the value `{level}` of the axis `{name}`, which has no such value"));
-                index.map(|index| low + index as f64).ok_or_else(unknown)
+                index.map(|index| other.low + index as f64).ok_or_else(unknown)
             }
         };
-        let nominal = nominal.unwrap_or_default();
-        let values = values.iter().map(number).collect::<PyResult<Vec<f64>>>()?;
-        let holds = match (is_except, values.as_slice()) {
-            (true, [value]) => Holds::Except(*value),
-            (true, _) => return Err(error(format!("one excluded value of the axis `{name}`"))),
-            (false, values) => Holds::OneOf(values.into()),
+        let holds = match levels {
+            Levels::Except { except } => Holds::Except(number(except)?),
+            Levels::OneOf(values) => {
+                Holds::OneOf(values.iter().map(number).collect::<PyResult<Vec<f64>>>()?.into())
+            }
         };
-        Ok(Condition { axis: name.clone(), nominal, holds })
+        Ok(Condition { axis: name.clone(), nominal: other.nominal.unwrap_or_default(), holds })
     };
-    needed.iter().map(condition).collect()
+    axis.when.iter().map(condition).collect()
 }
 
 /// Returns the space of all axes.
-pub(crate) fn space(axes: Vec<AxisTuple>) -> PyResult<Space> {
-    let made = |given: &AxisTuple| {
-        let (_, name, .., needed) = given;
-        Ok(axis(given.clone())?.only_if(conditions(name, needed, &axes)?))
-    };
+pub(crate) fn space(axes: Vec<AxisDocument>) -> PyResult<Space> {
+    let made = |given: &AxisDocument| Ok(axis(given.clone())?.only_if(conditions(given, &axes)?));
     let axes = axes.iter().map(made).collect::<PyResult<Vec<Axis>>>()?;
     Space::new(SPACE, axes).map_err(raised)
 }
 
-fn axis((kind, name, unit, low, high, nominal, values, meaning, _): AxisTuple) -> PyResult<Axis> {
+fn axis(given: AxisDocument) -> PyResult<Axis> {
+    let AxisDocument { name, low, high, unit, values, nominal, kind, meaning, .. } = given;
     let kinds = AxisKind::ALL;
     let known = || kinds.map(|(_, name)| name).join(", ");
     let (kind, _) = kinds.into_iter().find(|(_, known)| *known == kind).ok_or_else(|| {
@@ -359,11 +354,13 @@ fn axis((kind, name, unit, low, high, nominal, values, meaning, _): AxisTuple) -
             known()
         ))
     })?;
-    let values = match &values[..] {
-        [word] if word == "continuous" => AxisValues::Continuous,
-        [word] if word == "logarithmic" => AxisValues::Logarithmic,
-        [word] if word == "integer" => AxisValues::Integer,
-        _ => AxisValues::Categorical(values.into()),
+    let values = match values {
+        Values::Names(names) => AxisValues::Categorical(names.into()),
+        Values::Numbers(word) => match &*word {
+            "logarithmic" => AxisValues::Logarithmic,
+            "integer" => AxisValues::Integer,
+            _ => AxisValues::Continuous,
+        },
     };
     Ok(Axis::new(kind, &name, &unit, [low, high], nominal).with_values(values).meaning(&meaning))
 }

@@ -39,7 +39,8 @@ fn literal(value: &Choice) -> String {
     }
 }
 
-fn quoted(text: &str) -> String {
+/// Returns a text as Python writes it.
+pub fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 

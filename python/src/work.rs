@@ -13,26 +13,17 @@ use serde::Serialize;
 use crate::target::{PyTarget, keep};
 use crate::{MishandleError, raised};
 
-/// Where a run is stored: path, whether to continue the run there, whether to sync each batch, and
-/// whether this build may continue a run of another one.
-pub(crate) type Out = (Option<PathBuf>, bool, bool, bool);
-
-/// Returns the plan of a target with this seed.
-pub(crate) fn plan(target: &PyTarget, seed: u64) -> Plan {
-    Plan { seed, ..target.plan.clone() }
-}
-
-/// Does `work` in a run. Returns its result also if an exception that Python raised meanwhile ended
-/// it early, with that exception.
+/// Does `work` in a run of a target, which continues that in `path` if it `is_resumed`. Returns its
+/// result also if an exception that Python raised meanwhile ended it early, with that exception.
 pub(crate) fn in_run<T: Send>(
     py: Python<'_>,
     target: &PyTarget,
-    plan: &Plan,
-    (path, is_resumed, is_durable, any_build): Out,
+    path: Option<PathBuf>,
+    is_resumed: bool,
     work: impl FnOnce(&ResolvedPlan, RunWriter) -> Result<T, Error> + Send,
 ) -> PyResult<(T, Option<PyErr>)> {
     detached_until(py, target, || {
-        let (resolved, run) = open_run(target, plan, (path, is_resumed, is_durable, any_build))?;
+        let (resolved, run) = open_run(target, path, is_resumed)?;
         work(&resolved, run)
     })
 }
@@ -41,9 +32,10 @@ pub(crate) fn in_run<T: Send>(
 /// interpreter lock.
 pub(crate) fn open_run(
     target: &PyTarget,
-    plan: &Plan,
-    (path, is_resumed, is_durable, any_build): Out,
+    path: Option<PathBuf>,
+    is_resumed: bool,
 ) -> Result<(ResolvedPlan, RunWriter), Error> {
+    let PyTarget { plan, settings, .. } = target;
     let mut found = target.target.clone();
     let mut run = match &path {
         Some(path) if is_resumed => {
@@ -51,7 +43,7 @@ pub(crate) fn open_run(
             // The probe of a target that is not deterministic can find no difference by chance.
             found.is_deterministic = run.file().header().target.is_deterministic;
             let resolved = ResolvedPlan::with_target(plan, found.clone())?;
-            if any_build {
+            if settings.engine.any_build {
                 mishandle::run::admit_build(&mut run, &resolved)?;
             }
             guard(target, run.file(), &resolved)?;
@@ -59,7 +51,7 @@ pub(crate) fn open_run(
         }
         _ => mishandle::run::create_run(&ResolvedPlan::with_target(plan, found.clone())?, path.as_deref())?,
     };
-    if is_durable {
+    if settings.engine.durable {
         run.set_durable()?;
     }
     Ok((ResolvedPlan::with_target(plan, found)?, run))
@@ -98,7 +90,7 @@ fn guard(target: &PyTarget, run: &RunFile, resolved: &ResolvedPlan) -> Result<()
 
 /// Warns in Python. A warning can be an exception there.
 fn warn(target: &PyTarget, message: &str) -> Result<(), Error> {
-    crate::warn(message, 2).map_err(|exception| keep(&target.pending, exception).into())
+    crate::warn(message, 3).map_err(|exception| keep(&target.pending, exception).into())
 }
 
 /// Returns the plan of a run with a target.

@@ -17,6 +17,11 @@ import gymnasium
 import numpy as np
 
 
+def batch(size: int) -> dict[str, Any]:
+    """Returns the plan of a search that proposes several simulations at once."""
+    return {"falsify": {"batch": size}}
+
+
 class FolderCase(unittest.TestCase):
     """A test with an empty folder."""
 

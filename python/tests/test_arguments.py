@@ -43,12 +43,10 @@ class Arguments(unittest.TestCase):
                 function(braking, "always(gap >= 1)", SPACE, foo=1)
 
     def test_an_argument_without_effect_is_an_error(self):
-        for options in ({"policy": lambda x: x}, {"signals": {"x": "obs[0]"}}, {"preset": "code"}):
+        for options in ({"policy": lambda x: x}, {"signals": {"x": "obs[0]"}}, {"guard": "g"}):
             with self.assertRaisesRegex(TypeError, "has no effect on a function"):
                 self.falsify(**options)
-        with self.assertRaisesRegex(TypeError, "`preset` has no effect on an environment"):
-            self.falsify(gymnasium.make("CartPole-v1"), policy=lambda x: 0, preset="code")
-        with self.assertRaisesRegex(TypeError, "`signals` has no effect on a task"):
+        with self.assertRaisesRegex(TypeError, "`signals` has no effect on a target"):
             mishandle.simulate("point-reaching", policy="ppo", signals={"x": "obs[0]"})
 
     def test_bounds_in_seconds_need_a_known_control_step(self):
@@ -155,7 +153,7 @@ class Arguments(unittest.TestCase):
                 self.falsify(space=space)
 
     def test_a_missing_onnx_file_is_named(self):
-        with self.assertRaisesRegex(ValueError, "there is no ONNX file .*missing.onnx"):
+        with self.assertRaisesRegex(ValueError, "missing.onnx"):
             mishandle.simulate("point-reaching", policy="missing.onnx")
 
     def test_undecided_simulations_are_reported(self):
@@ -218,14 +216,46 @@ class Arguments(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "action_delay"):
             mishandle.simulate(task, policy="ppo", axes={"action_delay": [2, 7]})
         for formula, given, message in [
-            ("strct", None, "no formula or signal `strct`; did you mean `strict`"),
+            ("strct", None, "no formula or signal `strct`.*did you mean `strict`"),
             ("strct", "starts", "no formula or signal `strct`"),
             ("strict", "start", "there is no space `start`.*did you mean `starts`"),
         ]:
             with self.assertRaisesRegex(ValueError, message):
                 mishandle.simulate(task, formula, given, policy="ppo")
-        with self.assertRaisesRegex(TypeError, "needs the name or path of a controller"):
-            mishandle.simulate(task, "strict", "starts", policy=lambda observation: np.zeros(7))
+        # So does a policy in Python.
+        still = lambda observation: np.zeros(9)
+        [one] = mishandle.simulate(task, "strict", "starts", policy=still)
+        [other] = mishandle.simulate(task, "strict", policy=still)
+        self.assertEqual(one.robustness, other.robustness)
+
+    def test_a_plan_has_the_keys_of_plan_files_with_underscores(self):
+        def check(message, plan, function=mishandle.falsify, **options):
+            with self.assertRaisesRegex(mishandle.MishandleError, message):
+                function(braking, "always(gap >= 1)", SPACE, plan=plan, **options)
+
+        falsify, early = {"early_stopping": True}, 'plan\\["falsify"\\]\\["early_stopping"\\]'
+        found = self.falsify(plan={"falsify": falsify, "seed": np.int64(2**62), "report": None})
+        self.assertIn("early-stopping = true", mishandle.open_run(found.path).plan)
+        self.assertEqual(mishandle.open_run(found.path).seed, 2**62)
+        for plan, message in [
+            ({"falsify": {"early_stoping": True}}, "no key `falsify.early_stoping`.*early_stop"),
+            ({"falsify": {"early_stopping": 1}}, early + " is 1; it must be true or false"),
+            ({"falsify": 3}, r'plan\["falsify"\] is 3; it must be a table'),
+            ({"margin": {"each_category": True}}, "has no effect on this question"),
+            ({"engine": {"jobs": 2}}, "has no effect on this question"),
+            ({"stochastic": True}, r'plan\["stochastic"\] has no effect on this system'),
+            ({"target": "toy/noisy"}, r'plan\["target"\] has no effect on this system'),
+            ({"axes": {"speed": [1]}}, r'plan\["axes"\]\["speed"\] is .*it must be a number'),
+            ({"falsify": {"new_mode_rate": float("nan")}}, "NaN"),
+            ({"falsify": {"options": {"visit": print}}}, "is a builtin_function_or_method"),
+            ([("seed", 3)], "plan is .*expected a dictionary"),
+        ]:
+            with self.subTest(message):
+                check(message, plan)
+        check("seed is set twice, as an argument and in `plan`", {"seed": 1}, seed=1)
+        check("budget is set twice", {"margin": {"budget": 9}}, mishandle.margin, budget=9)
+        for name, value in [("budget", "many"), ("seed", 1.5)]:
+            check(f"^{name} is .*; it must be an integer", {}, **{name: value})
 
     def test_arguments_are_checked_before_the_system_is_called(self):
         calls = []
@@ -242,12 +272,12 @@ class Arguments(unittest.TestCase):
 
         for options, message in [
             ({"search": "randon"}, "no search `randon`"),
-            ({"search": "random", "options": {"max-iterations": 3}}, "max-iterations"),
-            ({"trials": 0}, "trials is 0"),
+            ({"plan": {"falsify": {"search": "random", "options": {"max": 3}}}}, "max"),
+            ({"trials": 0}, "number of trials is 0"),
             ({"trials": 2.5}, "trials is 2.5"),
             ({"budget": -1}, "budget is -1"),
-            ({"budget": 2**40}, "the budget is"),
-            ({"batch": 0}, "batch is 0"),
+            ({"budget": 2**40}, "budget is"),
+            ({"plan": {"falsify": {"batch": 0}}}, "batch size is 0"),
             ({"seed": -1}, "seed is -1"),
             ({"termination": "holds"}, "termination is 'holds'"),
             ({"resume": True}, "needs the run file"),
@@ -258,7 +288,7 @@ class Arguments(unittest.TestCase):
         ]:
             check(message, **options)
         check("episodes is 0", mishandle.evaluate, episodes=0)
-        check("batch size", mishandle.evaluate, batch=10**6)
+        check("batch size", mishandle.evaluate, plan={"evaluate": {"batch": 10**6}})
         check("repeat is 0", mishandle.simulate, repeat=0)
         check("no axis mass", mishandle.simulate, at={"mass": 1})
         self.out.touch()
@@ -310,7 +340,7 @@ class Arguments(unittest.TestCase):
             mishandle.MishandleError, r"from 0.0 to 9.0, nominal 4.5.*the file was changed"
         ):
             self.falsify(space=[Axis("speed", 0, 9, "m/s")], resume=True)
-        self.assertEqual(self.falsify(resume=True, batch=7).simulations, 3)
+        self.assertEqual(self.falsify(resume=True, plan={"falsify": {"batch": 7}}).simulations, 3)
 
     def test_the_differences_of_a_replay_are_plain_numbers(self):
         self.falsify()

@@ -6,7 +6,7 @@ import sys
 import unittest
 import warnings
 
-from cases import FolderCase
+from cases import FolderCase, batch
 import gymnasium
 import mishandle
 import mujoco
@@ -102,7 +102,7 @@ class TestSlider(FolderCase):
         rows = [Slider() for _ in range(3)]
         vector = gymnasium.vector.SyncVectorEnv([lambda row=row: row for row in rows])
         first = self.falsify(Slider(), out=self.folder / "one.sqlite")
-        again = self.falsify(vector, batch=3, out=self.folder / "three.sqlite")
+        again = self.falsify(vector, plan=batch(3), out=self.folder / "three.sqlite")
         columns = [mishandle.open_run(found.path).columns() for found in (first, again)]
         self.assertEqual(*columns)
         for row in rows:
@@ -120,7 +120,9 @@ class TestSlider(FolderCase):
                 ValueError,
                 r"share what the axes set \(speed, array\[0\], config.gains\[1\], limit\)"
             ):
-                self.falsify(vector, batch=2, out=self.folder / f"{next(iter(shared))}.sqlite")
+                self.falsify(
+                    vector, plan=batch(2), out=self.folder / f"{next(iter(shared))}.sqlite"
+                )
 
     def test_attributes_in_other_processes_are_restored(self):
         vector = gymnasium.vector.AsyncVectorEnv([Slider] * 2)
@@ -128,7 +130,7 @@ class TestSlider(FolderCase):
         space = [self.SPACE[0]]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            self.falsify(vector, space=space, batch=2)
+            self.falsify(vector, space=space, plan=batch(2))
         self.assertEqual(vector.get_attr("speed"), (0.5, 0.5))
 
     def test_environments_of_classes_and_with_arrays_can_be_falsified(self):

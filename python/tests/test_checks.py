@@ -104,7 +104,7 @@ class AdaptiveTest(unittest.TestCase):
         axes = [Axis(name, 0, 1) for name in "abcdefghij"]
         mishandle.falsify(
             lambda scenario: {"y": [0.5 - scenario["a"]] * 2}, "always(y >= 0)", axes,
-            keep_going=True, trials=2, budget=80, search=search, out=out
+            trials=2, budget=80, search=search, out=out, plan={"falsify": {"keep_going": True}}
         )
         return mishandle.open_run(out)
 
@@ -161,8 +161,8 @@ class AdaptiveTest(unittest.TestCase):
                 self.assertEqual((trial.cause.only_on_bounds, trial.cause.axes), (expected, ("a",)))
         found = falsified(lambda a: a >= 1, axes={"a": "[0, 1)"})
         self.assertEqual(found.falsified_trials, 0)
-        seeds = {trial.seed for trial in falsified(lambda a: a > 0.9, fixed_seed=5).trials}
-        self.assertEqual(seeds, {5})
+        found = falsified(lambda a: a > 0.9, plan={"falsify": {"fixed_seed": 5}})
+        self.assertEqual({trial.seed for trial in found.trials}, {5})
 
 
 class ModesTest(unittest.TestCase):
@@ -181,8 +181,8 @@ class ModesTest(unittest.TestCase):
             warnings.simplefilter("ignore")
             out = f"{folder}/run.sqlite"
             mishandle.falsify(
-                faults, "always(y >= 0)", space, trials=1, budget=100, keep_going=True,
-                new_mode_rate=0, out=out, seed=1
+                faults, "always(y >= 0)", space, trials=1, budget=100, out=out, seed=1,
+                plan={"falsify": {"keep_going": True, "new_mode_rate": 0}}
             )
             modes = mishandle.open_run(out).failure_modes()
         regions = [mode.region["fault"] for mode in modes]

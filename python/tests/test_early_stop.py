@@ -45,14 +45,19 @@ def policy(observation):
     return -np.sign(observation)
 
 
-def falsified(environment, formula, early_stopping, **options):
+def plan(early_stopping, batch=1):
+    table = {"early_stopping": early_stopping, "isolate": False, "batch": batch}
+    return {"falsify": table, "report": {"repeats": 0}}
+
+
+def falsified(environment, formula, early_stopping, batch=1, **options):
     """Returns the rows of a falsification, and the number of steps of the environments."""
     COUNT["steps"] = 0
     with tempfile.TemporaryDirectory() as folder:
         mishandle.falsify(
             environment, formula, SPACE, policy=policy, signals={"x": "obs[0]"}, steps=STEPS,
-            control_dt=0.1, early_stopping=early_stopping, trials=2, budget=40, search="random",
-            seed=4, isolate=False, repeats=0, name="drift", out=f"{folder}/run.sqlite", **options
+            control_dt=0.1, plan=plan(early_stopping, batch), trials=2, budget=40, search="random",
+            seed=4, name="drift", out=f"{folder}/run.sqlite", **options
         )
         with sqlite3.connect(f"{folder}/run.sqlite") as run:
             rows = run.execute(
@@ -126,8 +131,8 @@ class Searches(unittest.TestCase):
             # A global variable that the environment reads is a part of it.
             COUNT["steps"] = 0
             found = mishandle.falsify(
-                Drift(), formula, SPACE, early_stopping=True, trials=1, budget=60, search="random",
-                isolate=False, repeats=0, out=f"{folder}/run.sqlite", **known
+                Drift(), formula, SPACE, plan=plan(True), trials=1, budget=60, search="random",
+                out=f"{folder}/run.sqlite", **known
             )
             [worst] = found.counterexamples
             COUNT["steps"] = 0
@@ -147,8 +152,8 @@ class Searches(unittest.TestCase):
     def test_a_task_with_a_policy_in_python(self):
         run = lambda early: mishandle.falsify(
             "point-reaching", "eventually[0:20](finger_target_distance <= 10)",
-            policy=lambda observation: np.zeros(9), trials=1, budget=1, early_stopping=early,
-            search="random", isolate=False, repeats=0, out=f"{self.folder}/{early}.sqlite"
+            policy=lambda observation: np.zeros(9), trials=1, budget=1, plan=plan(early),
+            search="random", out=f"{self.folder}/{early}.sqlite"
         )
         with tempfile.TemporaryDirectory() as self.folder:
             found = [run(early) for early in (False, True)]

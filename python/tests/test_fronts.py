@@ -38,9 +38,13 @@ class Question:
     ask: Callable[[pathlib.Path], Any]
 
 
-def falsify(out: pathlib.Path, system: str, **options: Any) -> mishandle.ask.Falsification:
+def falsify(
+    out: pathlib.Path, system: str, repeats: int = 100, keep_going: bool = False, **options: Any
+) -> mishandle.ask.Falsification:
+    table = {"batch": 64, "keep_going": keep_going, "isolate": True}
     return mishandle.falsify(
-        system, search="random", trials=2, budget=40, batch=64, seed=3, out=out, **options
+        system, search="random", trials=2, budget=40, seed=3, out=out,
+        plan={"falsify": table, "report": {"repeats": repeats}}, **options
     )
 
 
@@ -83,7 +87,7 @@ QUESTIONS = {
             "falsify.isolate=true"
         ],
         f'target = "toy/pits"\nseed = 3\n[falsify]\nkeep-going = true\n{RANDOM_PLAN}',
-        lambda out: falsify(out, "toy/pits", keep_going=True, isolate=True),
+        lambda out: falsify(out, "toy/pits", keep_going=True),
     ),
     "falsify a task": Question(
         results.Falsification,
@@ -130,7 +134,8 @@ QUESTIONS = {
         ],
         'target = "toy/hidden-corner"\nseed = 4\n[risk]\nsimulations = 20000\nmethod = "splitting"',
         lambda out: mishandle.risk(
-            "toy/hidden-corner", simulations=20000, method="splitting", seed=4, out=out
+            "toy/hidden-corner", simulations=20000, seed=4, out=out,
+            plan={"risk": {"method": "splitting"}}
         ),
     ),
     "risk of a toy with a distribution": Question(
@@ -142,7 +147,8 @@ QUESTIONS = {
         'target = "toy/sphere-2d"\n[risk]\nsimulations = 5000\n[risk.distributions]\n'
         'y = "normal:-0.4:0.05"',
         lambda out: mishandle.risk(
-            "toy/sphere-2d", simulations=5000, distribution={"y": "normal:-0.4:0.05"}, out=out
+            "toy/sphere-2d", simulations=5000, out=out,
+            plan={"risk": {"distributions": {"y": "normal:-0.4:0.05"}}}
         ),
     ),
     "risk of a task": Question(

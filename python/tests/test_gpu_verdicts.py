@@ -4,7 +4,6 @@ import json
 import unittest
 from dataclasses import replace
 
-from mishandle import _native
 from mishandle.gpu import verdicts
 
 
@@ -17,26 +16,22 @@ class Verdicts(unittest.TestCase):
         expected = json.loads(
             verdicts.command("risk", *verdicts.subject(self.CASE), *options.split())
         )
-        axes = _native.Target.of_task(
-            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
-        ).axes
+        axes = verdicts.axes_of(self.CASE)
         drawn = verdicts.draws(axes, self.SAMPLE)
         [row] = verdicts.in_c(self.CASE, self.SAMPLE)
         self.assertEqual(row.violated, expected["monte_carlo"]["failures"])
-        names = [name for _, name, *_ in axes]
+        names = [axis.name for axis in axes]
         self.assertGreater(len(expected["failures"]), 0)
         for failure in expected["failures"]:
             scenario = [failure["scenario"][name] for name in names]
             self.assertIn((scenario, int(failure["seed"])), drawn)
 
     def test_moved_scenarios_stay_in_their_ranges(self):
-        axes = _native.Target.of_task(
-            "point-reaching", "ppo", "paper", "starts", {}, (False, 0.0, 0.0)
-        ).axes
-        for values in ([axis[3] for axis in axes], [axis[4] for axis in axes]):
+        axes = verdicts.axes_of(self.CASE)
+        for values in ([axis.low for axis in axes], [axis.high for axis in axes]):
             for axis, value, found in zip(axes, values, verdicts.moved(values, axes)):
                 self.assertAlmostEqual(abs(found - value), 1e-7, places=12)
-                self.assertTrue(axis[3] <= found <= axis[4])
+                self.assertTrue(axis.low <= found <= axis.high)
 
     def test_a_larger_move_flips_more_verdicts(self):
         def flips(move):

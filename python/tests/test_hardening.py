@@ -27,14 +27,12 @@ ARGUMENTS: dict[str, Any] = {
     "axes": {"action_delay": (1, 3)},
     "rounds": 1,
     "steps": 256,
-    "searches": ["random"],
     "budget": 8,
     "episodes": 4,
-    "validation": 4,
-    "risk": 100,
-    "margin": 10,
     "seed": 5,
 }
+
+PLAN = {"searches": ["random"], "validation": 4, "risk": 100, "margin": 10}
 
 
 def settings(folder: pathlib.Path) -> str:
@@ -54,8 +52,11 @@ def without_paths(found: results.Hardening) -> dict[str, Any]:
 
 
 class Hardenings(FolderCase):
-    def harden(self, name: str, **arguments: Any) -> mishandle.ask.Hardening:
+    def harden(
+        self, name: str, plan: dict[str, Any] | None = None, **arguments: Any
+    ) -> mishandle.ask.Hardening:
         given = {**ARGUMENTS, "settings": settings(self.folder), **arguments}
+        given["plan"] = {"harden": {**PLAN, **(plan or {})}}
         return mishandle.harden("point-reaching", out=self.folder / name, **given)
 
     def test_it_is_the_hardening_of_the_command_line_also_in_parts(self) -> None:
@@ -144,12 +145,12 @@ class Hardenings(FolderCase):
             ("no space `delays`", {"space": "delays"}),
             ("the expert", {"policy": "expert"}),
             ("budget is 0", {"budget": 0}),
-            ("harden.archive is 0.9", {"archive": 0.9}),
-            ("nominal is 'half'", {"nominal": "half"}),
-            ("searches is 'random'", {"searches": "random"}),
-            ("no search `bayes`", {"searches": ["bayes"]}),
-            ("no measure `space`", {"allow": ["space"]}),
-            ("no device `tpu`", {"device": "tpu"}),
+            ("harden.archive is 0.9", {"plan": {"archive": 0.9}}),
+            ('"nominal"\\] is "half"', {"plan": {"nominal": "half"}}),
+            ('"searches"\\] is "random"', {"plan": {"searches": "random"}}),
+            ("no search `bayes`", {"plan": {"searches": ["bayes"]}}),
+            ("no measure `space`", {"plan": {"allow": ["space"]}}),
+            ("no device `tpu`", {"plan": {"device": "tpu"}}),
             ("missing.toml", {"settings": "missing.toml"}),
             ("axes is 3", {"axes": 3}),
         ]:
@@ -186,7 +187,7 @@ class Hardenings(FolderCase):
         self.assertTrue(digest.startswith(found.rounds[0].file_hash or "none"), found.rounds)
         with self.assertRaisesRegex(mishandle.MishandleError, "harden.settings is .*trainer"):
             self.harden("second.safetensors", trainer=trainer)
-        with self.assertRaisesRegex(InvalidTypeError, "trainer is a list; expected a command"):
+        with self.assertRaisesRegex(InvalidValueError, "trainer is .*it must be a string"):
             self.harden("second.safetensors", settings=None, trainer=[trainer])
 
     def test_the_plan_of_a_run_says_whether_it_is_a_hardening(self) -> None:

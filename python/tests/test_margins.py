@@ -151,7 +151,8 @@ class Margins(unittest.TestCase):
         assert found.witness is not None
         self.assertEqual((found.categories, found.each_category), ({"ground": "dry"}, ()))
         self.assertTrue(0.8 <= found.witness.amplitude < 0.82)
-        found = mishandle.margin(system, "always(y >= 0)", space, budget=200, each_category=True)
+        plan = {"margin": {"each_category": True}}
+        found = mishandle.margin(system, "always(y >= 0)", space, budget=200, plan=plan)
         assert found.witness is not None
         self.assertEqual(
             (found.categories, found.witness.scenario["ground"]), ({"ground": "wet"}, "wet")

@@ -67,8 +67,8 @@ class Arguments(FolderCase):
     def test_the_rows_of_a_batch_have_values_of_their_own(self) -> None:
         made = SyncVectorEnv([Line] * 4)
         options = {
-            "search": "random", "trials": 1, "budget": 60, "batch": 4, "keep_going": True,
-            "new_mode_rate": 0.0
+            "search": "random", "trials": 1, "budget": 60,
+            "plan": {"falsify": {"batch": 4, "keep_going": True, "new_mode_rate": 0.0}}
         }
         found = mishandle.falsify(
             made, NEAR, [START, BIAS], policy=estimated_rows, batched_policy=True, **OPTIONS,

@@ -208,8 +208,8 @@ class Failures(unittest.TestCase):
             watcher = threading.Thread(target=restart)
             watcher.start()
             options = {
-                "search": "random", "trials": 1, "budget": 30, "seed": 1, "keep_going": True,
-                "new_mode_rate": 0.0, **OPTIONS
+                "search": "random", "trials": 1, "budget": 30, "seed": 1, **OPTIONS,
+                "plan": {"falsify": {"keep_going": True, "new_mode_rate": 0.0}}
             }
             found = mishandle.falsify(
                 Line(), "always(abs(place) <= 1.9)", SPACE, policy=policy, **options
@@ -238,7 +238,7 @@ class Failures(unittest.TestCase):
 
                 found = mishandle.falsify(
                     Line(), "always(abs(place) <= 9)", space, policy=server.url, progress=change,
-                    batch=1, **options
+                    **options
                 )
                 columns = mishandle.open_run(found.path).columns()
             first = next(row for row, start in enumerate(columns["start"]) if start > 1.0)
@@ -261,7 +261,8 @@ class Failures(unittest.TestCase):
                 from test_policy_server_failures import Line, OPTIONS, SPACE
                 mishandle.falsify(
                     Line(), "always(abs(place) <= 1.9)", SPACE, policy={server.url!r},
-                    search="random", trials=1, budget=20, keep_going=True, batch=1,
+                    search="random", trials=1, budget=20,
+                    plan={{"falsify": {{"keep_going": True}}}},
                     out={folder + "/run.sqlite"!r}, **OPTIONS)
             """)
             child = subprocess.Popen(
@@ -282,8 +283,8 @@ class Failures(unittest.TestCase):
             done.set()
             found = mishandle.falsify(
                 Line(), "always(abs(place) <= 1.9)", SPACE, policy=server.url, search="random",
-                trials=1, budget=20, keep_going=True,
-                out=f"{folder}/run.sqlite", batch=1, resume=True, **OPTIONS,
+                trials=1, budget=20, plan={"falsify": {"keep_going": True}},
+                out=f"{folder}/run.sqlite", resume=True, **OPTIONS,
             )
             columns = mishandle.open_run(found.path).columns()
         self.assertEqual(set(columns["end"]), {"completed"})

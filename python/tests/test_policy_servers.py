@@ -219,7 +219,8 @@ class Chunks(unittest.TestCase):
             runs = []
             for made in (Line(), SyncVectorEnv([Line] * 4), AsyncVectorEnv([Line] * 4)):
                 found = mishandle.evaluate(
-                    made, NEAR, [START], policy=server.url, episodes=8, seed=3, batch=4, **OPTIONS
+                    made, NEAR, [START], policy=server.url, episodes=8, seed=3,
+                    plan={"evaluate": {"batch": 4}}, **OPTIONS
                 )
                 runs.append(mishandle.open_run(found.path).columns()["robustness"])
                 made.close()

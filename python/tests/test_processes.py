@@ -71,7 +71,7 @@ class Processes(FolderCase):
             Process(7)
         with self.assertRaises(InvalidValueError):
             Process(" ")
-        with self.assertRaisesRegex(InvalidTypeError, "space of a Process"):
+        with self.assertRaisesRegex(InvalidTypeError, "space of Process"):
             mishandle.simulate(self.child, space=[Axis("a", 0, 1)], at={"a": 0.5})
         with self.assertRaisesRegex(InvalidTypeError, "policy of a Process"):
             mishandle.simulate(self.child, policy=lambda observation: [0.0], at={"a": 0.5})

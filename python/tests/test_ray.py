@@ -11,7 +11,7 @@ import time
 import unittest
 from typing import Any
 
-from cases import FolderCase
+from cases import FolderCase, batch
 import gymnasium
 import mishandle
 import ray
@@ -106,14 +106,19 @@ class RayTest(FolderCase):
         def braking(scenario: dict[str, Any]) -> dict[str, list[float]]:
             return {"gap": [10.0, 10.0 - scenario["speed"]]}
 
-        found = self.both(braking, FORMULA, SPACE, search="random", trials=4, budget=20, batch=8)
+        found = self.both(
+            braking, FORMULA, SPACE, search="random", trials=4, budget=20,
+            plan=batch(8)
+        )
         self.assertGreater(found.falsified_trials, 0)
 
     def test_a_function_without_source_runs_on_workers(self) -> None:
         # As the cell of a notebook, whose source only the sender has.
         names: dict[str, Any] = {"__name__": "__main__"}
         exec("def cell(scenario):\n    return {'gap': [10.0, 10.0 - scenario['speed']]}", names)
-        self.both(names["cell"], FORMULA, SPACE, search="random", trials=1, budget=8, batch=8)
+        self.both(
+            names["cell"], FORMULA, SPACE, search="random", trials=1, budget=8, plan=batch(8)
+        )
 
     def test_an_environment_is_made_again_on_each_worker(self) -> None:
         self.both(
@@ -123,7 +128,8 @@ class RayTest(FolderCase):
                 Axis("length", 0.2, 1.5, nominal=0.5, apply=Attribute("length"))
             ],
             policy=lambda observation: int(observation[2] + 0.3 * observation[3] > 0),
-            signals={"angle": "obs[2]"}, steps=50, search="random", trials=2, budget=10, batch=4
+            signals={"angle": "obs[2]"}, steps=50, search="random", trials=2, budget=10,
+            plan=batch(4)
         )
 
     def test_a_task_has_the_rows_of_one_machine(self) -> None:
@@ -179,7 +185,7 @@ class RayTest(FolderCase):
             return {"gap": [10.0, 10.0 - scenario["speed"]]}
 
         found = mishandle.falsify(
-            fragile, "always(gap >= 0)", SPACE, search="random", trials=1, budget=8, batch=8,
+            fragile, "always(gap >= 0)", SPACE, search="random", trials=1, budget=8, plan=batch(8),
             seed=1, out=self.folder / "run", executor="ray"
         )
         speeds = mishandle.open_run(found.path).columns()
@@ -330,10 +336,11 @@ class RayTest(FolderCase):
             "rounds": 1
         }
         options |= {
-            "steps": 256, "settings": self.folder / "settings.toml", "searches": ["random"],
-            "budget": 8, "validation": 4
+            "steps": 256, "settings": self.folder / "settings.toml", "budget": 8, "episodes": 4,
+            "plan": {
+                "harden": {"searches": ["random"], "validation": 4, "risk": 100, "margin": 10}
+            }
         }
-        options |= {"episodes": 4, "risk": 100, "margin": 10}
         local = mishandle.harden("point-reaching", out=self.folder / "6.safetensors", **options)
         resumed = mishandle.harden(
             "point-reaching", out=self.folder / "ray" / "6.safetensors", resume=True, **options

@@ -29,18 +29,21 @@ SPACE = [
 
 
 class MetamorphicTests(FolderCase):
-    def ask(self, system: Any, space: list[Axis], **asked: Any) -> mishandle.ask.Metamorphic:
+    def ask(
+        self, system: Any, space: list[Axis], relations: Any, **asked: Any
+    ) -> mishandle.ask.Metamorphic:
         out = self.folder / f"{len(list(self.folder.iterdir()))}.sqlite"
-        return mishandle.metamorphic(system, "always(gap >= 2)", space, out=out, **asked)
+        plan = {"metamorphic": {"relations": relations, **asked}}
+        return mishandle.metamorphic(system, "always(gap >= 2)", space, out=out, plan=plan)
 
     def test_broken_pairs_are_those_of_a_hand_calculation(self) -> None:
         found = self.ask(
             gap, SPACE,
-            relations={
+            {
                 "shift": {
                     "change": {"own": "+1", "front": "+1"}, "holds": "robustness-within:1e-9"
                 },
-                "slippery": {"change": {"friction": 0.3}, "holds": "same-verdict"}
+                "slippery": {"change": {"friction": "=0.3"}, "holds": "same-verdict"}
             },
             pairs=200
         )
@@ -67,10 +70,14 @@ class MetamorphicTests(FolderCase):
 
     def test_both_cases_of_a_pair_have_the_same_noise(self) -> None:
         space = [Axis("own", 0, 20)]
-        same = self.ask(noisy, space, change={"own": "*1"}, holds="robustness-within:0")
+        same = self.ask(
+            noisy, space, {"same": {"change": {"own": "*1"}, "holds": "robustness-within:0"}}
+        )
         self.assertTrue(same.is_random)
         self.assertFalse(same.is_broken)
-        more = self.ask(noisy, space, change={"own": "+1"}, holds="not-worse:0")
+        more = self.ask(
+            noisy, space, {"more": {"change": {"own": "+1"}, "holds": "not-worse:0"}}
+        )
         self.assertFalse(more.is_broken)
 
     def test_mistakes_are_errors_before_the_system_is_simulated(self) -> None:
@@ -78,18 +85,16 @@ class MetamorphicTests(FolderCase):
             raise AssertionError("simulated")
 
         mistakes: list[tuple[dict[str, Any], str]] = [
-            ({}, "either change"),
-            ({"change": {"own": "+1"}, "relations": {}}, "either change"),
-            ({"change": {"onw": "+1"}}, "no axis `onw`"),
-            ({"change": {"own": "+100"}}, "no follow-up case in 100 pairs"),
-            ({"change": {"own": "+1"}, "holds": "better"}, "not-better"),
-            ({"change": {"own": float("nan")}}, "numeric"),
-            ({"relations": {}}, "no relation"),
-            ({"relations": {"a": {"changes": {}}}}, 'the key "change"'),
+            ({}, "relation"),
+            ({"a": {"change": {"onw": "+1"}}}, "no axis `onw`"),
+            ({"a": {"change": {"own": "+100"}}}, "no follow-up case in 100 pairs"),
+            ({"a": {"change": {"own": "+1"}, "holds": "better"}}, "not-better"),
+            ({"a": {"change": {"own": 1}}}, "it must be a text in quotes: an offset"),
+            ({"a": {"changes": "+1"}}, "no key `metamorphic.relations.a.changes`"),
         ]
-        for asked, part in mistakes:
-            with self.subTest(asked), self.assertRaisesRegex(Exception, part):
-                self.ask(never, SPACE, **asked)
+        for relations, part in mistakes:
+            with self.subTest(relations), self.assertRaisesRegex(Exception, part):
+                self.ask(never, SPACE, relations)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any
 
 import mishandle
 from mishandle import Axis
-from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.errors import InvalidValueError
 from test_margins import Push
 
 SPEED = [Axis("speed", 0, 10, "m/s")]
@@ -20,6 +20,10 @@ SPEED = [Axis("speed", 0, 10, "m/s")]
 
 def gap(scenario: dict[str, Any]) -> dict[str, list[float]]:
     return {"gap": [10.0, 10.0 - scenario["speed"]]}
+
+
+def distributed(**distributions: Any) -> dict[str, Any]:
+    return {"risk": {"distributions": distributions}}
 
 
 class Risks(unittest.TestCase):
@@ -39,8 +43,8 @@ class Risks(unittest.TestCase):
     def test_a_rare_closed_form_needs_importance_sampling(self) -> None:
         # Triangular with the mode 0: P(speed > x) = (1 - x / 10)^2, which is 1e-4 at 9.9 m/s.
         found = mishandle.risk(
-            gap, "always(gap >= 0.1)", SPEED, distribution={"speed": "triangular:0"},
-            simulations=8000, seed=2
+            gap, "always(gap >= 0.1)", SPEED, simulations=8000, seed=2,
+            plan=distributed(speed="triangular:0")
         )
         assert found.probability is not None and found.importance is not None
         self.assertTrue(found.probability.low < 1e-4 < found.probability.high, found.probability)
@@ -63,7 +67,8 @@ class Risks(unittest.TestCase):
             return {"y": [random.Random(seed).random() - 0.1] * 2}
 
         found = mishandle.risk(
-            system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000, method="monte-carlo"
+            system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000,
+            plan={"risk": {"method": "monte-carlo"}}
         )
         self.assertTrue(found.bounds[0] < 0.1 < found.bounds[1], found.bounds)
         # The failure is the simulation of its seed.
@@ -96,7 +101,8 @@ class Risks(unittest.TestCase):
         done: list[tuple[int, int]] = []
         report = lambda *numbers: done.append(numbers)
         of = lambda batch: mishandle.risk(
-            gap, "always(gap >= 0.05)", SPEED, simulations=500, batch=batch, progress=report
+            gap, "always(gap >= 0.05)", SPEED, simulations=500, progress=report,
+            plan={"risk": {"batch": batch}}
         )
         self.assertEqual(
             dataclasses.replace(of(64), run=None), dataclasses.replace(of(7), run=None)
@@ -111,22 +117,21 @@ class Risks(unittest.TestCase):
             return {"gap": [1.0] * 2}
 
         for options, text in [
-            ({"distribution": {"mass": "uniform"}}, "no axis `mass`"),
-            ({"distribution": {"speed": "gamma:1"}}, "`gamma:1` is unknown"),
-            ({"distribution": {"speed": "normal:nan:1"}}, "speed|nan"),
-            ({"distribution": {"speed": "normal:900:1"}}, "almost no probability from 0 to 10"),
+            ({"plan": distributed(mass="uniform")}, "no axis `mass`"),
+            ({"plan": distributed(speed="gamma:1")}, "`gamma:1` is unknown"),
+            ({"plan": distributed(speed="normal:nan:1")}, "speed|nan"),
+            ({"plan": distributed(speed="normal:900:1")}, "almost no probability from 0 to 10"),
+            ({"plan": distributed(speed=3)}, r'\["speed"\] is 3; it must be a table of dist'),
+            ({"plan": {"risk": {"distributions": "normal:5:1"}}}, "it must be a table"),
             ({"simulations": 99}, "from 100 to 1000000000"),
-            ({"simulations": 0}, "simulations is 0"),
-            ({"method": "exact"}, "no method `exact`"),
-            ({"batch": 100_000}, "the batch size is 100000"),
+            ({"simulations": 0}, "from 100 to 1000000000"),
+            ({"plan": {"risk": {"method": "exact"}}}, "no method `exact`"),
+            ({"plan": {"risk": {"batch": 100_000}}}, "the batch size is 100000"),
         ]:
             with self.subTest(text), self.assertRaisesRegex(InvalidValueError, text):
                 mishandle.risk(
                     system, "always(gap >= 0)", SPEED, **options  # type: ignore[arg-type]
                 )
-        with self.assertRaisesRegex(InvalidTypeError, "expected a dictionary"):
-            wrong: Any = "normal:5:1"
-            mishandle.risk(system, "always(gap >= 0)", SPEED, distribution=wrong)
         self.assertEqual(calls, [])
 
     def test_a_system_without_a_verdict_was_not_tested(self) -> None:
@@ -149,8 +154,8 @@ class Risks(unittest.TestCase):
             "the mean of the distribution normal:12:3 of speed is outside of its bounds, 0 to 10"
         ):
             mishandle.risk(
-                gap, "always(gap >= 2)", SPEED, distribution={"speed": "normal:12:3"},
-                simulations=100
+                gap, "always(gap >= 2)", SPEED, simulations=100,
+                plan=distributed(speed="normal:12:3")
             )
 
     def test_an_exception_of_the_progress_ends_the_estimation(self) -> None:

@@ -188,7 +188,7 @@ class TestRobots(FolderCase):
             InvalidStateError, "returned 2 numbers for 1 observation; cartpole takes 1"
         ):
             mishandle.evaluate(self.file, policy=lambda state: [0.0, 0.0], episodes=2)
-        with self.assertRaisesRegex(InvalidTypeError, "`steps` has no effect on a robot in a file"):
+        with self.assertRaisesRegex(InvalidTypeError, "`steps` has no effect on a target"):
             mishandle.evaluate(self.file, policy=balance, steps=3, episodes=2)
 
         def interrupted(state: Any) -> Any:

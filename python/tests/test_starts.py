@@ -75,7 +75,7 @@ class Starts(unittest.TestCase):
             found = mishandle.evaluate(
                 environment, "always(height >= 3)", SPACE, **OPTIONS, settle=1,
                 invalid=lambda observation, info: observation[0] < 4,
-                episodes=60, batch=2, seed=3, out=None,
+                episodes=60, plan={"evaluate": {"batch": 2}}, seed=3, out=None,
             )
             # All valid starts are at least 4 high, so each episode succeeds until it ends above 7.
             rows = mishandle.open_run(found.path).columns()

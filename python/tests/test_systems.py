@@ -438,7 +438,7 @@ class Environments(Folder):
         formula, kinds = "always(abs(angle) <= 0.19)", dict(
             policy=balance, signals=SIGNALS, steps=60
         )
-        options = dict(search="random", trials=2, budget=20, batch=4)
+        options = dict(search="random", trials=2, budget=20, plan={"falsify": {"batch": 4}})
         single = gymnasium.make("CartPole-v1")
         vector = gymnasium.make_vec("CartPole-v1", num_envs=3, vectorization_mode="sync")
         runs = []

@@ -62,7 +62,9 @@ class Vectors(unittest.TestCase):
         return env
 
     def test_processes_give_the_rows_of_a_single_environment(self):
-        options = dict(search="random", trials=2, budget=12, batch=5, termination="hold")
+        options = dict(
+            search="random", trials=2, budget=12, plan={"falsify": {"batch": 5}}, termination="hold"
+        )
         runs = []
         for number, env in enumerate(
             [small_cart()] + [SyncVectorEnv([small_cart] * 3)] + [
@@ -104,7 +106,9 @@ class Vectors(unittest.TestCase):
             mishandle.TaskEnv("point-reaching"), mishandle.TaskVectorEnv("point-reaching", 4)
         ]):
             path = self.path / f"{number}.sqlite"
-            options = dict(search="random", trials=1, budget=6, batch=6, out=path)
+            options = dict(
+                search="random", trials=1, budget=6, plan={"falsify": {"batch": 6}}, out=path
+            )
             mishandle.falsify(env, "always(distance >= 0.2)", space, **options, **kinds)
             runs.append(mishandle.open_run(path).columns())
         self.assertEqual(*runs)

@@ -37,7 +37,8 @@ class Versions(unittest.TestCase):
     def test_equal_versions_are_equivalent_and_their_number_is_that_of_both_files(self):
         runs = (self.path("a.sqlite"), self.path("b.sqlite"))
         found = compare_versions(
-            car(1.0), FORMULA, SPACE, baseline=car(1.0), margin=0.1, name="car", out=runs
+            car(1.0), FORMULA, SPACE, baseline=car(1.0), name="car", out=runs,
+            plan={"compare": {"margin": 0.1}}
         )
         self.assertEqual(found.sequential.decision, "equivalent")
         self.assertEqual((found.success.first_only, found.success.second_only), (0, 0))
@@ -46,12 +47,13 @@ class Versions(unittest.TestCase):
     def test_a_mean_robustness_needs_bounds(self):
         with self.assertRaisesRegex(MishandleError, "robustness-bounds"):
             compare_versions(
-                car(1.0), FORMULA, SPACE, baseline=car(0.9), measure="robustness", name="car",
-                out=(self.path("a"), self.path("b"))
+                car(1.0), FORMULA, SPACE, baseline=car(0.9), name="car",
+                plan={"compare": {"measure": "robustness"}}, out=(self.path("a"), self.path("b"))
             )
 
     def test_a_larger_difference_takes_fewer_pairs(self):
-        small, large = (sample_size(0.8, against=other, replications=20) for other in (0.85, 0.95))
+        plan = {"size": {"replications": 20}}
+        small, large = (sample_size(0.8, against=other, plan=plan) for other in (0.85, 0.95))
         self.assertLess(large.fixed, small.fixed)
         self.assertLess(large.mean, small.mean)
 

@@ -8,7 +8,7 @@ use toml::{Spanned, Table, Value};
 use super::keys::{
     AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, RESOLUTION, TOPICS, find, keys,
 };
-use super::read::may_be_list;
+use super::read::{CHANGE, HOLDS, may_be_list};
 use super::search_options::{TomlValue, search_option_value};
 use super::{AxisSetting, FalsifyPlan, Plan};
 use crate::error::MishandleError;
@@ -75,10 +75,64 @@ pub fn set_value(table: &mut Table, key: &str, value: Value) -> Result<(), Misha
     };
     let place = place(&key)?;
     let text = value.to_string();
-    if place.entry().is_none() && !reads(place.key, &text) {
-        return Err(place.wrong(&text));
+    let is_right = match place.entry() {
+        None => reads(place.key, &text),
+        Some((AXES, _)) => AxisSetting::deserialize(value.clone()).is_ok(),
+        Some((OPTIONS, _)) => TomlValue::deserialize(value.clone()).is_ok(),
+        Some(_) => value.is_str(),
+    };
+    if is_right { place.write(table, value) } else { Err(place.wrong(&text)) }
+}
+
+/// As [`set_value`] for each key of nested tables, such as `{falsify: {early_stopping: true}}`.
+/// Returns the names of the keys.
+///
+/// # Errors
+/// As [`set_value`].
+///
+/// # Example
+/// ```
+/// use mishandle::plan::set_tables;
+/// let mut plan = toml::Table::new();
+/// let given = toml::toml! { seed = 3
+/// falsify = { early_stopping = true } };
+/// assert_eq!(set_tables(&mut plan, given)?, ["falsify.early-stopping", "seed"]);
+/// assert!(set_tables(&mut plan, toml::toml! { falsify = 3 }).is_err());
+/// # Ok::<(), mishandle::MishandleError>(())
+/// ```
+pub fn set_tables(table: &mut Table, given: Table) -> Result<Vec<String>, MishandleError> {
+    let mut stated = Vec::new();
+    set_within(table, "", given, &mut stated)?;
+    Ok(stated)
+}
+
+fn set_within(
+    table: &mut Table,
+    within: &str,
+    given: Table,
+    stated: &mut Vec<String>,
+) -> Result<(), MishandleError> {
+    for (name, value) in given {
+        let is_entry = MAPS.iter().any(|map| within == format!("{map}."));
+        let key = format!("{within}{}", if is_entry { name } else { name.replace('_', "-") });
+        let as_table = format!("{key}.");
+        let is_table =
+            MAPS.contains(&key.as_str()) || keys().iter().any(|known| known.name.starts_with(&as_table));
+        match value {
+            Value::Table(inner) if is_table || as_table.starts_with(&format!("{RELATIONS}.")) => {
+                set_within(table, &as_table, inner, stated)?;
+            }
+            value if is_table => {
+                let found = super::read::shortened(&value.to_string());
+                return Err(MishandleError::KeyValue { key, found, expected: "a table of keys".to_string() });
+            }
+            value => {
+                set_value(table, &key, value)?;
+                stated.push(key);
+            }
+        }
     }
-    place.write(table, value)
+    Ok(())
 }
 
 /// A key, and where it stands in the table of a plan.
@@ -102,6 +156,8 @@ impl<'a> Place<'a> {
             Some((AXES, _)) => "a number, a range such as 0.2:0.3, an interval such as [0, 1), or a category",
             Some((OPTIONS, _)) => super::read::OPTION,
             Some((RESOLUTION, _)) => "a number, such as 0.1",
+            Some((RELATIONS, entry)) if entry.ends_with(".holds") => HOLDS,
+            Some((RELATIONS, _)) => CHANGE,
             _ => self.key.allowed,
         };
         let found = super::read::shortened(found);

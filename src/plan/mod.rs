@@ -31,7 +31,7 @@ use crate::error::MishandleError;
 use declare::plan_table;
 
 pub use check::CheckSettings;
-pub use edit::{Values, assignments, axis_setting, set, set_value};
+pub use edit::{Values, assignments, axis_setting, set, set_tables, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::{GuardPlan, TuneSettings};
 pub use harden::HardenPlan;

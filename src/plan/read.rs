@@ -39,11 +39,11 @@ const IN_RELATION: &str = "in the table of a relation with a name, as [metamorph
 const CHANGES: &str = "a table of changes by axis, such as { ball_x = \"+0.02\" }";
 
 /// Allowed values of the change of an axis.
-const CHANGE: &str = "a text in quotes: an offset such as \"+0.02\" or \"-0.02\", a factor such as \"*0.8\" or \"-20%\", \
+pub(super) const CHANGE: &str = "a text in quotes: an offset such as \"+0.02\" or \"-0.02\", a factor such as \"*0.8\" or \"-20%\", \
                       a value such as \"=0.3\", or a category";
 
 /// Allowed values of what must hold.
-const HOLDS: &str = "a text in quotes, such as \"same-verdict\" or \"not-worse:0.05\"";
+pub(super) const HOLDS: &str = "a text in quotes, such as \"same-verdict\" or \"not-worse:0.05\"";
 
 /// Allowed settings of an axis.
 const AXIS: &str =

@@ -20,6 +20,7 @@ use mishandle::tasks::Task;
 use mishandle::world::{CHILD_WORD, run_child, set_child_program};
 
 pub use commands::junit;
+pub use flags::reads_key;
 pub use run::check_reports::write as write_check_reports;
 pub use show::bisection::{command as bisection_command, text as bisection_text};
 pub use show::check::text as check_text;

@@ -9,15 +9,15 @@ from collections.abc import Callable
 
 import mishandle._native as _native
 import mishandle.results as results
-from mishandle.base.files import PathLike, write_text
+from mishandle.base.files import PathLike
 from mishandle.errors import InvalidTypeError
-from mishandle.runs.documents import read
+from mishandle.runs.documents import Reported, read
 
 BisectProgress = Callable[[str, int, int], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Bisection(results.Bisection):
+class Bisection(Reported, results.Bisection):
     """The first failing one of ordered controllers. ``str`` gives the text of the command."""
 
     shown: str
@@ -26,23 +26,9 @@ class Bisection(results.Bisection):
     def __str__(self) -> str:
         return self.shown
 
-    def report(
-        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
-    ) -> None:
-        """Writes a page about the bisection: one HTML file that loads nothing, for a browser or to
-        send.
-
-        Parameters
-        ----------
-        path : path
-            File to write; an existing file is replaced.
-        simulate, probes, sensitivity
-            As for the report of a run.
-        """
+    def _page(self, probes: int | None, sensitivity: int) -> str:
         document = json.dumps(dataclasses.asdict(self))
-        write_text(
-            path, _native.bisection_report(document, probes if simulate else None, sensitivity)
-        )
+        return _native.bisection_report(document, probes, sensitivity)
 
 
 def bisect(

@@ -10,6 +10,7 @@ from typing_extensions import Unpack
 
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
 from mishandle.base.interruption import Progress
 from mishandle.runs.documents import read
@@ -45,7 +46,7 @@ def check(
     batch: int = 1,
     fail_on: str = "error",
     allow_inapplicable: bool = False,
-    seed: int = 0,
+    seed: int | None = None,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
 ) -> Check:
@@ -92,7 +93,6 @@ def check(
     >>> (found.cells[0].verdict, found.exit_code)
     ('violated', 1)
     """
-    check_number("seed", seed, 0)
     for name, value in [
         ("episodes", episodes), ("trials", trials), ("budget", budget), ("batch", batch)
     ]:
@@ -102,10 +102,10 @@ def check(
     stated = _native.requirement_formulas(path)
     # Systems with formulas of their own have a name or are files. The others need one.
     formula = None if isinstance(system, (str, os.PathLike)) else stated[0][1]
-    made = make_target(system, formula, space, target, lambda space: None)
+    made = make_target(system, formula, space, target, Call("check", target, {"seed": seed}))
     document, text, exit_code = _native.check(
         made.native, requirements=path, out=os.fspath(out), episodes=episodes, trials=trials,
         budget=budget, search=search, batch=batch, fail_on=fail_on,
-        allow_inapplicable=allow_inapplicable, seed=seed, progress=progress
+        allow_inapplicable=allow_inapplicable, progress=progress
     )
     return read(Check, document, shown=text, exit_code=exit_code)

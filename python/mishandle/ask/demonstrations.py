@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+
+from typing_extensions import Unpack
 
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
+from mishandle.base.interruption import Progress
 from mishandle.errors import InvalidTypeError
-from mishandle.policies.guards import Guard, guard_text
 from mishandle.runs.documents import read
-from mishandle.runs.targets import TargetOptions, axis_settings, requirements as named_requirements
-from mishandle.scenarios.arguments import (
-    check_number, check_settings, checked_cameras, checked_size, is_real
-)
-
-RecordProgress = Callable[[int, int], None]
+from mishandle.runs.targets import ControllerOptions, controller_text
+from mishandle.scenarios.arguments import checked_cameras, checked_size, is_real
 
 
 def record(
     system: PathLike,
     *,
-    policy: PathLike | None = None,
     out: PathLike,
-    episodes: int = 100,
+    space: str | None = None,
+    episodes: int | None = None,
     format: str = "lerobot",
     relabel: PathLike | None = None,
     cameras: Sequence[str] = (),
@@ -32,16 +31,9 @@ def record(
     successful: bool = False,
     archive: PathLike | None = None,
     archive_share: float = 0.5,
-    space: str = "starts",
-    axes: Mapping[str, float | tuple[float, float] | str] | None = None,
-    preset: str = "paper",
-    requirements: Mapping[str, str] | None = None,
-    stochastic: bool = False,
-    action_noise: float = 0.0,
-    observation_noise: float = 0.0,
-    guard: Guard | PathLike | None = None,
-    seed: int = 0,
-    progress: RecordProgress | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    **target: Unpack[ControllerOptions],
 ) -> results.Demonstrations:
     """Records what a controller sees and does as a data set to train a policy on.
 
@@ -53,13 +45,12 @@ def record(
     ----------
     system : str or path
         Name of a task, or path of a target file.
-    policy : str or path, optional
-        Controller that acts: ``"expert"`` or another shipped one, or a file. By default the policy
-        of the target file.
     out : path
         Folder of the data set; it must not exist. It appears when it is complete.
+    space, seed, progress, **target
+        See :func:`falsify`. The ``policy`` is a controller, such as ``"expert"``.
     episodes : int
-        Number of simulations.
+        Number of simulations (100).
     format : str
         ``"lerobot"`` (LeRobot data set, version 3.0) or ``"npz"`` (NumPy arrays in ``data.npz``).
     relabel : str or path, optional
@@ -77,18 +68,6 @@ def record(
         counterexamples, or a table (``.csv``).
     archive_share : float
         Share of the simulations with a scenario of the archive.
-    space, axes, preset, requirements, stochastic, action_noise, observation_noise, guard
-        As for a task in :func:`falsify`.
-    seed : int
-        Random seed.
-    progress : callable, optional
-        Gets the number of finished simulations and that of all after each batch. Its exceptions,
-        and Ctrl-C, end the recording, and nothing is written.
-
-    Raises
-    ------
-    MishandleError
-        If a name or a number is invalid, or ``out`` exists.
 
     Examples
     --------
@@ -106,26 +85,17 @@ def record(
             f"a {type(system).__name__} is neither the name of a task nor the path of a target "
             "file, and only their controllers are recorded"
         )
-    given = {} if axes is None else axes
-    options: TargetOptions = {
-        "axes": given, "requirements": {} if requirements is None else requirements
-    }
-    check_settings(given)
-    check_number("episodes", episodes, 1)
-    check_number("seed", seed, 0)
-    cameras = checked_cameras(cameras)
     sides = checked_size("size", size)
     if not is_real(archive_share):
         raise InvalidTypeError(
             f"archive_share is {archive_share!r}; it must be a number from 0 to 1"
         )
+    call = Call("record", target, {"seed": seed, "evaluate": {"episodes": episodes}})
     text = _native.record(
-        os.fspath(system), "" if policy is None else os.fspath(policy), preset=preset, space=space,
-        axes=axis_settings(options), noise=(stochastic, action_noise, observation_noise),
-        guard=guard_text(guard), requirements=named_requirements(options), seed=int(seed),
-        episodes=int(episodes), format=format,
-        relabel=None if relabel is None else os.fspath(relabel), cameras=cameras, size=list(sides),
-        only_successful=successful, archive=None if archive is None else os.fspath(archive),
+        controller_text(system, space, target, call), format=format,
+        relabel=None if relabel is None else os.fspath(relabel), cameras=checked_cameras(cameras),
+        size=list(sides), only_successful=successful,
+        archive=None if archive is None else os.fspath(archive),
         archive_share=float(archive_share), out=os.fspath(out), progress=progress
     )
     return read(results.Demonstrations, text)

@@ -27,7 +27,7 @@ from mishandle.results import RegressionTest, Trial
 from mishandle.runs.documents import write_counterexample
 from mishandle.runs.run_files import open_run
 from mishandle.runs.targets import (
-    DEFAULT_SPACES, NATIVE_OPTIONS, Formulas, Space, TargetOptions, file_hashes, make_target
+    Formulas, Space, TargetOptions, file_hashes, make_target
 )
 from mishandle.scenarios.arguments import check_number, named_formulas
 
@@ -197,25 +197,10 @@ class Test:
             and isinstance(policy, (str, os.PathLike, type(None)))
         )
 
-    @property
-    def space(self) -> Space:
-        """The space of the requirement. That of a task has its name, so that the Rust core
-        simulates it."""
-        required = self.requirement
-        options = {"policy", "preset", "axes", "requirements", *NATIVE_OPTIONS}
-        is_task = (
-            isinstance(self.system, str) and not self.system.startswith(tuple(DEFAULT_SPACES))
-            and ".toml" not in self.system
-        )
-        can_name = (
-            is_task and self._is_native and set(required.options) <= options
-            and not isinstance(required.formula, Mapping)
-        )
-        return "starts" if required.space is None and can_name else required.space
-
     def _arguments(self) -> dict[str, Any]:
         return {
-            "formula": self.requirement.formula, "space": self.space, **self.requirement.options
+            "formula": self.requirement.formula, "space": self.requirement.space,
+            **self.requirement.options
         }
 
     def _key(self) -> str | None:
@@ -228,9 +213,9 @@ class Test:
         parts: list[Any] = [
             _native.__version__, required.search, required.trials, self.budget, self.seed, files
         ]
-        space = self.space
+        space = required.space
         parts.append(
-            [axis.to_native() for axis in space]
+            [axis.to_document() for axis in space]
             if isinstance(space, Sequence) and not isinstance(space, str) else space
         )
         if required.formula is not None:
@@ -238,9 +223,7 @@ class Test:
                 sorted((name, str(text)) for name, text in named_formulas(required.formula).items())
             )
         if self._is_native:
-            target = make_target(
-                system, required.formula, space, required.options, lambda space: None
-            )
+            target = make_target(system, required.formula, space, required.options)
             parts.append(target.native.hashes)
         else:
             roots = {"system": system, "policy": policy, "options": options}
@@ -316,9 +299,14 @@ class Test:
         part = self.folder / f"run-{os.getpid()}.sqlite"
         part.unlink(missing_ok=True)
         try:
+            arguments = self._arguments()
+            arguments["plan"] = {
+                "falsify": {"isolate": False}, "report": {"repeats": 0},
+                **(arguments.get("plan") or {})
+            }
             found = falsify(
                 self.system, search=required.search, trials=required.trials, budget=self.budget,
-                seed=self.seed, repeats=0, isolate=False, out=part, **self._arguments()
+                seed=self.seed, out=part, **arguments
             )
             os.replace(part, run)
         finally:

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from typing_extensions import Unpack
 
-import mishandle._native as _native
 import mishandle.results as results
-from mishandle.ask.margins import untested
+from mishandle.ask.margins import check_tested
+from mishandle.base.documents import Call
 from mishandle.base.files import PathLike
-from mishandle.base.interruption import after_the_batch, deliver
-from mishandle.errors import InvalidTypeError, InvalidValueError
-from mishandle.runs.documents import RunFile, RunOptions, RunResult, answer, write_counterexample
+from mishandle.errors import InvalidValueError
+from mishandle.runs.documents import RunFile, RunOptions, RunResult, write_counterexample
 from mishandle.runs.targets import Formulas, Space, make_target
-from mishandle.scenarios.arguments import check_number
-from mishandle.scenarios.axes import Axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,45 +45,21 @@ def risk(
     formula: Formulas = None,
     space: Space = None,
     *,
-    distribution: Mapping[str, str] | None = None,
-    simulations: int = 50_000,
-    method: str = "auto",
-    batch: int = 64,
-    seed: int = 0,
+    simulations: int | None = None,
+    seed: int | None = None,
     **settings: Unpack[RunOptions],
 ) -> Risk:
     """Estimates the probability that a simulation of a system violates a formula.
 
-    ``docs/guide/risk.md`` explains the parts of the estimation and what their intervals assume.
+    ``docs/guide/risk.md`` explains the parts of the estimation, what their intervals assume, and
+    the distributions of axes. The other arguments are those of :func:`falsify`.
 
     Parameters
     ----------
-    system, formula, space, **settings
-        See :func:`falsify`.
-    distribution : dict of str, optional
-        Distributions by axis, in the unit of the axis and truncated to its bounds: ``"uniform"``,
-        ``"log-uniform"``, ``"normal:MEAN:STD"``, ``"triangular:MODE"``, and ``"weights:W0:W1:..."``
-        for whole numbers and categories. The other axes are uniform, in the logarithm if they are
-        logarithmic; noise draws of a task are standard normal.
     simulations : int
-        Number of simulations, at least 100.
-    method : str
-        Parts of the estimation besides Monte Carlo: ``"auto"`` (all), ``"monte-carlo"`` (none),
-        ``"importance"`` or ``"splitting"``.
-    batch : int
-        Number of simulations at once. The result does not depend on it.
+        Number of simulations (50,000), at least 100.
     seed : int
         Random seed, of which scenarios and seeds of simulations are derived.
-
-    Returns
-    -------
-    Risk
-
-    Raises
-    ------
-    MishandleError
-        If a name, a number, a distribution or a formula is invalid, nothing is random, or no
-        simulation has a verdict.
 
     Examples
     --------
@@ -95,12 +67,13 @@ def risk(
     probability 0.00135:
 
     >>> import tempfile
+    >>> from mishandle import Axis
     >>> run = tempfile.mkdtemp() + "/run.sqlite"
     >>> system = lambda scenario: {"gap": [10.0, 10.0 - scenario["speed"]]}
     >>> space = [Axis("speed", 0, 10, "m/s")]
     >>> found = risk(
-    ...     system, "always(gap >= 2)", space, distribution={"speed": "normal:5:1"},
-    ...     simulations=4000, out=run
+    ...     system, "always(gap >= 2)", space, simulations=4000, out=run,
+    ...     plan={"risk": {"distributions": {"speed": "normal:5:1"}}}
     ... )
     >>> found.probability.low < 0.00135 < found.probability.high
     True
@@ -108,32 +81,9 @@ def risk(
     True
     """
     run = RunFile(settings)
-    check_number("seed", seed, 0)
-    check_number("simulations", simulations, 1)
-    check_number("batch", batch, 1)
-    if isinstance(distribution, str) or not isinstance(distribution or {}, Mapping):
-        raise InvalidTypeError(
-            f'`distribution` is {distribution!r}; expected a dictionary, such as {{"speed": '
-            '"normal:5:1"}'
-        )
-    distributions = {str(axis): str(text) for axis, text in (distribution or {}).items()}
-
-    def check(space: Sequence[Axis]) -> None:
-        axes = [axis.to_native() for axis in space]
-        _native.check_risk(
-            axes, simulations=simulations, method=method, batch=batch, distributions=distributions
-        )
-
-    made = make_target(system, formula, space, run.target, check)
-    with after_the_batch(run.progress) as report:
-        text, interruption, notes = _native.risk(
-            made.native, formula=made.formula, simulations=simulations, method=method, batch=batch,
-            distributions=distributions, seed=seed, out=run.native, progress=report
-        )
-    result = answer(Risk, made, text, notes)
-    if (
-        interruption is None
-        and result.monte_carlo.without_verdict == result.monte_carlo.simulations
-    ):
-        raise untested(made.system.exceptions)
-    return deliver(result, interruption)
+    call = Call("risk", settings, {"risk": {"simulations": simulations}, "seed": seed})
+    made = make_target(system, formula, space, run.target, call)
+    result = run.ask(Risk, made)
+    plain = result.monte_carlo
+    check_tested(made, plain.without_verdict != plain.simulations)
+    return result

@@ -224,8 +224,8 @@ class Objective:
         **target: Unpack[TargetOptions]
     ) -> None:
         check_number("seed", seed, 0)
-        made = make_target(system, formula, space, target, lambda space: None)
-        self._native = _native.Objective(made.native, made.formula)
+        made = make_target(system, formula, space, target)
+        self._native = _native.Objective(made.native)
         self._seed = seed
         self.space: list[Axis] = list(made.space)
         self.levels = [

@@ -11,6 +11,7 @@ from typing_extensions import Unpack
 
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Call
 from mishandle.base.files import PathLike, write_text
 from mishandle.errors import InvalidValueError
 from mishandle.results import Regression
@@ -41,7 +42,7 @@ def simulate(
     *,
     at: Mapping[str, Value] | Sequence[float] | None = None,
     repeat: int = 1,
-    seed: int = 0,
+    seed: int | None = None,
     **target: Unpack[TargetOptions],
 ) -> list[Simulation]:
     """Simulates one scenario. Axes that ``at`` leaves out are nominal.
@@ -57,13 +58,13 @@ def simulate(
     >>> (found.robustness, found.trace["gap"].tolist())
     (-1.0, [10.0, 1.0])
     """
-    check_number("seed", seed, 0)
     check_number("repeat", repeat, 1)
-    found = make_target(system, formula, space, target, lambda space: scenario_numbers(space, at))
-    point = scenario_numbers(found.space, at, found.nominal)
-    simulations = _native.simulate(
-        found.native, formula=found.formula, values=point, repeat=repeat, seed=seed
+    found = make_target(
+        system, formula, space, target, Call("simulate", target, {"seed": seed}),
+        check=lambda space: scenario_numbers(space, at)
     )
+    point = scenario_numbers(found.space, at, found.nominal)
+    simulations = _native.simulate(found.native, values=point, repeat=repeat)
     return [found.simulation(simulation) for simulation in simulations]
 
 
@@ -75,7 +76,7 @@ def repeat(
     at: Mapping[str, Value] | Sequence[float] | None = None,
     repeats: int | None = None,
     scenarios: int | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     **target: Unpack[TargetOptions],
 ) -> results.Simulation:
     """Measures how often one scenario fails with seeds that are derived from ``seed``, and how much
@@ -108,17 +109,16 @@ def repeat(
     >>> found.repeats.failure_rate.low < 0.5 < found.repeats.failure_rate.high
     True
     """
-    check_number("seed", seed, 0)
     if repeats is not None:
         check_number("repeats", repeats, 1)
     if scenarios is not None:
         check_number("scenarios", scenarios, 0)
-    found = make_target(system, formula, space, target, lambda space: scenario_numbers(space, at))
-    point = scenario_numbers(found.space, at, found.nominal)
-    text = _native.repeat(
-        found.native, formula=found.formula, values=point, repeats=repeats, scenarios=scenarios,
-        seed=seed
+    found = make_target(
+        system, formula, space, target, Call("simulate", target, {"seed": seed}),
+        check=lambda space: scenario_numbers(space, at)
     )
+    point = scenario_numbers(found.space, at, found.nominal)
+    text = _native.repeat(found.native, values=point, repeats=repeats, scenarios=scenarios)
     return read(results.Simulation, text)
 
 
@@ -185,13 +185,13 @@ def regress(
     (1, 'fixed', 1)
     """
     check_number("repeats", repeats, 0)
-    made = make_target(system, formula, space, target, lambda space: None)
+    made = make_target(system, formula, space, target)
     other = None
     if baseline is not None:
         has_policy = target.get("policy") is not None
         options: TargetOptions = {**target, "policy": baseline} if has_policy else target
         other = make_target(
-            system if has_policy else baseline, formula, space, options, lambda space: None
+            system if has_policy else baseline, formula, space, options
         ).native
     text, xml = _native.regress(
         made.native, os.fspath(folder), baseline=other, repeats=repeats,
@@ -229,9 +229,8 @@ def replay(
         )
     # A counterexample file comes from a search.
     is_evaluation = not is_counterexample and Run(path).is_evaluation
-    found = make_target(
-        system, formula, space, target, lambda space: None, has_metrics=is_evaluation
-    )
+    call = Call("evaluate" if is_evaluation else "simulate", target)
+    found = make_target(system, formula, space, target, call)
     if is_counterexample:
         again = _native.replay_counterexample(found.native, os.fspath(path))
     else:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import importlib
 import os
 import sys
 import threading
@@ -19,23 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mishandle.errors import MissingPackageError
+from mishandle.gpu.extra import load
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-try:
-    # The packages have no types.
-    mujoco: Any = importlib.import_module("mujoco")
-    wp: Any = importlib.import_module("warp")
-    # Warp writes to stdout, also while mujoco_warp is imported.
-    wp.config.log_level = wp.LOG_ERROR
-    mjw: Any = importlib.import_module("mujoco_warp")
-    kernels: Any = importlib.import_module("mishandle.gpu.kernels")
-    probes: Any = importlib.import_module("mishandle.gpu.probe")
-    servo_rule: Any = importlib.import_module("mishandle.gpu.servos")
-except ImportError as error:
-    raise MissingPackageError(f"the device gpu needs an extra ({error})", "gpu") from error
+wp, mujoco, mjw, kernels, probes, servo_rule = load(
+    "mujoco", "mujoco_warp", "mishandle.gpu.kernels", "mishandle.gpu.probe", "mishandle.gpu.servos"
+)
 
 MUJOCO_VERSION = "3.17.0"
 """Version of MuJoCo, in C and Warp, that the tasks were made for."""

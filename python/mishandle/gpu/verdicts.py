@@ -38,6 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mishandle._native as _native
+from mishandle.base.documents import Call, document
+from mishandle.scenarios.axes import Axis
 
 FORMULAS = ("success", "strict")
 
@@ -122,36 +124,43 @@ HEADER = (
 )
 
 
-def draws(axes: list[_native.AxisTuple], sample: Sample) -> list[tuple[list[float], int]]:
+def axes_of(case: Case) -> list[Axis]:
+    """Returns the axes of the starts of a case."""
+    call = Call("simulate", {}).text(target=case.task, controller=case.controller, space="starts")
+    return [Axis.from_document(axis) for axis in json.loads(_native.target(call).axes)]
+
+
+def draws(axes: list[Axis], sample: Sample) -> list[tuple[list[float], int]]:
     """Returns scenario and seed of each simulation of ``mishandle risk`` on these axes."""
     drawn: list[tuple[list[float], int]] = []
-    names = [name for _, name, *_ in axes]
 
     def simulate(batch: list[_native.Request]) -> list[_native.Outcome]:
         drawn.extend(
-            ([float(scenario[name]) for name in names], seed) for scenario, seed, _ in batch
+            ([float(scenario[axis.name]) for axis in axes], seed) for scenario, seed, _ in batch
         )
         return [("completed", 0, 0, np.zeros((2, 1)), 1, 0.0, "")] * len(batch)
 
     # A system that only keeps what it shall simulate.
-    target = _native.Target(
-        name="draws", content="", axes=axes, signals=[("zero", "1")],
-        formulas=[("success", "zero >= 0")], control_dt=1.0, episode_steps=1, is_deterministic=True,
-        depends_on_seed=True, termination="undecided", components=[], not_covered=[], versions=[],
-        random_axes=[], simulate=simulate
-    )
-    _native.risk(
-        target, formula=None, simulations=sample.simulations, method="monte-carlo",
-        batch=sample.simulations, distributions={}, seed=sample.seed,
-        out=(None, False, False, False), progress=None
-    )
+    table = {
+        "simulations": sample.simulations, "method": "monte-carlo", "batch": sample.simulations
+    }
+    system = {
+        "name": "draws", "content": "", "axes": [axis.to_document() for axis in axes],
+        "signals": [("zero", "1")], "formulas": [("success", "zero >= 0")], "control_dt": 1.0,
+        "episode_steps": 1, "is_deterministic": True, "depends_on_seed": True,
+        "termination": "undecided", "components": [], "not_covered": [], "versions": [],
+        "random_axes": []
+    }
+    call = Call("risk", {"plan": {"risk": table}}, {"seed": sample.seed})
+    target = _native.Target(call.text(), document(system), simulate=simulate)
+    _native.ask(target, out=None, resume=False, progress=None)
     # Probes come before the question.
     return drawn[-sample.simulations :]
 
 
-def moved(scenario: list[float], axes: list[_native.AxisTuple], move: float = MOVE) -> list[float]:
+def moved(scenario: list[float], axes: list[Axis], move: float = MOVE) -> list[float]:
     """Returns a scenario whose numbers have moved towards the middle of their ranges."""
-    middles = [(low + high) / 2 for _, _, _, low, high, *_ in axes]
+    middles = [(axis.low + axis.high) / 2 for axis in axes]
     return [
         value + move if value < middle else value - move for value, middle in zip(scenario, middles)
     ]
@@ -199,9 +208,7 @@ def violations(
 
 def in_c(case: Case, sample: Sample) -> list[Row]:
     """Measures the columns of MuJoCo C."""
-    axes = _native.Target.of_task(
-        case.task, case.controller, "paper", "starts", {}, (False, 0.0, 0.0)
-    ).axes
+    axes = axes_of(case)
     scenarios, seeds = map(list, zip(*draws(axes, sample)))
     simulator = worker(case, sample.threads)
     plain = violations(simulator, scenarios, seeds)

@@ -6,16 +6,15 @@ import json
 import os
 import pathlib
 import warnings
-from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import mishandle._native as _native
 import mishandle.results as results
 from mishandle.base.files import PathLike, write_text
-from mishandle.base.interruption import Progress
+from mishandle.base.interruption import Progress, after_the_batch, deliver
 from mishandle.errors import MishandleError
-from mishandle.runs.run_files import open_run
 from mishandle.runs.targets import Target, TargetOptions
 from mishandle.scenarios.arguments import check_out
 
@@ -50,11 +49,6 @@ class RunOptions(TargetOptions, total=False):
     """Whether to continue the run in ``out``. Its recorded simulations are not repeated, except for
     the first one of a system that is deterministic: if it differs, the system is not that of the
     run."""
-    any_build: bool
-    """With ``resume``: whether this build of Mishandle, MuJoCo and the packages of the system may
-    continue a run that another one started. Both are then in the run file (:attr:`Run.builds`)."""
-    durable: bool
-    """Whether each batch is synced to the disk, so that a power failure loses none."""
     progress: Progress | None
     """Gets the numbers of finished and of all simulations after each batch. Its exceptions, and
     Ctrl-C, end the question after the running batch. The exception has the result so far as its
@@ -65,27 +59,58 @@ class RunFile:
     """Where a question writes its simulations, and the rest of its options."""
 
     def __init__(self, options: RunOptions) -> None:
-        out, resume = options.get("out"), options.get("resume", False)
-        any_build, durable = options.get("any_build", False), options.get("durable", False)
-        check_out(out, resume, any_build)
-        self.native = (None if out is None else os.fspath(out), resume, durable, any_build)
-        self.progress = options.get("progress")
+        self._out, self._resume = options.get("out"), options.get("resume", False)
+        check_out(self._out, self._resume)
+        self._progress = options.get("progress")
         own = RunOptions.__annotations__.keys() - TargetOptions.__annotations__.keys()
         rest = {name: value for name, value in options.items() if name not in own}
         self.target = cast(TargetOptions, rest)
 
+    def ask(self, kind: type[Answer], target: Target, *, waits: bool = True) -> Answer:
+        """Asks the question of a target. Returns the result, and warns the caller of the caller of
+        its notes. ``waits`` says whether Ctrl-C waits for the end of the running batch."""
+        out = None if self._out is None else os.fspath(self._out)
+        progress = nullcontext(self._progress)
+        with after_the_batch(self._progress) if waits else progress as report:
+            text, interruption, notes = _native.ask(
+                target.native, out=out, resume=self._resume, progress=report
+            )
+        for note in notes:
+            warnings.warn(note, stacklevel=3)
+        result = read(kind, text, **target.facts)
+        result.remember(target.native)
+        return deliver(result, interruption)
 
-def answer(kind: type[Answer], target: Target, text: str, notes: Sequence[str]) -> Answer:
-    """Returns the result of a question, and warns its caller of the notes."""
-    for note in notes:
-        warnings.warn(note, stacklevel=3)
-    result = read(kind, text, **target.facts)
-    result.remember(target.native)
-    return result
+
+class Reported:
+    """A result with a page."""
+
+    def report(
+        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
+    ) -> None:
+        """Writes a page: one HTML file that loads nothing, for a browser or to send.
+
+        Parameters
+        ----------
+        path : path
+            File to write; an existing file is replaced.
+        simulate : bool
+            Whether to measure what takes simulations: sizes of failing patches, repeats with other
+            seeds, noise, corners.
+        probes : int
+            Number of random scenarios that estimate the size of a failing patch.
+        sensitivity : int
+            Number of random scenarios that measure the total effect of each axis on the robustness
+            (Sobol index): each is simulated twice and once more for each axis. 0 skips them.
+        """
+        write_text(path, self._page(probes if simulate else None, sensitivity))
+
+    def _page(self, probes: int | None, sensitivity: int) -> str:
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunResult:
+class RunResult(Reported):
     """A result with a run file. It remembers its system, so that it can simulate more; a copy from
     pickle has forgotten it."""
 
@@ -116,28 +141,7 @@ class RunResult:
     def remembered(self) -> _native.Target | None:
         return self.__dict__.get("_target")
 
-    def report(
-        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
-    ) -> None:
-        """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
-
-        Parameters
-        ----------
-        path : path
-            File to write; an existing file is replaced.
-        simulate : bool
-            Whether to measure with the system of this result: sizes of failing patches, repeats
-            with other seeds, noise, corners.
-        probes : int
-            Number of random scenarios that estimate the size of a failing patch.
-        sensitivity : int
-            Number of random scenarios that measure the total effect of each axis on the robustness
-            (Sobol index). 0 skips them.
-        """
-        if self.remembered is None or not simulate:
-            open_run(self.path).report(
-                path, simulate=simulate, probes=probes, sensitivity=sensitivity
-            )
-            return
-        html = _native.report(self.remembered, os.fspath(self.path), probes, sensitivity)
-        write_text(path, html)
+    def _page(self, probes: int | None, sensitivity: int) -> str:
+        if self.remembered is None or probes is None:
+            return _native.Run(os.fspath(self.path)).report(probes, sensitivity)
+        return _native.report(self.remembered, os.fspath(self.path), probes, sensitivity)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 import mishandle._native as _native
+from mishandle.base.documents import Call
 from mishandle.base.files import write_text
 from mishandle.errors import MissingPackageError
 from mishandle.results import Counterexamples, FailureMode, build
@@ -80,7 +81,7 @@ class Run:
         Name and unit of each signal.
     builds : list of str
         The programs that made the run: the one that started it, and those that continued it with
-        ``any_build=True``.
+        ``engine.any_build`` of a plan.
     not_covered : list of str
         Parts of the system that its hash does not cover.
     """
@@ -155,31 +156,16 @@ class Run:
         space: Space = None, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0,
         **target: Unpack[TargetOptions]
     ) -> None:
-        """Writes a page about the run: one HTML file that loads nothing, for a browser or to send.
+        """Writes a page about the run, as the result of its question does.
 
-        Parameters
-        ----------
-        path : path
-            File to write; an existing file is replaced.
-        system, formula, space, **target
-            The system of the run, as in :func:`falsify`. A run file never imports code: without a
-            system, only Mishandle's own tasks can be simulated; the page says so if another system
-            cannot.
-        simulate : bool
-            Whether to measure what takes simulations: sizes of failing patches, repeats with other
-            seeds, noise, pictures.
-        probes : int
-            Number of random scenarios that estimate the size of a failing patch.
-        sensitivity : int
-            Number of random scenarios that measure the total effect of each axis on the robustness
-            (Sobol index): each is simulated twice and once more for each axis. 0 skips them.
+        A run file never imports code: without its ``system``, given as in :func:`falsify`, only
+        Mishandle's own tasks can be simulated; the page says so if another system cannot.
         """
         if system is None or not simulate:
             html = self._native.report(probes if simulate else None, sensitivity)
         else:
-            made = make_target(
-                system, formula, space, target, lambda space: None, has_metrics=self.is_evaluation
-            )
+            call = Call("evaluate" if self.is_evaluation else "simulate", target)
+            made = make_target(system, formula, space, target, call)
             html = _native.report(made.native, os.fspath(self.path), probes, sensitivity)
         write_text(path, html)
 

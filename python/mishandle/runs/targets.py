@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Call, Plan, document
 from mishandle.base.fingerprints import Fingerprint, Watch
 from mishandle.base.keywords import check_options
 from mishandle.base.limits import check_time_limit
@@ -30,10 +31,10 @@ from mishandle.policies.guards import Guard, guard_text
 from mishandle.policies.kinds import policy_hash
 from mishandle.policies.servers import PolicyServer, as_server, states_determinism
 from mishandle.scenarios.arguments import (
-    check_applicable, check_period, check_settings, check_space, check_steps, check_termination,
-    check_time, checked_cameras, checked_size, named_formulas, task_formulas
+    check_applicable, check_period, check_space, check_steps, check_termination, check_time,
+    checked_cameras, checked_size, named_formulas, task_formulas
 )
-from mishandle.scenarios.axes import Axis
+from mishandle.scenarios.axes import Axis, axes_document
 from mishandle.scenarios.requests import Request, Scenario
 from mishandle.systems.functions import FunctionSystem
 from mishandle.systems.interface import Frames, NativeSystem, Source, System
@@ -49,10 +50,6 @@ Formulas = Union[str, Formula, Mapping[str, Union[str, Formula]], None]
 Space = Union[Sequence[Axis], str, None]
 """Axes of the scenarios, or the name of a space of a task, such as ``"starts+sensing"``. ``None``
 selects the initial box of a task."""
-
-
-DEFAULT_SPACES = {"toy/": "starts", "arch/": "instance-2"}
-"""The default space of built-in systems that are no tasks, by the prefix of their names."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +78,6 @@ class Target:
     system: System
     space: Sequence[Axis]
     largest_difference: float
-    formula: str | None = None
-    """Name or text of the requirement, if it is not the first formula of the target."""
     nominal: Sequence[float | None] | None = None
     """Nominal values of a task; the seed of a simulation draws those that are ``None``."""
     not_covered: tuple[str, ...] = ()
@@ -114,13 +109,31 @@ class Target:
         )
 
 
-class TargetOptions(TypedDict, total=False):
-    """Keyword arguments that describe a system, the same for :func:`falsify`, :func:`evaluate`,
-    :func:`simulate` and :func:`replay`."""
+class ControllerOptions(TypedDict, total=False):
+    """Keyword arguments that describe a target with a controller, the same for all questions."""
 
     policy: Any
     """Policy of an environment or a task; :func:`mishandle.policies.kinds.as_policy` lists the
     kinds. For a task also the name of a shipped controller, such as ``"ppo"``."""
+    axes: Mapping[str, float | tuple[float, float] | str]
+    """Axes that have a narrower range ``(low, high)``, a fixed value or a fixed category, by name.
+    With one of our controllers, axes of the task that the space lacks are added to it."""
+    action_noise: float
+    """Standard deviation of the noise that is added to the actions of one of our controllers."""
+    guard: Guard | str | os.PathLike[str]
+    """Guard of one of our controllers, or its file: see :class:`mishandle.Guard`."""
+    requirements: Mapping[str, str]
+    """Requirements by name: texts of formulas, or names of formulas of the target. Each has a
+    result of its own from the same simulations, and a search tries to violate any of them unless it
+    has a ``formula``."""
+    plan: Plan
+    """Rare settings as the tables of a plan, such as ``{"falsify": {"early_stopping": True}}``.
+    ``docs/reference/plans.md`` lists the keys; write ``_`` for ``-``."""
+
+
+class TargetOptions(ControllerOptions, total=False):
+    """Keyword arguments that describe any system, the same for all questions."""
+
     batched_policy: bool
     """Whether a policy that is a function takes a batch of observations and returns one action per
     row."""
@@ -155,24 +168,6 @@ class TargetOptions(TypedDict, total=False):
     is complete)."""
     time_limit: float
     """Wall-clock time limit of a simulation, in seconds."""
-    preset: str
-    """Task preset: ``"paper"`` or ``"code"``."""
-    axes: Mapping[str, float | tuple[float, float] | str]
-    """Axes that have a narrower range ``(low, high)``, a fixed value or a fixed category, by name.
-    With one of our controllers, axes of the task that the space lacks are added to it."""
-    stochastic: bool
-    """Whether actions of one of our controllers are sampled from its distribution."""
-    action_noise: float
-    """Standard deviation of the noise that is added to the actions of one of our controllers."""
-    observation_noise: float
-    """Standard deviation of the noise that is added to the observations of one of our
-    controllers."""
-    guard: Guard | str | os.PathLike[str]
-    """Guard of one of our controllers, or its file: see :class:`mishandle.Guard`."""
-    requirements: Mapping[str, str]
-    """Requirements by name: texts of formulas, or names of formulas of the target. Each has a
-    result of its own from the same simulations, and a search tries to violate any of them unless it
-    has a ``formula``."""
     rows: int
     """Number of simulations of a task that are stepped together."""
     name: str
@@ -188,19 +183,18 @@ class TargetOptions(TypedDict, total=False):
 
 
 def make_target(
-    system: Any, formula: Formulas, space: Space, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object], *, has_metrics: bool = False
+    system: Any, formula: Formulas, space: Space, options: TargetOptions, call: Call | None = None,
+    *, check: Callable[[Sequence[Axis]], object] = lambda space: None
 ) -> Target:
-    """Returns the target of the arguments. ``check`` gets the space before the system is called for
-    the first time. ``has_metrics`` says whether the question has a metric of each formula of a
-    task, as an evaluation does."""
+    """Returns the target of the arguments, with the plan of the call. ``check`` gets the space
+    before the system is called for the first time."""
     check_options(options, list(TargetOptions.__annotations__))
+    call = Call("simulate", options) if call is None else call
     check_steps(options.get("steps"))
     termination = options.get("termination", "undecided")
     check_termination(termination)
     check_time_limit(options.get("time_limit"))
     check_period(options.get("control_dt"))
-    check_settings(options.get("axes", {}))
     executor = options.get("executor")
     if isinstance(executor, str) and executor != "ray":
         raise InvalidValueError(
@@ -210,54 +204,28 @@ def make_target(
     if isinstance(policy, PolicyServer):
         options = {**options, "policy": policy}
         policy.connect()
+    has_metrics = call.question in ("evaluate", "compare")
+    if isinstance(system, (str, os.PathLike, Process)):
+        made = _in_core(system, formula, space, options, call)
+        if made is not None:
+            check(made.space)
+            return made
     if isinstance(policy, (str, os.PathLike)) and os.fspath(policy).endswith(".onnx"):
         # Absolute, because workers of a cluster have other working folders.
         policy = pathlib.Path(policy).absolute()
         if not policy.is_file():
             raise InvalidValueError(f"there is no ONNX file {policy}")
-    if isinstance(system, str) and system.startswith(tuple(DEFAULT_SPACES)):
-        # It is its own controller, and only the Rust core knows its spaces.
-        default = next(
-            default for kind, default in DEFAULT_SPACES.items() if system.startswith(kind)
-        )
-        return _task_in_space(
-            system, formula, _named(system, space) or default, {"policy": "", **options}, check
-        )
-    if isinstance(system, Process):
-        return _simulator(system, formula, space, options, check)
-    if isinstance(system, (str, os.PathLike)) and os.fspath(system).lower().endswith(".toml"):
-        return _robot(pathlib.Path(system), formula, space, options, check)
-    if isinstance(system, str) and policy is None:
-        raise InvalidValueError(f"the task {system} needs a policy")
-    if isinstance(system, str) and options.get("cameras"):
-        return _in_core(
-            system, formula, _named(system, space), {**options, "policy": policy}, check
-        )
-    has_file = isinstance(policy, (str, os.PathLike))
-    is_native = (
-        any(options.get(name) for name in NATIVE_OPTIONS)
-        or (has_file and bool(options.get("axes")))
-    )
-    if isinstance(system, str) and space is None and is_native:
-        space = "starts"
-    if isinstance(system, str) and isinstance(space, str):
-        return _task_in_space(system, formula, space, options, check)
-    if isinstance(system, str):
+    if isinstance(system, (str, os.PathLike)):
         check_applicable(options, TASK_OPTIONS, "a task")
-        if isinstance(policy, (str, pathlib.Path)):
-            is_path = "/" in os.fspath(policy) or os.fspath(policy).endswith(".safetensors")
-            controller = load_controller(policy if is_path else f"{system}/{policy}")
-            if controller.images:
-                # The Rust core draws what it sees.
-                return _task_in_space(system, formula, "starts", options, check)
-            policy = controller if isinstance(policy, str) else policy
+        if isinstance(policy, str):
+            policy = load_controller(policy if os.path.exists(policy) else f"{system}/{policy}")
         system = TaskSystem(
-            system, policy, preset=options.get("preset", "paper"), rows=options.get("rows", 64),
-            batched_policy=options.get("batched_policy", False),
+            os.fspath(system), policy, preset=call.take("preset", "paper"),
+            rows=options.get("rows", 64), batched_policy=options.get("batched_policy", False),
             time_limit=options.get("time_limit"),
             space=[axis for axis in space or [] if isinstance(axis, Axis)]
         )
-    named = requirements(options)
+    named = call.table("requirements")
     known: Formulas = None
     if isinstance(system, TaskSystem):
         known, formula = _formulas_of_task(system, formula, named, has_metrics)
@@ -271,7 +239,12 @@ def make_target(
     formulas = named_formulas(formula)
     is_environment = hasattr(system, "reset") and hasattr(system, "step")
     check_space(space, is_environment, has_steps=is_environment or isinstance(system, System))
-    space = _with_settings(space, options)
+    # Axes that a fixed value deprives of their effect are gone.
+    applications = {axis.name: axis.apply for axis in space}
+    space = [
+        Axis.from_document(axis, applications[axis["name"]])
+        for axis in json.loads(_native.check_question(call.text(), axes_document(space)))
+    ]
     check(space)
     given = [f"{name} {digest}" for name, digest in file_hashes(options.get("files", ()))]
     version = options.get("version")
@@ -305,7 +278,7 @@ def make_target(
         target_name, *(each.digest for each in found.values()), repr(signals),
         repr(sorted(stated.items()))
     ]
-    content += [repr(axis.to_native()) for axis in space]
+    content.append(axes_document(space))
     content += [repr((under_test.control_dt, under_test.steps, termination)), repr(version), *given]
     components = []
     if policy is not None:
@@ -313,20 +286,17 @@ def make_target(
             ("policy", getattr(policy, "name", type(policy).__name__), _policy_hash(policy, found))
         )
     native = _native.Target(
-        name=target_name,
-        content="\n".join(content),
-        axes=[axis.to_native() for axis in space],
-        signals=under_test.signals,
-        formulas=list(formulas.items()),
-        control_dt=under_test.control_dt,
-        episode_steps=under_test.steps,
-        is_deterministic=largest_difference == 0 and states_determinism(policy),
-        depends_on_seed=under_test.depends_on_seed,
-        termination=termination,
-        components=components,
-        not_covered=list(not_covered),
-        versions=_versions(under_test, found, version),
-        random_axes=random_axes,
+        call.text(),
+        document({
+            "name": target_name, "content": "\n".join(content),
+            "axes": [axis.to_document() for axis in space], "signals": under_test.signals,
+            "formulas": list(formulas.items()), "control_dt": under_test.control_dt,
+            "episode_steps": under_test.steps,
+            "is_deterministic": largest_difference == 0 and states_determinism(policy),
+            "depends_on_seed": under_test.depends_on_seed, "termination": termination,
+            "components": components, "not_covered": not_covered,
+            "versions": _versions(under_test, found, version), "random_axes": random_axes
+        }),
         # Pictures are drawn here, also if a cluster simulates.
         simulate=lambda batch: [
             outcome.to_native()
@@ -336,7 +306,6 @@ def make_target(
         ],
         painter=Painter(local) if local.has_pictures else None,
     )
-    native = native.with_requirements(requirements(options))
     return Target(native, under_test, space, largest_difference, not_covered=not_covered)
 
 
@@ -377,19 +346,6 @@ def _formulas_of_task(
     if system.reads_manner([*texts.values(), *asked]):
         system.compute_manner()
     return known, known
-
-
-def requirements(options: TargetOptions) -> dict[str, str]:
-    """Returns the named requirements as a dictionary."""
-    found = options.get("requirements", {})
-    if (
-        not isinstance(found, Mapping)
-        or not all(isinstance(part, str) for item in found.items() for part in item)
-    ):
-        raise InvalidTypeError(
-            f"requirements is {found!r}; expected a dictionary of formulas by name"
-        )
-    return dict(found)
 
 
 def _roots(
@@ -446,80 +402,78 @@ def file_hashes(files: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str]
     return found
 
 
-def _with_settings(space: Sequence[Axis], options: TargetOptions) -> Sequence[Axis]:
-    """Returns a space whose axes have the ranges and values in ``axes``."""
-    if not options.get("axes"):
-        return space
-    settled = _native.with_settings([axis.to_native() for axis in space], axis_settings(options))
-    # Axes that a fixed value deprives of their effect are gone.
-    applications = {axis.name: axis.apply for axis in space}
-    return [Axis.from_native(native, applications[native[1]]) for native in settled]
-
-
-def _robot(
-    path: pathlib.Path, formula: Formulas, space: Space, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object]
-) -> Target:
-    """Returns a robot that a file describes, which the Rust core simulates, with the policy of the
-    file, another file or a policy in Python."""
-    name = _named(str(path), space)
-    policy = options.get("policy", "")
-    if not isinstance(policy, (str, os.PathLike)):
-        return _in_core(str(path.absolute()), formula, name, options, check)
-    # Absolute, because workers of a cluster have other working folders.
-    policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
-    return _task_in_space(str(path.absolute()), formula, name, {**options, "policy": policy}, check)
-
-
-def _simulator(
-    process: Process, formula: Formulas, space: Space, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object]
-) -> Target:
-    """Returns a simulator that is a program, which the Rust core asks, with the policy of a file if
-    it needs one."""
+def _in_core(
+    system: Any, formula: Formulas, space: Space, options: TargetOptions, call: Call
+) -> Target | None:
+    """Returns the target of a name, which the Rust core resolves and simulates; ``None`` if it is a
+    task that Python simulates."""
+    policy = options.get("policy")
+    has_controller = policy is None or isinstance(policy, (str, os.PathLike))
+    if isinstance(system, Process):
+        if not has_controller:
+            raise InvalidTypeError(
+                "the policy of a Process is the path of an ONNX model or of a controller, not a "
+                f"{type(policy).__name__}; a policy in Python can be a program that a target file "
+                "names"
+            )
+    elif not isinstance(space, str) and not _native.is_file(os.fspath(system)) and (
+        isinstance(formula, Mapping) or space is not None
+        or any(name in options for name in OF_PYTHON)
+        or (not has_controller and not options.get("cameras"))
+        or (formula is not None and call.question in ("evaluate", "compare"))
+    ):
+        return None
     if space is not None and not isinstance(space, str):
-        raise InvalidTypeError("the space of a Process is one that its program states, by name")
-    policy = options.get("policy", "")
-    if not isinstance(policy, (str, os.PathLike)):
         raise InvalidTypeError(
-            "the policy of a Process is the path of an ONNX model or of a controller, not a "
-            f"{type(policy).__name__}; a policy in Python can be a program that a target file names"
+            f"the space of {system} is one of its own, by name; `mishandle list NAME` lists them"
         )
-    policy = str(pathlib.Path(policy).absolute()) if os.fspath(policy) else ""
-    return _task_in_space(
-        process.target, formula, space or "", {**options, "policy": policy}, check,
-        folder=str(process.folder)
+    if isinstance(formula, Mapping):
+        raise InvalidTypeError(
+            f"formulas by name are not possible for {system}; pass one formula, or `requirements`"
+        )
+    if formula is not None and call.question in ("evaluate", "compare"):
+        raise InvalidTypeError(
+            f"an evaluation uses the formulas of {system}; leave out `formula`, or pass "
+            "`requirements`"
+        )
+    table = "falsify" if call.question == "simulate" else call.question
+    asked: dict[str, Any] = {} if formula is None else {table: {"formula": str(formula)}}
+    if not has_controller:
+        text = call.text(
+            target=_absolute(system), space=space, action_noise=options.get("action_noise"), **asked
+        )
+        return _seeing(text, os.fspath(system), options)
+    native = _native.target(controller_text(system, space, options, call, **asked))
+    return _of_core(native, NativeSystem(native.signals), ())
+
+
+def controller_text(
+    system: Any, space: str | None, options: TargetOptions | ControllerOptions, call: Call,
+    **arguments: Any
+) -> str:
+    """Returns the document of a call about a target with one of our controllers, or its own."""
+    check_applicable(options, CONTROLLER_OPTIONS, "a target with a controller of ours or its own")
+    policy, is_process = options.get("policy"), isinstance(system, Process)
+    return call.text(
+        guard=guard_text(options.get("guard")),
+        target=system.target if is_process else _absolute(system),
+        folder=system.folder if is_process else None, space=space,
+        controller=None if policy is None else _absolute(policy),
+        action_noise=options.get("action_noise"), **arguments
     )
 
 
-def _named(target: str, space: Space) -> str:
-    """Returns the name of a space of a target; empty for its first one."""
-    if space is not None and not isinstance(space, str):
-        raise InvalidTypeError(
-            f"the space of {target} is one of its own, by name; `mishandle list {target}` "
-            "lists them"
-        )
-    return space or ""
+def _absolute(name: str | os.PathLike[str]) -> str:
+    """Returns the absolute path of a file, because a run outlives the present folder; other names
+    as they are."""
+    return os.path.abspath(name) if os.path.isfile(name) else os.fspath(name)
 
 
-def _in_core(
-    target: str, formula: Formulas, space: str, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object]
-) -> Target:
+def _seeing(call: str, target: str, options: TargetOptions) -> Target:
     """Returns a task, or a robot that a file describes, with a policy in Python, in a space that
     the Rust core knows."""
-    if target.endswith(".toml"):
-        check_applicable(options, ROBOT_OPTIONS, "a robot in a file with a policy in Python")
-    else:
-        check_applicable(
-            options, ("preset", *ROBOT_OPTIONS), "a task with a policy in Python that sees"
-        )
+    check_applicable(options, ROBOT_OPTIONS, "a target with a policy in Python in its own space")
     policy, version = options["policy"], options.get("version")
-    if isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(
-            f"`cameras` are those of a policy in Python; {os.fspath(policy)} says itself what it "
-            "sees: leave them out"
-        )
     cameras = checked_cameras(options.get("cameras", ()))
     if "image_size" in options and not cameras:
         raise InvalidTypeError(
@@ -535,31 +489,25 @@ def _in_core(
     def make(is_deterministic: bool) -> tuple[_native.Target, tuple[str, ...]]:
         found = watch.fingerprints()
         parts = "\n".join([_policy_hash(policy, found), repr(version), *given])
-        made = _native.policy_target(
-            target, system, images=images, preset=options.get("preset", "paper"),
-            name=options.get("name", system.name),
-            identified=(
-                getattr(policy, "name", type(policy).__name__),
-                hashlib.sha256(parts.encode()).hexdigest(), list(found["policy"].gaps)
-            ),
-            space=space, axes=axis_settings(options),
-            noise=(options.get("action_noise", 0.0), options.get("observation_noise", 0.0)),
-            versions=_versions(system, found, version), is_deterministic=is_deterministic
-        )
-        return made, found["policy"].gaps
+        described = {
+            "name": options.get("name", system.name),
+            "policy": getattr(policy, "name", type(policy).__name__),
+            "hash": hashlib.sha256(parts.encode()).hexdigest(),
+            "not_covered": found["policy"].gaps, "images": images,
+            "versions": _versions(system, found, version), "is_deterministic": is_deterministic
+        }
+        return _native.policy_target(call, system, document(described)), found["policy"].gaps
 
     native, _ = make(True)
-    nominal = [axis[5] for axis in native.axes]
-    first, second = (
-        _native.simulate(native, formula=None, values=nominal, repeat=1, seed=0)[0]
-        for _ in range(2)
-    )
+    axes = json.loads(native.axes)
+    nominal = [axis["nominal"] for axis in axes]
+    first, second = (_native.simulate(native, values=nominal, repeat=1)[0] for _ in range(2))
     if system.exceptions:
         raise InvalidStateError(
             f"the nominal scenario raised an exception:\n{system.exceptions[0]}"
         )
     _warn_of_nominal(
-        [name for name, _ in native.signals], dict(zip([axis[0] for axis in native.axes], nominal)),
+        [name for name, _ in native.signals], dict(zip([axis["name"] for axis in axes], nominal)),
         first["samples"], first["end"]
     )
     is_deterministic = (
@@ -576,68 +524,14 @@ def _in_core(
     native, gaps = make(is_deterministic and states_determinism(policy))
     if gaps and version is None:
         _warn_of_gaps(gaps)
-    return _in_named_space(native, system, formula, space, options, check, gaps)
+    return _of_core(native, system, gaps)
 
 
-def _task_in_space(
-    task: str, formula: Formulas, space: str, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object], folder: str | None = None
-) -> Target:
-    """Returns a task with one of our controllers, which the Rust core simulates: only it has the
-    axes of all spaces. ``folder`` is the working folder of a simulator, which the Rust core
-    asks."""
-    check_applicable(
-        options, ("policy", "preset", "axes", "requirements", *NATIVE_OPTIONS),
-        f"a task in the space {space!r}"
-    )
-    policy = options.get("policy")
-    if not isinstance(policy, (str, os.PathLike)):
-        raise InvalidTypeError(
-            f"the space {space!r} of a task needs the name or path of a controller, not a "
-            f"{type(policy).__name__}; leave out the space to test another policy from the initial "
-            "states, or give a policy that sees its `cameras`"
-        )
-    noise = (
-        options.get("stochastic", False), options.get("action_noise", 0.0),
-        options.get("observation_noise", 0.0)
-    )
-    preset = options.get("preset", "paper")
-    guard = guard_text(options.get("guard"))
-    native = _native.Target.of_task(
-        task, os.fspath(policy), preset, space, axis_settings(options), noise, folder, guard
-    )
-    return _in_named_space(native, NativeSystem(native.signals), formula, space, options, check)
-
-
-def _in_named_space(
-    native: _native.Target, system: System, formula: Formulas, space: str, options: TargetOptions,
-    check: Callable[[Sequence[Axis]], object], not_covered: tuple[str, ...] = ()
-) -> Target:
-    """Returns a target that the Rust core simulates in a space that it knows by name."""
+def _of_core(native: _native.Target, system: System, not_covered: tuple[str, ...]) -> Target:
     system.signals = native.signals
-    if formula is not None and not isinstance(formula, (str, Formula)):
-        raise InvalidTypeError(
-            f"formulas by name are not possible in the space {space!r} of a task; pass one formula"
-        )
-    requirement = None if formula is None else str(formula)
-    if requirement is not None:
-        named = task_formulas(
-            requirement, dict(native.formulas), [name for name, _ in native.signals]
-        )
-        Formula(requirement if isinstance(named, str) else dict(native.formulas)[requirement])
-    axes = [Axis.from_native(axis) for axis in native.axes]
-    check(axes)
-    nominal = [axis[5] for axis in native.axes]
-    native = native.with_requirements(requirements(options))
-    return Target(native, system, axes, 0.0, requirement, nominal, not_covered)
-
-
-def axis_settings(options: TargetOptions) -> dict[str, Any]:
-    """Returns the settings of axes as the native code takes them."""
-    return {
-        name: tuple(setting) if isinstance(setting, list) else setting
-        for name, setting in options.get("axes", {}).items()
-    }
+    axes = [Axis.from_document(axis) for axis in json.loads(native.axes)]
+    nominal = [None if axis.nominal is None else float(axis.nominal) for axis in axes]
+    return Target(native, system, axes, 0.0, nominal, not_covered)
 
 
 def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOptions) -> System:
@@ -667,23 +561,21 @@ def _system(system: Any, space: Sequence[Axis], policy: Any, options: TargetOpti
     )
 
 
-NATIVE_OPTIONS = ("stochastic", "action_noise", "observation_noise", "guard")
-COMMON_OPTIONS = (
-    "time_limit", "termination", "name", "executor", "axes", "requirements", "version", "files"
-)
-FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *COMMON_OPTIONS)
+COMMON_OPTIONS = ("plan", "axes", "requirements")
+CONTROLLER_OPTIONS = ("policy", "action_noise", "guard", *COMMON_OPTIONS)
+OF_PYTHON = ("rows", "time_limit", "termination", "name", "executor", "version", "files")
+"""Options with which a task and its controller are a system in Python."""
+PYTHON_OPTIONS = (*OF_PYTHON[1:], *COMMON_OPTIONS)
+FUNCTION_OPTIONS = ("control_dt", "steps", "units", "frame", *PYTHON_OPTIONS)
 ENVIRONMENT_OPTIONS = (
     "policy", "batched_policy", "signals", "steps", "control_dt", "settle", "invalid",
-    *COMMON_OPTIONS
+    *PYTHON_OPTIONS
 )
 ROBOT_OPTIONS = (
-    *(
-        "policy", "batched_policy", "cameras", "image_size", "axes", "requirements", "name",
-        "version", "files"
-    ),
-    *("action_noise", "observation_noise"),
+    "policy", "batched_policy", "cameras", "image_size", "name", "version", "files", "action_noise",
+    *COMMON_OPTIONS
 )
-TASK_OPTIONS = ("policy", "batched_policy", "preset", "rows", *COMMON_OPTIONS)
+TASK_OPTIONS = ("policy", "batched_policy", "rows", *PYTHON_OPTIONS)
 
 
 def _probe(system: System, other: System, nominal: Scenario) -> float:

@@ -89,33 +89,6 @@ def is_real(value: object) -> TypeGuard[numbers.Real]:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def check_settings(axes: object) -> None:
-    """Checks the ranges and values of axes.
-
-    >>> check_settings({"kind": ["bias", "ramp"]})  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-        ...
-    mishandle.errors.InvalidTypeError: axes["kind"] is ['bias', 'ramp']; expected a number, two ...
-    """
-    if not isinstance(axes, Mapping):
-        raise InvalidTypeError(
-            f'axes is {axes!r}; expected a dictionary of values or ranges by name, such as '
-            '{"speed": (0, 5)}'
-        )
-    for name, setting in axes.items():
-        is_range = (
-            isinstance(setting, (tuple, list)) and len(setting) == 2 and all(map(is_real, setting))
-        )
-        if (
-            not isinstance(name, str)
-            or not (isinstance(setting, str) or is_real(setting) or is_range)
-        ):
-            raise InvalidTypeError(
-                f'axes["{name}"] is {setting!r}; expected a number, two numbers or one name; leave '
-                'it out to keep all names'
-            )
-
-
 def check_number(name: str, value: object, least: int, most: int = 2**64 - 1) -> None:
     """Checks a count or a random seed.
 
@@ -130,12 +103,8 @@ def check_number(name: str, value: object, least: int, most: int = 2**64 - 1) ->
         )
 
 
-def check_out(out: str | os.PathLike[str] | None, resume: bool, any_build: bool) -> None:
+def check_out(out: str | os.PathLike[str] | None, resume: bool) -> None:
     """Checks that a new run file does not exist and that a run to continue does."""
-    if any_build and not resume:
-        raise InvalidValueError(
-            "any_build=True continues a run of another build; it needs resume=True"
-        )
     if resume and out is None:
         raise InvalidValueError("resume=True needs the run file as `out`")
     if out is None or os.path.exists(out) == resume:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Union
 
+from mishandle.base.documents import document
 from mishandle.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -18,13 +19,6 @@ if TYPE_CHECKING:
 Value = Union[float, int, str]
 """Value of an axis in a scenario: a float, an integer for integer axes, a name for categorical
 axes."""
-
-NativeAxis = tuple[
-    str, str, str, float, float, Union[float, None], list[str], str,
-    list[tuple[str, bool, list[Any]]]
-]
-"""An axis as the extension module takes it."""
-
 
 @dataclass(frozen=True)
 class ResetOption:
@@ -221,38 +215,34 @@ class Axis:
         return int(number) if self.values == "integer" else number
 
     @classmethod
-    def from_native(
-        cls, given: NativeAxis, apply: Application | None = None
-    ) -> Axis:
+    def from_document(cls, given: Mapping[str, Any], apply: Application | None = None) -> Axis:
         """Returns an axis of the extension module. A setting can have left it one value only."""
-        kind, name, unit, low, high, nominal, values, meaning, needed = given
         when = {
-            other: Except(levels[0]) if is_except else levels for other, is_except, levels in needed
+            name: Except(levels["except"]) if isinstance(levels, Mapping) else levels
+            for name, levels in given["when"]
         }
-        is_number = values[0] in ("continuous", "logarithmic", "integer") and len(values) == 1
-        kinds: str | list[str] = values[0] if is_number else values
         axis = object.__new__(cls)
-        for each, value in zip(
-            fields(cls), (name, low, high, unit, kinds, nominal, kind, meaning, apply, when)
-        ):
-            object.__setattr__(axis, each.name, value)
+        for name, value in {**given, "apply": apply, "when": when}.items():
+            object.__setattr__(axis, name, value)
         return axis
 
-    def to_native(self) -> NativeAxis:
+    def to_document(self) -> dict[str, Any]:
         """Returns the axis as the extension module takes it."""
-        values = [self.values] if isinstance(self.values, str) else list(self.values)
-        bounds = float(self.low), float(self.high)
-        needed = [
-            (
-                name, isinstance(levels, Except),
-                [levels.value] if isinstance(levels, Except) else list(levels)
-            )
-            for name, levels in self.when.items()
+        values = self.values if isinstance(self.values, str) else list(self.values)
+        when = [
+            (name, {"except": level.value} if isinstance(level, Except) else list(level))
+            for name, level in self.when.items()
         ]
-        return (
-            self.kind, self.name, self.unit, *bounds, self.nominal_number, values, self.meaning,
-            needed
-        )
+        return {
+            "name": self.name, "low": float(self.low), "high": float(self.high), "unit": self.unit,
+            "values": values, "nominal": self.nominal_number, "kind": self.kind,
+            "meaning": self.meaning, "when": when
+        }
+
+
+def axes_document(space: Sequence[Axis]) -> str:
+    """Returns the axes of a space as the extension module takes them."""
+    return document([axis.to_document() for axis in space])
 
 
 _SEGMENT = re.compile(r"([A-Za-z_]\w*)((?:\[\s*-?\d+\s*(?:,\s*-?\d+\s*)*\])*)")

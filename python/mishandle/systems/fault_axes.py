@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from mishandle.errors import InvalidTypeError, InvalidValueError
@@ -106,7 +107,8 @@ def faults(
         control_dt=control_period(one) if control_dt is None else float(control_dt)
     )
     kept = {"sensor_fault": sensing, "actuator_fault": actuation}
-    axes = [Axis.from_native(native, FaultParameter(settings)) for native in settings.native().axes]
+    parameter = FaultParameter(settings)
+    axes = [Axis.from_document(axis, parameter) for axis in json.loads(settings.native().axes)]
     return [
         axis for axis in axes
         if all(keep or not axis.name.startswith(side) for side, keep in kept.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -101,10 +102,10 @@ def sight(
         control_dt=control_period(one) if control_dt is None else float(control_dt)
     )
     scene = [
-        Axis.from_native(axis, ResetOption(f"sight.{axis[1]}")) for name, axis in of_scene
+        Axis.from_document(axis, ResetOption(f"sight.{axis['name']}")) for name, axis in of_scene
         if name in names and name in OF_SCENES
     ]
     return scene + [
-        Axis.from_native(axis, FaultParameter(settings)) for name, axis in settings.native().axes
-        if name in names
+        Axis.from_document(axis, FaultParameter(settings))
+        for name, axis in json.loads(settings.native().axes) if name in names
     ]

@@ -19,7 +19,7 @@ from mishandle.scenarios.arguments import (
 )
 from mishandle.scenarios.attributes import Attributes
 from mishandle.scenarios.axes import (
-    Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value
+    Attribute, Axis, FaultParameter, PolicyArgument, ResetOption, Value, axes_document
 )
 from mishandle.scenarios.lines import Disturbed, FaultLine
 from mishandle.scenarios.values import idle_action
@@ -137,10 +137,9 @@ class ScenarioEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _make(self) -> None:
         nominal, corners, archived, archive = self._arguments
-        axes = [axis.to_native() for axis in self._space.values()]
         self._scenarios = _native.Scenarios(
-            axes, nominal=float(nominal), corners=float(corners), archived=float(archived),
-            archive=archive
+            axes_document(list(self._space.values())), nominal=float(nominal),
+            corners=float(corners), archived=float(archived), archive=archive
         )
 
     def __getstate__(self) -> dict[str, Any]:

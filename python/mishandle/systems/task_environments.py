@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -83,9 +84,10 @@ class _Eyes:
         self._native = _native.TaskCameras(task, self._names, width, height)
         self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}
         self.axes = [
-            (space, axis) for space, axis in _native.task_sight_axes(task) if space in _OF_SCENES
+            (space, axis) for space, axis in json.loads(_native.task_sight_axes(task))
+            if space in _OF_SCENES
         ]
-        self._known = {axis[1]: Axis.from_native(axis) for _, axis in self.axes}
+        self._known = {axis["name"]: Axis.from_document(axis) for _, axis in self.axes}
 
     def start(self, state: NDArray[np.float64], given: Mapping[str, Any], seed: int) -> None:
         for name in given:

@@ -16,10 +16,11 @@ use toml::{Table, Value};
 const TOP: &str = "";
 
 /// Tables and single keys of plans that a command reads.
-const TABLES: [(&str, &[&str]); 21] = [
+const TABLES: [(&str, &[&str]); 24] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
     ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
+    ("metamorphic", &[TOP, "axes", "requirements", "guard", "metamorphic", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
     ("check", &[TOP, "axes", "guard", "check"]),
     ("compare", &[TOP, "axes", "requirements", "guard", "evaluate", "compare", "size", "engine"]),
@@ -63,6 +64,11 @@ const TABLES: [(&str, &[&str]); 21] = [
 /// Returns the tables and keys that a command reads.
 pub fn tables(command: &str) -> &'static [&'static str] {
     TABLES.iter().find(|(name, _)| *name == command).map_or(&[], |(_, tables)| tables)
+}
+
+/// Returns whether a command, or the question of a plan, reads a key.
+pub fn reads_key(command: &str, key: &str) -> bool {
+    is_within(key, tables(command))
 }
 
 /// Returns whether a key is one of these tables or stands in one.

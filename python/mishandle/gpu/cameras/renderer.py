@@ -4,28 +4,20 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mishandle.errors import MissingPackageError
+from mishandle.gpu.extra import load
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-try:
-    # The package has no types.
-    wp: Any = importlib.import_module("warp")
-    wp.config.log_level = wp.LOG_ERROR
-    columns: Any = importlib.import_module("mishandle.gpu.cameras.columns")
-    forms: Any = importlib.import_module("mishandle.gpu.cameras.forms")
-    kernels: Any = importlib.import_module("mishandle.gpu.cameras.kernels")
-    effects: Any = importlib.import_module("mishandle.gpu.cameras.effects")
-except ImportError as error:
-    raise MissingPackageError(f"the device gpu needs an extra ({error})", "gpu") from error
+wp, columns, forms, kernels, effects = load(
+    *(f"mishandle.gpu.cameras.{name}" for name in ("columns", "forms", "kernels", "effects"))
+)
 
 PIXELS = 1 << 25
 """Pixels that are rendered at a time: 4 bytes for each of three colors, twice."""
