@@ -349,7 +349,8 @@ class Fronts(FolderCase):
 
     def test_an_explanation_is_the_same(self) -> None:
         found = self.answer("falsify a task")
-        expected = results.build(results.Explanation, self.command("show", found.path, "--simulation", "first"))
+        shown = self.command("show", found.path, "--simulation", "first")
+        expected = results.build(results.Explanation, shown)
         self.assertEqual(repr(plain(found.explain())), repr(plain(expected)))
 
     def test_a_replay_is_the_same(self) -> None:

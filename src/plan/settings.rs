@@ -35,13 +35,13 @@ pub struct Settings {
     pub monitor: MonitorSettings,
     /// Parts of answers and pages beyond the simulations of their runs.
     pub report: ReportSettings,
-    /// What pictures of a simulation show.
+    /// Contents of pictures of a simulation.
     pub render: RenderSettings,
     /// How counterexamples are kept and tested.
     pub regress: RegressSettings,
     /// How a single scenario is simulated.
     pub simulate: SimulateSettings,
-    /// What a written trace contains.
+    /// Contents of a written trace.
     pub trace: TraceSettings,
     /// How the number of simulations of a question is computed before them.
     pub size: SizePlan,
@@ -108,7 +108,7 @@ plan_table! {
 }
 
 plan_table! {
-    /// What pictures of a simulation show: the table `[render]`.
+    /// Contents of pictures of a simulation: the table `[render]`.
     pub struct RenderSettings in "render" {
         /// Event that the pictures center on.
         pub event: CenterEvent = CenterEvent::Decisive, "\"decisive\", \"contact\" or \"release\"";
@@ -174,14 +174,14 @@ plan_table! {
 plan_table! {
     /// How a single scenario is simulated: the table `[simulate]`.
     pub struct SimulateSettings in "simulate" {
-        /// With repeats of the scenario: random scenarios, each simulated 20 times, that measure the
-        /// share of the robustness variance that comes from the scenario. 0 skips this.
+        /// With repeats of the scenario: random scenarios, each simulated 20 times, that measure
+        /// the share of the robustness variance that comes from the scenario. 0 skips this.
         pub scenarios: u32 = 20, SCENARIOS => Within<0, 1_000_000>;
     }
 }
 
 plan_table! {
-    /// What a written trace contains: the table `[trace]`.
+    /// Contents of a written trace: the table `[trace]`.
     pub struct TraceSettings in "trace" {
         /// The signals, or also joint positions and velocities, actions and contact forces of tasks
         /// and target files.

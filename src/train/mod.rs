@@ -160,6 +160,11 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
                 path: folder.to_path_buf(),
                 source,
             })?;
+            // A lock beside a device would be in a folder such as /dev.
+            if std::fs::metadata(&path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+                let source = std::io::Error::other("expected a regular file");
+                return Err(MishandleError::Write { what: "file", path, source });
+            }
             let file = with_suffix(&path, ".lock");
             let lock = FileLock::try_acquire(&file).map_err(|source| MishandleError::Write {
                 what: "lock file",

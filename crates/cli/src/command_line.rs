@@ -239,4 +239,14 @@ mod tests {
         assert_eq!(count_commands(&program), stated("commands"));
         assert_eq!(flags.len(), stated("flags"), "{flags:?}");
     }
+
+    #[test]
+    fn a_command_has_at_most_16_flags() {
+        for command in CommandLine::command().get_subcommands() {
+            let mut flags = std::collections::BTreeSet::new();
+            add_flags(command, &mut flags);
+            flags.retain(|flag| !["help", "json"].contains(&flag.as_str()));
+            assert!(flags.len() <= 16, "{}: {flags:?}", command.get_name());
+        }
+    }
 }

@@ -141,8 +141,8 @@ fn a_python_run_without_a_counterexample_says_that_passing_traces_are_not_stored
     bench.check("show toy.sqlite --simulation first", 0);
 }
 
-/// The explanation agrees with the simulations that the falsification recorded, with `simulate` in the
-/// same scenarios, and with the axes that the falsification named.
+/// The explanation agrees with the simulations that the falsification recorded, with `simulate` in
+/// the same scenarios, and with the axes that the falsification named.
 #[test]
 fn an_axis_that_removes_a_failure_alone_is_named_with_its_simulation() {
     let bench = Bench::new();

@@ -15,7 +15,7 @@ pub struct RunSummary {
     pub facts: Option<RunFacts>,
 }
 
-/// What `show` says of a run file.
+/// The answer of `show` about a run file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunShown {

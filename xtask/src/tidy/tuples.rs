@@ -4,7 +4,7 @@
 use super::{Problem, Tree};
 
 /// Files that have such functions. The list may only shrink.
-const LEFT: [&str; 37] = [
+const LEFT: [&str; 35] = [
     "crates/evidence/src/checks.rs",
     "crates/logs/src/verdict.rs",
     "crates/report/src/charts/draw.rs",
@@ -19,8 +19,6 @@ const LEFT: [&str; 37] = [
     "crates/report/tests/hardening.rs",
     "python/src/policy.rs",
     "python/src/remote.rs",
-    "python/src/target.rs",
-    "python/src/work.rs",
     "src/counterexample/export.rs",
     "src/harden/measure.rs",
     "src/harden/minimized.rs",

@@ -29,7 +29,8 @@ const COORDINATE: &str = "a number in the unit of the axis, such as 0.45";
 /// Speeds of a video.
 const SPEED: &str = "a number from 0.01 to 100, such as 0.25";
 
-/// Render the initial state of a target, or a video, a filmstrip or a viewer of a recorded simulation
+/// Render the initial state of a target, or a video, a filmstrip or a viewer of a recorded
+/// simulation
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   mishandle render ball-pushing --out start.png
@@ -99,7 +100,7 @@ pub struct Arguments {
     pub keys: flags::Keys,
 }
 
-/// What is drawn, and where it goes.
+/// The subject of a picture, and the place where it goes.
 struct Job<'a> {
     command: &'a Arguments,
     settings: &'a Settings,
@@ -225,7 +226,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     Ok(status)
 }
 
-/// What is drawn: its states, and the event that pictures center on.
+/// The subject of pictures: its states, and the event that they center on.
 type Drawn = (FrameRenderer, StateTrajectory, Option<Event>);
 
 /// Draws the initial state of a target.

@@ -1,4 +1,4 @@
-//! What a path names, by its content, then by the ending of its name.
+//! The kind of thing that a path names, by its content, then by the ending of its name.
 
 use std::fs::File;
 use std::io::Read;
@@ -12,7 +12,7 @@ use mishandle_text::{path_text, shell_quote};
 /// First bytes of a run file.
 const SQLITE: &[u8] = b"SQLite format 3\0";
 
-/// What a path names.
+/// The kind of thing that a path names.
 pub enum PathKind {
     /// A run file, also one that is missing or damaged.
     Run,
@@ -91,7 +91,7 @@ fn is_run(path: &Path) -> bool {
         && start == *SQLITE
 }
 
-/// Returns whether a path has the form `TASK/NAME`, and no other file or folder than that of a task.
+/// Returns whether a path has the form `TASK/NAME`, and no other file or folder than a task's.
 fn is_controller_name(path: &Path) -> bool {
     let text = path_text(path);
     let Some((task, name)) = text.split_once('/') else { return false };
