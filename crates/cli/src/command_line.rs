@@ -3,8 +3,9 @@
 use std::ffi::OsString;
 use std::sync::LazyLock;
 
-use clap::error::{ContextKind, ErrorKind};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
+use mishandle::plan::keys;
 
 use crate::commands::{Command, GROUPS};
 use crate::flags::{self, KeyParser};
@@ -135,6 +136,16 @@ fn group_lines() -> String {
     GROUPS.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// Returns a line for each key of the command whose name ends as an unknown flag.
+fn key_lines(error: &clap::Error, arguments: &[OsString]) -> Vec<String> {
+    let Some(ContextValue::String(flag)) = error.get(ContextKind::InvalidArg) else { return Vec::new() };
+    let Some(word) = flag.strip_prefix("--") else { return Vec::new() };
+    let command = arguments.get(1).map(|name| name.to_string_lossy()).unwrap_or_default();
+    let is_same = |key: &str| key.rsplit_once('.').map_or(key, |(_, name)| name) == word;
+    let named = keys().iter().filter(|key| is_same(&key.name) && flags::reads_key(&command, &key.name));
+    named.map(|key| format!("{flag} is a key: -k {}=VALUE", key.name)).collect()
+}
+
 /// Prints help, or an error in the arguments of the program.
 pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     // The parser colors its errors, which quote arguments, so the arguments are escaped instead of
@@ -144,9 +155,14 @@ pub fn usage(error: &clap::Error, arguments: &[OsString]) {
         // Help goes to stdout, which can be a closed pipe.
         Err(escaped) => {
             drop(escaped.print());
-            let is_unknown = escaped.kind() == ErrorKind::InvalidSubcommand;
-            if is_unknown && escaped.get(ContextKind::SuggestedSubcommand).is_none() {
-                output::message(&format!("The commands:\n{}", group_lines()));
+            match escaped.kind() {
+                ErrorKind::InvalidSubcommand => {
+                    output::message(&format!("The commands:\n{}", group_lines()));
+                }
+                ErrorKind::UnknownArgument => {
+                    key_lines(&escaped, arguments).iter().for_each(|line| output::message(line));
+                }
+                _ => {}
             }
         }
         // An argument was not UTF-8.
