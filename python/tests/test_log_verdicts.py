@@ -71,9 +71,9 @@ class SameAnswers(Logs):
         ]
         for times, reading in cases:
             columns = {"time": times, "force": force, "speed": speed}
-            flags = [word for name, value in reading.items() for word in (f"--{name}", str(value))]
+            keys = [word for name, value in reading.items() for word in ("-k", f"log.{name}={value}")]
             paths = self.files(columns)
-            expected = command("--formula", formula, str(paths[0]), *flags)
+            expected = command("--formula", formula, str(paths[0]), *keys)
             self.assertTrue(expected.violated)
             for path in paths:
                 asked = {
