@@ -419,6 +419,6 @@ class Tasks(Case):
         self.assertEqual(found.success_rate.n, 2)
         self.path.write_bytes(linear().SerializeToString())
         with self.assertRaisesRegex(
-            mishandle.MishandleError, r"shape \[N, 3\], but observations have the shape \[27\]"
+            mishandle.MishandleError, r"shape \[N, 3\], but the task has 27 numbers per observation"
         ):
             mishandle.evaluate("point-reaching", policy=str(self.path), episodes=2)
