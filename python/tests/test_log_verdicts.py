@@ -71,7 +71,8 @@ class SameAnswers(Logs):
         ]
         for times, reading in cases:
             columns = {"time": times, "force": force, "speed": speed}
-            keys = [word for name, value in reading.items() for word in ("-k", f"log.{name}={value}")]
+            settings = [f"log.{name}={value}" for name, value in reading.items()]
+            keys = [word for setting in settings for word in ("-k", setting)]
             paths = self.files(columns)
             expected = command("--formula", formula, str(paths[0]), *keys)
             self.assertTrue(expected.violated)
