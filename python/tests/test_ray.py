@@ -134,7 +134,7 @@ class RayTest(FolderCase):
 
     def test_a_task_has_the_rows_of_one_machine(self) -> None:
         options: dict[str, Any] = {
-            "policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4, "batch": 4
+            "policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4, "plan": batch(4)
         }
         mishandle.falsify("point-reaching", out=self.folder / "local", **options)
         mishandle.falsify("point-reaching", out=self.folder / "ray", executor="ray", **options)
@@ -162,7 +162,9 @@ class RayTest(FolderCase):
 
         killer = threading.Thread(target=kill)
         killer.start()
-        options: dict[str, Any] = {"search": "random", "trials": 4, "budget": 20, "batch": 40}
+        options: dict[str, Any] = {
+            "search": "random", "trials": 4, "budget": 20, "plan": batch(40)
+        }
         found = mishandle.falsify(
             slow, FORMULA, SPACE, out=self.folder / "ray", executor=executor, **options
         )
