@@ -134,7 +134,8 @@ class RayTest(FolderCase):
 
     def test_a_task_has_the_rows_of_one_machine(self) -> None:
         options: dict[str, Any] = {
-            "policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4, "plan": batch(4)
+            "policy": "ppo", "rows": 2, "search": "random", "trials": 1, "budget": 4,
+            "plan": batch(4)
         }
         mishandle.falsify("point-reaching", out=self.folder / "local", **options)
         mishandle.falsify("point-reaching", out=self.folder / "ray", executor="ray", **options)
