@@ -53,7 +53,7 @@ and `-k render.event=release` center on something else.
 
 Rendering needs no display. Videos need the program ffmpeg.
 
-The viewer is that of the Python package `mujoco`, which must be installed and needs a display. The
+The viewer comes from the Python package `mujoco`, which must be installed and needs a display. The
 simulation runs again and must be bit-identical to its record. Then its states play in a loop: space
 pauses, the arrows left and right go one control step back and forth, Ctrl-Q closes.")]
 pub struct Arguments {
@@ -390,9 +390,7 @@ impl<'a> Scene<'a> {
                     output::message(&format!("first contact: {pair}"));
                     Some(event)
                 }
-                None => bail!(
-                    "this simulation has no contact but those of the first 0.1 s; leave out render.event"
-                ),
+                None => bail!("this simulation has no contact after the first 0.1 s; leave out render.event"),
             },
             CenterEvent::Release => match released {
                 Some(event) => Some(event),

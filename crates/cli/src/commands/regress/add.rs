@@ -39,7 +39,7 @@ pub fn run(command: &Arguments, run: &Path) -> Result<ExitStatus> {
     if let (Some(out), [only]) = (&command.out, &mut chosen[..]) {
         only.path.clone_from(out);
     }
-    // The files of a target are copied; they must be those of the run.
+    // The files of a target are copied, so they must equal the run's.
     let has_files = mishandle::resolve::has_files(&Plan::from_toml(&file.header().plan)?.target);
     let resolved = if regress.minimize || has_files || engine.target.is_some() {
         Some(mishandle::resolve::recorded_plan(file.header(), engine.moved())?)
