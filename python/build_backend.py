@@ -46,5 +46,11 @@ def prepare() -> None:
     os.environ.setdefault("MATURIN_PEP517_ARGS", f"--compatibility manylinux_{major}_{minor}")
     for name in OVERRIDES:
         os.environ.pop(name, None)
-    for chore in ["mujoco", "results"]:
-        subprocess.run(["cargo", "xtask", chore], cwd=ROOT, check=True)
+    # The chores `mujoco` and `results` of xtask, in the profile of the wheel, which needs most of
+    # their crates anyway.
+    for package in [
+        ["xtask", "--", "mujoco"],
+        ["mishandle-results", "--features", "schema", "--example", "generate"],
+    ]:
+        command = ["cargo", "run", "--quiet", "--release", "--package", *package]
+        subprocess.run(command, cwd=ROOT, check=True)

@@ -40,7 +40,7 @@ pub mod shipped;
 pub mod train;
 pub mod tune;
 
-pub use error::MishandleError;
+pub use error::{Compared, MishandleError, RunError};
 pub use plan::Plan;
 pub use resolve::ResolvedPlan;
 

@@ -52,11 +52,7 @@ fn an_interrupted_bisection_continues_in_the_middle_of_a_candidate() {
     let found = found.unwrap();
     assert_eq!(continued_at, interrupted_at);
     let facts = |found: &Bisection| {
-        found
-            .tested
-            .iter()
-            .map(|one| (one.result.clone(), one.success_rate, one.simulations))
-            .collect::<Vec<_>>()
+        found.tested.iter().map(|one| (one.result, one.success_rate, one.simulations)).collect::<Vec<_>>()
     };
     assert_eq!((facts(&found), &found.verdict), (facts(&whole), &whole.verdict));
     assert_eq!(finished(&plan.folder).unwrap().unwrap(), found);

@@ -64,7 +64,7 @@ fn a_pair_takes_less_than_64_bytes() {
         let a = write(&folder.path().join("a.sqlite"), &template, pairs, 0.0);
         let b = write(&folder.path().join("b.sqlite"), &template, pairs, 1.0);
         let before = peak_bytes();
-        let found = compare(&a, &b).unwrap();
+        let found = compare(&a, &b, |_| String::new()).unwrap();
         let bytes = (peak_bytes() - before) / u64::from(pairs);
         assert!(bytes < 64, "{bytes} bytes for each pair");
         assert_eq!((found.pairs, found.robustness.difference.value), (pairs.into(), Some(-1.0)));

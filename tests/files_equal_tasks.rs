@@ -87,7 +87,7 @@ fn cameras_of_a_file_see_what_those_of_the_task_see() {
     let parts = |view: &View| (0..view.scene.shapes.len()).map(|shape| view.part(shape)).collect::<Vec<_>>();
     assert_eq!(parts(&seen), parts(&found));
     let names = |sight: &mishandle_camera::sight::Sight| -> Vec<String> {
-        sight.axes().map(|(_, axis)| axis.name.clone()).collect()
+        sight.axes().map(|axis| axis.name.clone()).collect()
     };
     assert_eq!(names(&mishandle_tasks::sight::sight(task.definition())), names(file.sight().unwrap()));
 }

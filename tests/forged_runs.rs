@@ -9,7 +9,7 @@ use mishandle::run::{Engine, ask};
 use mishandle::store::{
     IfExists, RunFile, RunHeader, RunKind, RunWriter, Simulation, SimulationEnd, TrialRecord, TrialStatus,
 };
-use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle::{Compared, MishandleError, Plan, ResolvedPlan, RunError};
 use tempfile::TempDir;
 
 /// Everything in a run file.
@@ -106,7 +106,7 @@ impl Bench {
         let (path, (trial, number)) = self.forge(change);
         match mishandle::replay::replay(&RunFile::open(path).unwrap(), trial, number, None) {
             Ok(replayed) => replayed.differences,
-            Err(MishandleError::RunMismatch { differences }) => differences,
+            Err(MishandleError::Run(RunError::Differs { whose: Compared::Plan, differences })) => differences,
             Err(error) => panic!("{error}"),
         }
     }
@@ -163,6 +163,24 @@ const HEADER: &[(&str, Change)] = &[
     ("hash of the target: recorded \"forged\"", |run| run.header.target.hash = "forged".into()),
     ("hash of the target: recorded \"\"", |run| run.header.target.hash.clear()),
     ("verdict 1: recorded \"failure\"", |run| run.header.verdicts[0] = "failure".into()),
+];
+
+/// Changes after which a simulation contradicts itself or its target.
+const IMPOSSIBLE: &[(&str, Change)] = &[
+    ("its end allows no verdict, but it has one", |run| {
+        run.chosen().end = SimulationEnd::Diverged { step: 1 };
+    }),
+    ("it completed, but with another number", |run| run.chosen().steps = 0),
+    ("it ended after another control step than it took", |run| {
+        run.chosen().end = SimulationEnd::Stopped { step: 1 };
+    }),
+    ("the bounds of its robustness differ", |run| run.chosen().robustness_high = Some(9.0)),
+    ("which its target does not have", |run| run.chosen().end = SimulationEnd::TimedOut { step: 1 }),
+    ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
+    ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
+    ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
+    ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(1e9)),
+    ("`completion_step` of simulation", |run| run.chosen().verdicts[3] = Some(0.5)),
 ];
 
 #[test]
@@ -264,21 +282,8 @@ fn a_replay_names_every_forged_value_of_an_evaluation() {
 fn a_forged_falsification_is_not_resumed() {
     let bench = Bench::falsification();
     bench.check_resume(HEADER);
+    bench.check_resume(IMPOSSIBLE);
     bench.check_resume(&[
-        ("its end allows no verdict, but it has one", |run| {
-            run.chosen().end = SimulationEnd::Diverged { step: 1 };
-        }),
-        ("it completed, but with another number", |run| run.chosen().steps = 0),
-        ("it ended after another control step than it took", |run| {
-            run.chosen().end = SimulationEnd::Stopped { step: 1 };
-        }),
-        ("the bounds of its robustness differ", |run| run.chosen().robustness_high = Some(9.0)),
-        ("which its target does not have", |run| run.chosen().end = SimulationEnd::TimedOut { step: 1 }),
-        ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
-        ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
-        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
-        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(1e9)),
-        ("`completion_step` of simulation", |run| run.chosen().verdicts[3] = Some(0.5)),
         ("simulation", |run| run.chosen().seed += 1),
         ("simulation", |run| run.chosen().unit_point[0] += 1e-12),
         ("simulation", |run| run.simulations.remove(0).seed += 1),
@@ -315,21 +320,8 @@ fn a_forged_falsification_lacks_what_its_search_asks() {
 fn a_forged_evaluation_is_not_resumed() {
     let bench = Bench::evaluation();
     bench.check_resume(HEADER);
+    bench.check_resume(IMPOSSIBLE);
     bench.check_resume(&[
-        ("its end allows no verdict, but it has one", |run| {
-            run.chosen().end = SimulationEnd::Diverged { step: 1 };
-        }),
-        ("it completed, but with another number", |run| run.chosen().steps = 0),
-        ("it ended after another control step than it took", |run| {
-            run.chosen().end = SimulationEnd::Stopped { step: 1 };
-        }),
-        ("the bounds of its robustness differ", |run| run.chosen().robustness_high = Some(9.0)),
-        ("which its target does not have", |run| run.chosen().end = SimulationEnd::TimedOut { step: 1 }),
-        ("`steps` of simulation", |run| run.chosen().steps = 1_000_000),
-        ("`end_step` of simulation", |run| run.chosen().end = SimulationEnd::Stopped { step: 1_000_000 }),
-        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(-1.0)),
-        ("`dangerous_steps` of simulation", |run| run.chosen().verdicts[2] = Some(1e9)),
-        ("`completion_step` of simulation", |run| run.chosen().verdicts[3] = Some(0.5)),
         ("simulation 2", |run| run.chosen().seed += 1),
         ("simulation 2", |run| run.chosen().unit_point = vec![0.5; run.header.axes.len()]),
         ("simulation 2", |run| run.chosen().scenario[0] = Some(0.0)),
@@ -350,6 +342,6 @@ fn a_run_of_a_target_in_python_is_not_taken_for_a_misspelled_name() {
     let mut header = RunFile::open(bench.honest()).unwrap().header().clone();
     header.plan = header.plan.replace("toy/car-following", "python/point-reaching");
     let error = mishandle::resolve::recorded_plan(&header, None).unwrap_err();
-    assert!(error.to_string().contains("`mishandle.replay`"), "{error}");
-    assert_eq!(error.hint(), None);
+    assert!(error.to_string().contains("resumed by the Python package"), "{error}");
+    assert_eq!(error.remedies(), []);
 }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle::plan::{AxisSetting, EvaluatePlan, GuardPlan, TuneSettings};
-use mishandle::results::{GuardTuning, Number};
+use mishandle::results::{Choice, GuardTuning, Key, Number, Remedy};
 use mishandle::rollout::{Episode, Request, Scenario, Seed};
 use mishandle::store::RunFile;
 use mishandle::tune::tune;
@@ -153,13 +153,18 @@ fn refusals_say_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let error = |plan: &Plan, settings: &TuneSettings| {
         let folder = folder.path().join(plan.space.len().to_string());
-        tune(plan, settings, &folder, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string()
+        tune(plan, settings, &folder, &mut |_| ControlFlow::Continue(())).unwrap_err()
     };
-    assert!(error(&Plan { guard: None, ..plan() }, &settings()).contains("--guard"));
+    let missing = error(&Plan { guard: None, ..plan() }, &settings());
+    assert_eq!(missing.remedies(), [Remedy::set(Key::GUARD, Choice::FILE)]);
+    let error = |plan: &Plan, settings: &TuneSettings| error(plan, settings).to_string();
     assert!(
         error(&Plan { guard: plan().guard, ..Plan::new("toy/noisy", "") }, &settings()).contains("guard")
     );
-    assert!(error(&plan(), &TuneSettings { false_alarms: 1.0, ..settings() }).contains("tune.false-alarms"));
+    assert!(
+        error(&plan(), &TuneSettings { false_alarms: 1.0, ..settings() })
+            .contains("the share of false alarms")
+    );
     // Without delays, ppo does not fail.
     let easy = Plan { space: "starts".to_string(), axes: Default::default(), ..plan() };
     let found = error(&easy, &TuneSettings { episodes: 12, ..settings() });

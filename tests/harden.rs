@@ -12,6 +12,7 @@ use mishandle::harden::{
 };
 use mishandle::plan::{AxisSetting, HardenPlan};
 use mishandle::resolve::recorded_plan;
+use mishandle::results::{Choice, Key, Remedy};
 use mishandle::run::Opening;
 use mishandle::store::{IfExists, RunFile, RunWriter};
 
@@ -156,10 +157,14 @@ fn an_interrupted_hardening_continues_to_the_same_result_and_its_sets_are_disjoi
     let mut older: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).unwrap();
     older.remove("worse");
     std::fs::write(&result, serde_json::to_string(&older).unwrap()).unwrap();
-    let error = finished(&copy).unwrap_err().to_string();
-    for part in ["result.json is not", "of this version", "`worse`", "delete the file", "--out"] {
-        assert!(error.contains(part), "{part}: {error}");
+    let error = finished(&copy).unwrap_err();
+    for part in ["result.json is not", "of this version", "`worse`"] {
+        assert!(error.to_string().contains(part), "{part}: {error}");
     }
+    let [Remedy::Advice(advice), Remedy::Another(Key::OUT)] = &error.remedies()[..] else {
+        panic!("{:?}", error.remedies());
+    };
+    assert!(advice.starts_with("delete the file"), "{advice}");
     std::fs::File::create(&result).unwrap().set_len(5 << 20).unwrap();
     assert!(finished(&copy).unwrap_err().to_string().contains("result.json"));
     std::fs::remove_file(&result).unwrap();
@@ -271,8 +276,8 @@ fn mistakes_are_errors_before_anything_is_written() {
     let error = harden(&good, &other, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
     assert!(error.contains(".safetensors") && !other.exists(), "{error}");
     std::fs::write(&out, "").unwrap();
-    let error = harden(&good, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
-    assert!(error.contains("--out"), "{error}");
+    let error = harden(&good, &out, None, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!(error.remedies(), [Remedy::Another(Key::OUT), Remedy::set(Key::RESUME, Choice::On)]);
     let error = resume(home.path(), Opening::default(), None, &mut |_| ControlFlow::Continue(()))
         .unwrap_err()
         .to_string();

@@ -50,6 +50,7 @@ fn linear(robot: &Path, weights: [f32; 4]) -> Vec<u8> {
         preset: String::new(),
         reward: String::new(),
         layout: robot.layout(),
+        action_interface: None,
         task_hash: String::new(),
         training: TrainingRecord::default(),
     };
@@ -146,7 +147,7 @@ fn a_better_controller_is_accepted_also_after_interruptions() {
         "--archive",
         "--space",
         "--axis",
-        "--set",
+        "--axis",
         "--seed",
         "--steps",
         "--threads",
@@ -154,13 +155,14 @@ fn a_better_controller_is_accepted_also_after_interruptions() {
     ];
     assert_eq!(flags, expected);
     let value = |flag: &str| words[words.iter().position(|word| *word == flag).unwrap() + 1];
+    let last = words[words.iter().rposition(|word| *word == "--axis").unwrap() + 1];
+    assert_eq!(last, "observation_delay=2");
     for (flag, expected) in [
         ("--target", bench.name("cartpole.toml")),
         ("--controller", name("before.onnx")),
         ("--archive", name("round-1/failures")),
         ("--space", "starts+delay".to_string()),
         ("--axis", "action_delay=0:2".to_string()),
-        ("--set", "observation_delay=2".to_string()),
         ("--steps", "512".to_string()),
         ("--out", name("round-1/controller.onnx")),
     ] {
@@ -197,7 +199,9 @@ fn a_trainer_that_fails_is_named_and_called_again_and_the_same_controller_is_no_
     let out = bench.path("out.onnx");
     let folder = harden_folder(&out);
     let said = error(harden(&plan, &out, None, &mut go_on));
-    for part in ["`sh 'train.sh'` failed with exit code 3", "--resume", "training.log: ", "out of memory"] {
+    for part in
+        ["`sh 'train.sh'` failed with exit code 3", "resumed hardening", "training.log: ", "out of memory"]
+    {
         assert!(said.contains(part), "{part}: {said}");
     }
     // What is recorded is not simulated again.
@@ -244,8 +248,8 @@ fn mistakes_are_errors_before_anything_is_written() {
     let controller = "vision".to_string();
     let seeing = Plan { target, controller, ..table(&|table| table.trainer = None) };
     for (plan, part) in [
-        (table(&|table| table.trainer = None), "--trainer"),
-        (seeing, "--trainer"),
+        (table(&|table| table.trainer = None), "needs a trainer of yours"),
+        (seeing, "needs a trainer of yours"),
         (table(&|table| table.is_trainer_typed = false), "MISHANDLE_ALLOW_PROGRAMS=1"),
         (table(&|table| table.settings = Some("a.toml".to_string())), "harden.settings"),
         (table(&|table| table.device = "gpu".to_string()), "harden.device"),

@@ -3,6 +3,8 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a test may panic and print")]
 
+#[path = "../crates/tasks/tests/altered_worlds/mod.rs"]
+mod altered_worlds;
 mod bisect;
 mod bits;
 mod cart_pole;
@@ -14,6 +16,8 @@ mod cube_flipping;
 mod early_stopping;
 mod files_equal_tasks;
 mod forged_runs;
+#[path = "../crates/rollout/tests/function_controller/mod.rs"]
+mod function_controller;
 #[path = "../crates/interchange/tests/graph/mod.rs"]
 mod graph;
 mod guard_tune;
@@ -26,6 +30,7 @@ mod library_page;
 mod manner;
 #[path = "../crates/store/tests/own_process.rs"]
 mod own_process;
+mod physics;
 mod policy_view;
 mod questions;
 mod record;

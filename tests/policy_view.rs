@@ -63,7 +63,7 @@ fn dim(resolved: &ResolvedPlan) -> Request {
 #[test]
 fn the_images_are_those_that_the_cameras_of_the_task_draw() {
     let folder = tempfile::tempdir().unwrap();
-    let resolved = resolved(folder.path(), "starts+light");
+    let resolved = resolved(folder.path(), "starts+light-3");
     let request = dim(&resolved);
     let (view, nominal) = policy_views(&resolved, &request).unwrap().unwrap();
     let nominal = nominal.unwrap();
@@ -80,7 +80,7 @@ fn the_images_are_those_that_the_cameras_of_the_task_draw() {
         let states = &trajectory.states;
         let seen = cameras.start(states, &request.scenario, request.seed).unwrap().unwrap();
         for step in [0, 1, view.steps() - 1] {
-            let drawn = cameras.image(&seen, states, (0, step));
+            let drawn = cameras.image(&seen, states, 0, step);
             assert_eq!(view.image(0, step), drawn, "step {step}");
             *light += drawn.iter().map(|byte| u64::from(*byte)).sum::<u64>();
         }

@@ -9,7 +9,7 @@ use mishandle::plan::{
 use mishandle::results::Answer;
 use mishandle::run::Engine;
 use mishandle::store::{RunFile, RunKind, RunWriter, TrialStatus};
-use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle::{Compared, MishandleError, Plan, ResolvedPlan, RunError};
 use serde_json::Value;
 
 /// Relations by name: a change of an axis and what must hold.
@@ -265,7 +265,11 @@ fn a_run_of_another_question_is_refused() {
         asked.map(drop).map_err(Box::new)
     };
     let other = Plan { margin: Some(MarginPlan { budget: 99, ..MarginPlan::default() }), ..margin.clone() };
-    assert!(matches!(*ask(&other).unwrap_err(), MishandleError::OtherSettings { .. }));
+    let error = ask(&other).unwrap_err();
+    assert!(
+        matches!(*error, MishandleError::Run(RunError::Differs { whose: Compared::Settings, .. })),
+        "{error}"
+    );
     assert!(ask(risk).is_err());
     ask(margin).unwrap();
 }
@@ -296,5 +300,5 @@ fn a_changed_row_is_named_by_the_replay_and_refused_by_the_question() {
     let run = RunWriter::resume(&copy).unwrap();
     let error =
         mishandle::run::ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap_err();
-    assert!(matches!(error, MishandleError::SimulationMismatch { number: 10 }), "{error}");
+    assert!(matches!(error, MishandleError::Run(RunError::OtherRequest { number: 10, .. })), "{error}");
 }

@@ -73,7 +73,7 @@ fn rows_of_a_target_file_with_a_policy_that_sees_depend_on_no_batch_and_no_threa
     let target = robot(folder.path());
     let rows = |batch: u32, threads: usize| {
         let evaluate = EvaluatePlan { episodes: 6, batch, corners: false, ..EvaluatePlan::default() };
-        let space = "starts+light+image+faults-camera+faults-actuation".to_string();
+        let space = "starts+light-3+image-3+faults-camera+faults-actuation".to_string();
         let plan =
             Plan { evaluate: Some(evaluate), space, seed: 3, ..Plan::new(target.to_str().unwrap(), "") };
         let path = folder.path().join(format!("{batch}-{threads}.sqlite"));
@@ -206,7 +206,7 @@ fn requests(space: &Space) -> Vec<Request> {
 fn a_policy_that_plays_chunks_acts_as_one_that_gets_every_image() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("policy.onnx");
-    let space = "starts+light+image+faults-camera+faults-actuation";
+    let space = "starts+light-3+image-3+faults-camera+faults-actuation";
     // How many images of a period of `execute` control steps a run of the model gets.
     for (play, history, padding, period, used) in [
         (r#"{"execute": 5}"#, 1, "zeros", 5, 1),
@@ -221,8 +221,7 @@ fn a_policy_that_plays_chunks_acts_as_one_that_gets_every_image() {
         let side =
             format!(r#"{{"task": "point-reaching", "images": [["i", "over"]], "chunk": {play}{own}}}"#);
         write_policy(&path, [9, 6], history, &side);
-        let policy: Arc<dyn Controller> =
-            Arc::new(onnx_policy(&ShippedFile::Path(path.clone()), None).unwrap());
+        let policy = onnx_policy(&ShippedFile::Path(path.clone()), None).unwrap().controller;
         let (expected, all) = episodes(&policy, true, space, requests);
         let (found, asked) = episodes(&policy, false, space, requests);
         for (index, (a, b)) in expected.iter().zip(&found).enumerate() {

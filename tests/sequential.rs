@@ -6,7 +6,7 @@ use std::path::Path;
 
 use mishandle::campaign::create_campaign;
 use mishandle::plan::{AxisSetting, ComparePlan, EvaluatePlan, Measure, Until};
-use mishandle::results::{Control, Evaluation};
+use mishandle::results::{Command, Control, Evaluation, Remedy};
 use mishandle::run::{CONTROL_TRIAL, Engine, OpenRun, Opening, ask, create_run, evaluate_pairs};
 use mishandle::store::{RunFile, RunWriter, Simulation, TrialStatus};
 use mishandle::{Plan, ResolvedPlan};
@@ -88,7 +88,7 @@ fn compared(folder: &Path, compare: ComparePlan, pieces: u64) -> mishandle::resu
         runs = paths.each_ref().map(|path| RunWriter::resume(path).unwrap());
     }
     let [a, b] = paths.map(|path| RunFile::open(path).unwrap());
-    mishandle::inspect::compare(&a, &b).unwrap()
+    mishandle::inspect::compare(&a, &b, |_| String::new()).unwrap()
 }
 
 #[test]
@@ -121,7 +121,8 @@ fn the_pairs_of_a_comparison_end_together_and_a_resumed_one_is_the_same() {
             mishandle::resolve::recorded_plan(RunFile::open(&path).unwrap().header(), None).unwrap();
         let run = RunWriter::resume(&path).unwrap();
         let error = ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(()));
-        assert!(error.unwrap_err().to_string().contains("mishandle compare --resume"));
+        let both = Remedy::Run(Command::ResumeComparison { is_python: false });
+        assert_eq!(error.unwrap_err().remedies(), [both]);
     }
 }
 
@@ -155,7 +156,7 @@ fn runs_that_rules_ended_are_compared_by_their_common_pairs_at_any_time() {
     };
     let short = run("short", 0.3);
     let long = run("long", 0.15);
-    let found = mishandle::inspect::compare(&short, &long).unwrap();
+    let found = mishandle::inspect::compare(&short, &long, |_| String::new()).unwrap();
     let n = rows(short.path(), 1).len() as u64;
     assert!(n < rows(long.path(), 1).len() as u64 && found.at_any_time);
     // The same target and seeds: no pair differs.

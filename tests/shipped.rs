@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use mishandle::controllers::Entry;
 use mishandle::resolve::onnx_policy;
-use mishandle::rollout::Controller;
 use mishandle::shipped::{ShippedFile, shipped_controllers};
 use mishandle::tasks::TASKS;
 
@@ -49,7 +48,7 @@ fn the_policies_that_see_get_their_joints_and_images_alone() {
         assert_eq!(path.file_stem().unwrap(), "vision");
         assert!(path.metadata().unwrap().len() <= LARGEST_MODEL, "{}", path.display());
         let name = path.parent().unwrap().file_name().unwrap().to_str().unwrap();
-        let policy = onnx_policy(&ShippedFile::Path(path.clone()), Some(name)).unwrap();
+        let policy = onnx_policy(&ShippedFile::Path(path.clone()), Some(name)).unwrap().controller;
         let entries = mishandle::tasks::task(name).unwrap().definition().layout().observation;
         let pixels: usize = policy.sees().iter().map(|image| 3 * image.width * image.height).sum();
         let images: Vec<u8> = (0..pixels).map(|i| (i * i % 251) as u8).collect();

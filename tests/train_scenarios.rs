@@ -13,19 +13,14 @@ use mishandle::train::{Curve, TrainReport};
 use mishandle::training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings, SpaceSetting};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{
-    Axis, AxisValues, BatchFactory, Controller, ControllerWorker, Environment, EnvironmentWorker, Noise,
+    Axis, AxisValues, BatchFactory, Controller, Environment, EnvironmentFacts, EnvironmentWorker, Noise,
     Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space, StepStatus, Stream, System,
     TrainingScenarios, named_space,
 };
 use mishandle_world::CpuDevice;
 
+use crate::function_controller::controller;
 use crate::silent::Silent;
-
-/// A policy that reacts to each entry of the observation, and keeps what it saw.
-struct Recorder {
-    sizes: (usize, usize),
-    seen: Arc<Mutex<Vec<Vec<u32>>>>,
-}
 
 fn act(observation: &[f32], actions: &mut [f32]) {
     for (index, action) in actions.iter_mut().enumerate() {
@@ -38,23 +33,16 @@ fn bits(numbers: &[f32]) -> Vec<u32> {
     numbers.iter().map(|x| x.to_bits()).collect()
 }
 
-impl Controller for Recorder {
-    fn observation_size(&self) -> usize {
-        self.sizes.0
-    }
-    fn action_size(&self) -> usize {
-        self.sizes.1
-    }
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Recorder { sizes: self.sizes, seen: self.seen.clone() })
-    }
-}
-
-impl ControllerWorker for Recorder {
-    fn act(&mut self, _rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
-        self.seen.lock().unwrap().push(bits(observations));
-        act(observations, actions);
-    }
+/// Returns a policy that reacts to each entry of the observation, and keeps what it saw.
+fn recorder(
+    observation_size: usize,
+    action_size: usize,
+    seen: Arc<Mutex<Vec<Vec<u32>>>>,
+) -> Arc<dyn Controller> {
+    controller([observation_size, action_size, 0], move |observation, _, actions| {
+        seen.lock().unwrap().push(bits(observation));
+        act(observation, actions);
+    })
 }
 
 /// Actions and reward of each control step.
@@ -68,35 +56,8 @@ fn step_bits(actions: &[f64], reward: f64) -> (Vec<u64>, u64) {
 struct Watched(Arc<TaskEnvironment>, Steps);
 
 impl Environment for Watched {
-    fn name(&self) -> &str {
-        self.0.name()
-    }
-    fn space(&self) -> &Space {
-        self.0.space()
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        self.0.signals()
-    }
-    fn reward_terms(&self) -> &[String] {
-        self.0.reward_terms()
-    }
-    fn observation_size(&self) -> usize {
-        self.0.observation_size()
-    }
-    fn action_size(&self) -> usize {
-        self.0.action_size()
-    }
-    fn action_limit(&self) -> f64 {
-        self.0.action_limit()
-    }
-    fn state_size(&self) -> usize {
-        self.0.state_size()
-    }
-    fn control_dt(&self) -> f64 {
-        self.0.control_dt()
-    }
-    fn episode_steps(&self) -> usize {
-        self.0.episode_steps()
+    fn facts(&self) -> &EnvironmentFacts {
+        self.0.facts()
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(WatchedWorker(self.0.worker(), self.1.clone()))
@@ -197,12 +158,12 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
             }
             for row in 0..ROWS {
                 let seed = Seed(8).child(row as u64).child(0);
-                let recorder = Recorder { sizes, seen: Arc::default() };
-                let expected = recorder.seen.clone();
+                let expected = Arc::default();
+                let recorder = recorder(sizes.0, sizes.1, Arc::clone(&expected));
                 let watched = Steps::default();
                 let spied = Arc::new(Watched(environment.clone(), watched.clone()));
                 let noise = Noise { action_std: 0.2, observation_std: 0.0 };
-                let rollout = Rollout::new(spied, Arc::new(recorder), specification.clone(), noise).unwrap();
+                let rollout = Rollout::new(spied, recorder, specification.clone(), noise).unwrap();
                 let mut rollout =
                     rollout.with_disturbances(scenarios.space.clone(), &scenarios.disturbances).unwrap();
                 let request = Request::new(scenarios.random(seed, 0), seed);
@@ -219,7 +180,7 @@ fn training_episodes_have_the_bits_of_evaluated_ones_under_every_kind_of_axis() 
 
 /// Returns a policy that sees two earlier observations and actions, and a policy without a history
 /// that gets the whole input as its observation.
-fn with_history_and_whole((observations, actions): (usize, usize)) -> (Policy, Policy) {
+fn with_history_and_whole(observations: usize, actions: usize) -> (Policy, Policy) {
     let inputs = observations + 2 * (observations + actions);
     let mut network = Mlp::new(&[inputs, 16, actions], Activation::Tanh, Activation::Identity).unwrap();
     let mut index = 0;
@@ -261,7 +222,7 @@ fn training_sees_the_history_of_an_evaluation_with_late_actions() {
     let sizes = (environment.observation_size(), environment.action_size());
     let specification = task.definition().formulas(Preset::Paper).specification().unwrap();
     let settings = EpisodeSettings { environments: ROWS, staggered: false, ..EpisodeSettings::default() };
-    let (policy, whole) = with_history_and_whole(sizes);
+    let (policy, whole) = with_history_and_whole(sizes.0, sizes.1);
     let batches: Arc<dyn BatchFactory> = Arc::new(environment.clone());
     let batches = ScenarioBatches::new(batches, scenarios.clone());
     let episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(8)).unwrap();

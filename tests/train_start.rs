@@ -88,5 +88,5 @@ fn a_start_that_cannot_be_trained_is_an_error_before_any_file_is_written() {
     }
     let other = TrainPlan { settings: None, from: Some("point-reaching/sac".to_string()), ..good };
     let error = train(&other, None, &mut Silent).unwrap_err().to_string();
-    assert!(error.contains("--algorithm is ppo"), "{error}");
+    assert!(error.contains("the algorithm is ppo"), "{error}");
 }

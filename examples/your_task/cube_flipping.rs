@@ -1,14 +1,13 @@
 //! Cube flipping: tip a cube onto another face.
 
-use std::{borrow::Cow, sync::Arc};
-
 use mishandle::rollout::Controller;
 use mishandle::tasks::kinematic::{ResolvedRate, rotation_between};
-use mishandle::tasks::{BoxAxis, Definition, GripperMode, Quantity, Reward, TaskFormulas, Variations};
+use mishandle::tasks::{BoxAxis, Definition, GripperMode, LAMP, Quantity, Reward, TaskFormulas, Variations};
 use mishandle::tasks::{Expert, ExpertInput, ExpertPolicy, Panda, Scene, Task};
 use mishandle::tasks::{action_penalty, clamp_norm, scalar, vector3};
 use mishandle::world::frame::{add, cross, norm, rotate, scale, sub};
 use mishandle::world::{Body, Joint, Model, Rows, World, WorldError};
+use std::{borrow::Cow, sync::Arc};
 
 /// The task.
 pub struct CubeFlipping;
@@ -26,6 +25,7 @@ const DEFINITION: Definition = Definition {
     held: None,
     start: [0.0, -0.2, 0.0, -2.3, 0.0, 2.1, 0.785, 0.0, 0.0],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Fixed(0.0),
     n_substeps: 8,
     velocity_scale: 0.1,

@@ -44,6 +44,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         preset: "paper".into(),
         reward: "shaped".into(),
         layout,
+        action_interface: None,
         task_hash: "0123".into(),
         training,
     };

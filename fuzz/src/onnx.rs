@@ -34,6 +34,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         preset: "paper".into(),
         reward: "shaped".into(),
         layout: layout(),
+        action_interface: None,
         task_hash: String::new(),
         training: TrainingRecord::default(),
     };

@@ -24,8 +24,6 @@ memory. With ``--profile``, ``kernels`` has the time of each kernel in one contr
 another ``--space`` than ``starts``, and with ``--quick``, only ``screened`` is measured.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import json
@@ -45,7 +43,7 @@ EPISODE_STEPS = audit.EPISODE_STEPS
 CORES = len(os.sched_getaffinity(0))
 INPUTS = ("targets", "active", "mocap")
 
-made: list[Recorder] = []
+made: "list[Recorder]" = []
 
 
 class Recorder(gpu.WarpBatch):

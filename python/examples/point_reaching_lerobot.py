@@ -68,7 +68,7 @@ def main():
         env, FORMULA, space, episodes=10, out=fresh("point_reaching_lerobot_evaluation"), **target
     )
     run, started = fresh("point_reaching_lerobot"), time.time()
-    lit = [*space, *mishandle.sight(env, spaces=["light", "image"])]
+    lit = [*space, *mishandle.sight(env, spaces=["light-3", "image-3"])]
     found = mishandle.falsify(
         env, FORMULA, lit, trials=1, budget=5, plan={"falsify": {"isolate": False}}, out=run,
         **target

@@ -1,8 +1,6 @@
 """The command ``mishandle``, which the package installs: the program of the same name, with
 simulations on a GPU."""
 
-from __future__ import annotations
-
 import signal
 import sys
 

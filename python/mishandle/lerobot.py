@@ -1,8 +1,6 @@
 """Policies of LeRobot for Gymnasium environments, and the results of its ``lerobot-eval`` as run
 files."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import json

@@ -1,8 +1,6 @@
 """The plugin for pytest: tests with :func:`mishandle.requirement`. Only pytest imports this
 module."""
 
-from __future__ import annotations
-
 import hashlib
 import pathlib
 import re

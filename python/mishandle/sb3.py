@@ -1,7 +1,5 @@
 """Training with Stable-Baselines3."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

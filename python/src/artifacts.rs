@@ -4,36 +4,37 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use mishandle::counterexample::{Counterexample, Minimization, Suite, Tested};
+use mishandle::counterexample::{Counterexample, Preparation, Suite, Tested};
 use mishandle::evaluation::{SurvivalCurve, lifetimes};
+use mishandle::plan::RegressSettings;
 use mishandle::results::Falsification;
 use mishandle::run::recorded_answer;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
-use mishandle_report::{Measurement, Painter, RunReport, Samples, page};
+use mishandle_cli::words::shell_command;
+use mishandle_report::{Measurement, Painter, RunReport, page};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::raised;
+use crate::call::settings;
+use crate::run::{run_report, samples_of};
 use crate::target::{PyTarget, keep};
 use crate::work::{self, detached, json, recorded};
+use crate::{MishandleError, raised};
 
 /// Returns a report of a run as HTML, measured with the target.
 #[pyfunction]
-pub fn report(
-    py: Python<'_>,
-    target: &PyTarget,
-    path: PathBuf,
-    probes: u32,
-    sensitivity: u32,
-) -> PyResult<String> {
+pub fn report(py: Python<'_>, target: &PyTarget, path: PathBuf, call: &str) -> PyResult<String> {
+    let Some(samples) = samples_of(call)? else {
+        let made = || Ok(page(&[run_report(&RunFile::open(&path)?, None, None)?]));
+        return py.detach(made).map_err(|error: Error| raised(error));
+    };
     detached(py, target, || {
         let run = RunFile::open(&path)?;
         let resolved = recorded(target, &run)?;
-        let mut report = RunReport::load(&run, &path.to_string_lossy(), Some(&resolved))?;
+        let mut report = RunReport::load(&run, &path.to_string_lossy(), Some(&resolved), shell_command)?;
         let mut painter = target.painter.as_ref().map(|painter| PythonPainter { target, painter });
         let painter = painter.as_mut().map(|painter| -> &mut dyn Painter { painter });
-        let samples = Samples { probes, sensitivity };
         let measured = report
             .measure_with(&run, &resolved, painter, samples, |_, _| work::report(target, None, 0, 0))?;
         if let Measurement::Skipped { reason } = &measured {
@@ -95,30 +96,46 @@ pub fn counterexample(py: Python<'_>, path: PathBuf, trial: u32, number: u32) ->
 /// A document, and path and text of each file to write.
 type Exported = (String, Vec<(PathBuf, String)>);
 
-/// Returns the representatives of the failure modes of a run as counterexamples in `folder`. With a
-/// target, they are minimized.
+/// Returns the representatives of the failure modes of a run as counterexamples in `folder`,
+/// minimized with the target if the call says so. The physics of a target of MuJoCo C is checked.
 #[pyfunction]
-#[pyo3(signature = (path, folder, *, target, budget))]
+#[pyo3(signature = (path, folder, call, *, target))]
 pub fn export(
     py: Python<'_>,
     path: PathBuf,
     folder: PathBuf,
+    call: &str,
     target: Option<&PyTarget>,
-    budget: Option<u64>,
 ) -> PyResult<Exported> {
+    let RegressSettings { minimize, budget, .. } = settings(call)?.regress;
+    if minimize && target.is_none() {
+        return Err(MishandleError::new_err(
+            "a copy of a result does not know its system; minimize with the result itself",
+        ));
+    }
     let exported = |resolved: Option<&ResolvedPlan>, watch: &dyn Fn() -> ControlFlow<()>| {
         let run = RunFile::open(&path)?;
         let chosen = mishandle::counterexample::representatives(&run, &folder)?;
-        let budget = budget.unwrap_or(Minimization::BUDGET);
-        let minimization = resolved.map(|resolved| Minimization { resolved, budget });
-        mishandle::counterexample::export(&run, chosen, minimization, |_| watch())
+        let minimize = minimize.then_some(budget.into());
+        let preparation = resolved.map(|resolved| Preparation { resolved, minimize });
+        mishandle::counterexample::export(&run, chosen, preparation, |_| watch())
     };
     let found = match target {
-        Some(target) => detached(py, target, || {
-            let resolved = recorded(target, &RunFile::open(&path)?)?;
-            exported(Some(&resolved), &|| work::report(target, None, 0, 0))
-        })?,
-        None => py.detach(|| exported(None, &|| ControlFlow::Continue(()))).map_err(raised)?,
+        Some(target) if minimize || !target.target.solver_variants.is_empty() => {
+            detached(py, target, || {
+                let resolved = recorded(target, &RunFile::open(&path)?)?;
+                exported(Some(&resolved), &|| work::report(target, None, 0, 0))
+            })?
+        }
+        _ => py
+            .detach(|| {
+                let run = RunFile::open(&path)?;
+                let has_physics = mishandle::resolve::has_scene(&run.header().target.kind);
+                let resolved =
+                    has_physics.then(|| mishandle::resolve::recorded_plan(run.header(), None)).transpose()?;
+                exported(resolved.as_ref(), &|| ControlFlow::Continue(()))
+            })
+            .map_err(raised)?,
     };
     let text = |(path, found): (PathBuf, Counterexample)| (path, found.to_json());
     Ok((json(&found.result)?, found.files.into_iter().map(text).collect()))
@@ -127,20 +144,20 @@ pub fn export(
 /// Simulates the counterexamples of a folder with a target, and with the target of a baseline, each
 /// `repeats` times with other seeds. Returns the document, and the report as JUnit XML.
 #[pyfunction]
-#[pyo3(signature = (target, folder, *, baseline, repeats, max_failure_rate))]
+#[pyo3(signature = (target, folder, *, baseline, repeats))]
 pub fn regress(
     py: Python<'_>,
     target: &PyTarget,
     folder: PathBuf,
     baseline: Option<&PyTarget>,
     repeats: u64,
-    max_failure_rate: f64,
 ) -> PyResult<(String, String)> {
+    let max_failure_rate = target.settings.regress.max_failure_rate;
     let tested =
         Tested::Target { target: &target.target, baseline: baseline.map(|baseline| &baseline.target) };
     let suite = Suite { folder: &folder, tested, repeats, max_failure_rate };
     let found = detached(py, target, || {
-        let read = |source| Error::File { path: folder.clone(), source };
+        let read = Error::file(&folder);
         let mut tests = Vec::new();
         let mut times = Vec::new();
         for file in suite.files().map_err(read)? {

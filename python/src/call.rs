@@ -2,26 +2,63 @@
 
 use std::collections::BTreeSet;
 
-use mishandle::plan::{GuardPlan, HardenPlan, Settings, set_tables};
+use mishandle::plan::{GuardPlan, HardenPlan, ScreeningPlan, Settings, set_tables};
 use mishandle::{MishandleError as Error, Plan};
+use mishandle_cli::words::{argument, in_plan};
 use pyo3::prelude::*;
 use serde::Deserialize;
 use serde_json::{Map, Value as Json};
 use toml::{Table, Value};
 
-use crate::{InvalidValueError, raised, words};
+use crate::{InvalidValueError, raised};
 
-/// Tables whose keys are names that the user chose.
-const NAMED: [&str; 4] = ["axes", "requirements", "falsify.options", "risk.distributions"];
-
-/// Settings of the engine that functions in Python read.
-const ENGINE: [&str; 2] = ["engine.durable", "engine.any-build"];
+/// Returns whether a question, or a function that asks none, reads a key. Files and topics of logs
+/// are arguments, and only the command line follows a log or starts several runs.
+fn is_read(question: &str, key: &str) -> bool {
+    const OF_FILES: [&str; 7] = [
+        "log.time",
+        "log.time-unit",
+        "log.utc-offset",
+        "log.topic-column",
+        "log.format",
+        "log.delimiter",
+        "log.decimal",
+    ];
+    let table = key.split_once('.').map_or("", |(table, _)| table);
+    let is_log = table == "log" && !key.starts_with("log.topics");
+    let is_of_formula = is_log && key != "log.strict-horizon";
+    let is_moved = ["engine.controller", "engine.target"].contains(&key);
+    match question {
+        "read_log" => OF_FILES.contains(&key),
+        "robustness" => is_of_formula && key != "log.unit",
+        "monitor" => is_log || key == "monitor.values",
+        "formula" => is_of_formula || key == "formula.episode",
+        "mine" => {
+            let keys = ["formula.resolution", "formula.share", "formula.points"];
+            is_of_formula || keys.iter().any(|known| key.starts_with(known))
+        }
+        "explain" => is_moved || key == "report.axes",
+        "report" => ["report.simulations", "report.probes", "report.sensitivity"].contains(&key),
+        "export" => ["regress.minimize", "regress.budget"].contains(&key),
+        "evidence" | "to_rerun" => is_moved,
+        "verify_evidence" => key == "evidence.replay",
+        "regress" => mishandle_cli::reads_key("simulate", key) || key == "regress.max-failure-rate",
+        "bisect" => match table {
+            "regress" => ["regress.every", "regress.rate"].contains(&key),
+            table => table != "engine" && mishandle_cli::reads_key("regress", key),
+        },
+        question => {
+            let is_of_run = ["engine.durable", "engine.any-build"].contains(&key);
+            mishandle_cli::reads_key(question, key) && (table != "engine" || is_of_run)
+        }
+    }
+}
 
 /// A call: nested tables of the keys of plans.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
-    /// Question whose table the plan gets.
+    /// The question, whose table the plan gets, or the function.
     question: String,
     /// Values of keys that nothing else sets.
     #[serde(default)]
@@ -41,27 +78,42 @@ pub(crate) struct Call {
     pub plan: Plan,
     pub settings: Settings,
     /// Keys that an argument or `plan` states.
-    stated: BTreeSet<String>,
+    pub stated: BTreeSet<String>,
 }
 
-impl Call {
+/// The keys of a call, and the settings among them.
+pub(crate) struct Keys {
+    question: String,
+    /// Keys of a plan.
+    table: Table,
+    pub settings: Settings,
+    /// Keys that an argument or `plan` states.
+    pub stated: BTreeSet<String>,
+    guard: Option<String>,
+}
+
+impl Keys {
     /// Reads a document.
-    pub(crate) fn read(text: &str) -> PyResult<Call> {
-        let document: Document = serde_json::from_str(text).map_err(crate::plain)?;
+    pub(crate) fn read(text: &str) -> PyResult<Keys> {
+        let Document { question, defaults, plan, arguments, guard } =
+            serde_json::from_str(text).map_err(crate::plain)?;
         let mut table = Table::new();
-        set_tables(&mut table, toml_table(document.defaults)).map_err(raised)?;
-        let planned = set_tables(&mut table, toml_table(document.plan));
-        let mut stated: BTreeSet<String> =
-            planned.map_err(|error| wrong(error, in_plan))?.into_iter().collect();
-        let question = &*document.question;
-        let is_read = |key: &str| {
-            mishandle_cli::reads_key(question, key) && (!key.starts_with("engine.") || ENGINE.contains(&key))
-        };
-        if let Some(key) = stated.iter().find(|key| !is_read(key)) {
+        set_tables(&mut table, toml_table(defaults)).map_err(raised)?;
+        let planned = set_tables(&mut table, toml_table(plan));
+        let mut stated = BTreeSet::new();
+        for key in planned.map_err(|error| wrong(error, in_plan))? {
+            if let Some(key) = stated.replace(key) {
+                return Err(InvalidValueError::new_err(format!(
+                    "{} is set twice; set it once",
+                    in_plan(&key)
+                )));
+            }
+        }
+        if let Some(key) = stated.iter().find(|key| !is_read(&question, key)) {
             let message = format!("{} has no effect on this question; leave it out", in_plan(key));
             return Err(InvalidValueError::new_err(message));
         }
-        let given = set_tables(&mut table, toml_table(document.arguments));
+        let given = set_tables(&mut table, toml_table(arguments));
         for key in given.map_err(|error| wrong(error, argument))? {
             if !stated.insert(key.clone()) {
                 let twice =
@@ -69,23 +121,38 @@ impl Call {
                 return Err(InvalidValueError::new_err(twice));
             }
         }
-        let has_batch = stated.contains("falsify.batch");
         let settings = Settings::take(&mut table).map_err(|error| wrong(error, in_plan))?;
-        let tables: &[&str] = match question {
-            "simulate" => &["falsify"],
+        Ok(Keys { question, table, settings, stated, guard })
+    }
+}
+
+/// Returns the settings of a call.
+pub(crate) fn settings(text: &str) -> PyResult<Settings> {
+    Ok(Keys::read(text)?.settings)
+}
+
+impl Call {
+    /// Reads a document.
+    pub(crate) fn read(text: &str) -> PyResult<Call> {
+        let Keys { question, mut table, settings, stated, guard } = Keys::read(text)?;
+        let has_batch = stated.contains("falsify.batch");
+        let tables: &[&str] = match &*question {
+            "simulate" | "regress" => &["falsify"],
             "compare" => &["evaluate", "compare"],
-            "record" | "check" => &[],
+            "record" | "check" | "bisect" => &[],
             question => &[question],
         };
         for name in tables {
             table.entry(*name).or_insert_with(|| Value::Table(Table::new()));
         }
         let mut plan = Plan::from_toml(&table.to_string()).map_err(raised)?;
-        if let Some(guard) = document.guard {
+        if let Some(guard) = guard {
             plan.guard = Some(GuardPlan::from_toml(&guard).map_err(raised)?);
         }
-        if let (Some(falsify), Some(screening), false) = (&mut plan.falsify, &plan.screening, has_batch) {
-            falsify.batch = screening.rows.min(*Plan::BATCH.end() as u32);
+        let measured = settings.engine.screening.map(|_| ScreeningPlan::default());
+        let screening = plan.screening.as_ref().or(measured.as_ref());
+        if let (Some(falsify), Some(screening), false) = (&mut plan.falsify, screening, has_batch) {
+            falsify.batch = screening.batch();
         }
         if let Some(falsify) = &mut plan.falsify {
             falsify.isolate_by_default();
@@ -135,31 +202,10 @@ fn toml_value(given: Json) -> Option<Value> {
     })
 }
 
-/// Returns the parts of a key in Python.
-fn parts(key: &str) -> Vec<String> {
-    let named = NAMED.iter().find_map(|table| Some((*table, key.strip_prefix(table)?.strip_prefix('.')?)));
-    let (table, name) = named.map_or((key, None), |(table, name)| (table, Some(name.to_string())));
-    table.split('.').map(|part| part.replace('-', "_")).chain(name).collect()
-}
-
-/// Returns a key as it stands in the argument `plan`, such as `plan["falsify"]["batch"]`.
-fn in_plan(key: &str) -> String {
-    let parts: String = parts(key).iter().map(|part| format!("[{}]", words::quoted(part))).collect();
-    format!("plan{parts}")
-}
-
-/// Returns the name of the argument that sets a key.
-fn argument(key: &str) -> String {
-    match &parts(key)[..] {
-        [table, name] if NAMED.contains(&table.as_str()) => format!("{table}[{}]", words::quoted(name)),
-        parts => parts.last().cloned().unwrap_or_default(),
-    }
-}
-
 /// Converts an error about a key to an exception with the name of the key in Python.
 fn wrong(error: Error, name: impl Fn(&str) -> String) -> PyErr {
     match error {
-        Error::KeyValue { key, found, expected } => {
+        Error::KeyValue { key, found, expected, .. } => {
             InvalidValueError::new_err(format!("{} is {found}; it must be {expected}", name(&key)))
         }
         Error::UnknownKey { .. } => InvalidValueError::new_err(error.to_string().replace('-', "_")),

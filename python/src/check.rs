@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use mishandle::check::{CheckProgress, CheckSubject, Requirements};
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::plan::CheckSettings;
-use mishandle::results::Severity;
 use mishandle::rollout::NamedFormula;
 use mishandle::stl::Formula;
+use mishandle_cli::words::shell_command;
 use mishandle_requirements::RequirementFile;
 use pyo3::prelude::*;
 
@@ -33,31 +32,16 @@ pub fn requirement_formulas(path: PathBuf) -> PyResult<Vec<(String, String)>> {
 /// Checks the requirements of a file. Returns the document, its text, and the exit code of the
 /// command.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (
-    target, *, requirements, out, episodes, trials, budget, search, batch, fail_on, allow_inapplicable, progress
-))]
+#[pyo3(signature = (target, *, requirements, out, progress))]
 pub fn check(
     py: Python<'_>,
     target: &PyTarget,
     requirements: PathBuf,
     out: PathBuf,
-    episodes: Option<u64>,
-    trials: Option<u32>,
-    budget: Option<u32>,
-    search: String,
-    batch: u32,
-    fail_on: &str,
-    allow_inapplicable: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, String, u8)> {
     let (file, text) = read(&requirements)?;
-    let known = Severity::ALL.map(Severity::name);
-    let fail_on = Severity::ALL.into_iter().find(|severity| severity.name() == fail_on);
-    let fail_on = fail_on
-        .ok_or_else(|| InvalidValueError::new_err(format!("fail_on must be one of {}", known.join(", "))))?;
-    let settings = CheckSettings { episodes, trials, budget, search, batch, fail_on, allow_inapplicable };
-    let requirements = Requirements { file: &file, path: &requirements, text: &text };
+    let requirements = Requirements { file: &file, path: &requirements, text: &text, words: shell_command };
     let mut under_test = target.target.clone();
     // An evaluation has the first formula as its requirement, so the target must have its signals.
     let signals = under_test.signal_names();
@@ -76,7 +60,7 @@ pub fn check(
     let subject = CheckSubject { plan: target.plan.clone(), target: Some(under_test) };
     let found = detached(py, target, || {
         let mut watch = |done: &CheckProgress| report(target, progress.as_ref(), done.done, done.all);
-        mishandle::check::check(&[subject], &requirements, &settings, &out, &mut watch)
+        mishandle::check::check(&[subject], &requirements, &target.settings.check, &out, &mut watch)
     })?;
     let found = found.ok_or_else(|| InvalidStateError::new_err("the check was interrupted"))?;
     mishandle_cli::write_check_reports(&found, &out, &mut || py.check_signals().is_err())

@@ -9,6 +9,7 @@ use mishandle::inspect::{ComparedPair, Expected, SizeQuestion};
 use mishandle::plan::SizePlan;
 use mishandle::random::Seed;
 use mishandle::store::RunFile;
+use mishandle_cli::words::shell_command;
 use pyo3::prelude::*;
 
 use crate::call::Call;
@@ -22,7 +23,9 @@ type Pair = (Option<f64>, Option<f64>, bool, bool);
 /// Compares two evaluations of the same scenarios and seeds.
 #[pyfunction]
 pub fn compare(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
-    let found = py.detach(|| mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?));
+    let found = py.detach(|| {
+        mishandle::inspect::compare(&RunFile::open(first)?, &RunFile::open(second)?, shell_command)
+    });
     json(&found.map_err(raised)?)
 }
 
@@ -53,7 +56,7 @@ pub fn diff(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String>
 pub fn comparison_page(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<String> {
     let page = || {
         let runs = (RunFile::open(first)?, RunFile::open(second)?);
-        let found = mishandle::inspect::compare(&runs.0, &runs.1)?;
+        let found = mishandle::inspect::compare(&runs.0, &runs.1, shell_command)?;
         mishandle_report::comparison_page(&found, [&runs.0, &runs.1])
     };
     py.detach(page).map_err(|error: MishandleError| raised(error))

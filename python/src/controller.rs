@@ -1,7 +1,7 @@
 //! Shipped controllers and controllers in files.
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle::controllers::ControllerFile;
 use mishandle::interchange::onnx_bytes;
@@ -58,8 +58,8 @@ impl PyController {
 
     fn onnx(file: &ShippedFile, task: Option<&str>) -> PyResult<PyController> {
         let policy = mishandle::resolve::onnx_policy(file, task).map_err(raised)?;
-        let task = task.or(policy.task()).unwrap_or_default().to_string();
-        Ok(Self::of(&policy, task, policy.hash().to_string(), None))
+        let task = task.or(policy.task.as_deref()).unwrap_or_default().to_string();
+        Ok(Self::of(&*policy.controller, task, policy.hash, None))
     }
 }
 
@@ -81,8 +81,16 @@ impl PyController {
             let message = format!("the controller was trained for {}, not for {task}", file.header.task);
             return Err(InvalidValueError::new_err(message));
         }
-        let policy = file.policy.clone();
-        Ok(Self::of(&policy, file.header.task.clone(), policy.hash(), Some(file)))
+        let task_name = file.header.task.clone();
+        let policy: Arc<dyn Controller> = Arc::new(file.policy.clone());
+        let controller = match mishandle::tasks::task(&task_name) {
+            Some(task) => task
+                .definition()
+                .fit(policy, &file.header.layout, file.header.action_interface.as_ref())
+                .map_err(raised)?,
+            None => policy,
+        };
+        Ok(Self::of(&*controller, task_name, file.hash(), Some(file)))
     }
 
     /// Returns the bytes of an ONNX model of the controller.

@@ -4,7 +4,6 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mishandle::ResolvedPlan;
-use mishandle::plan::RecordSettings;
 use mishandle::store::RunKind;
 use pyo3::prelude::*;
 
@@ -12,37 +11,15 @@ use crate::call::Call;
 use crate::work::json;
 use crate::{InvalidStateError, raised};
 
-/// Records the random simulations of an evaluation as a data set in the new folder `out`. Without
-/// cameras, `cameras` is empty. Returns the document.
+/// Records the random simulations of an evaluation as a data set in the new folder `out`. Returns
+/// the document.
 ///
 /// Ctrl-C and exceptions of `progress` are raised after the running batch, and nothing is written.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments are keywords in Python")]
-#[pyo3(signature = (call, *, format, relabel, cameras, size, only_successful, archive, archive_share, out, progress))]
-pub fn record(
-    py: Python<'_>,
-    call: &str,
-    format: String,
-    relabel: Option<String>,
-    cameras: Vec<String>,
-    size: [u16; 2],
-    only_successful: bool,
-    archive: Option<PathBuf>,
-    archive_share: f64,
-    out: PathBuf,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<String> {
-    let mut plan = Call::read(call)?.plan;
+#[pyo3(signature = (call, *, out, progress))]
+pub fn record(py: Python<'_>, call: &str, out: PathBuf, progress: Option<Py<PyAny>>) -> PyResult<String> {
+    let Call { mut plan, settings, .. } = Call::read(call)?;
     let episodes = plan.evaluate.get_or_insert_default().episodes;
-    let settings = RecordSettings {
-        format,
-        relabel,
-        camera: cameras,
-        size,
-        archive,
-        archive_share,
-        successful: only_successful,
-    };
     let mut exception = None;
     let watch = |done: u64| {
         let reported = Python::attach(|py| {
@@ -59,7 +36,7 @@ pub fn record(
     };
     let found = py.detach(|| {
         let resolved = ResolvedPlan::new(&plan.only(RunKind::Evaluate))?;
-        mishandle::record::record(&resolved, &settings, &out, watch)
+        mishandle::record::record(&resolved, &settings.record, &out, watch)
     });
     match (found, exception) {
         (_, Some(exception)) => Err(exception),

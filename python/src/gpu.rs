@@ -108,9 +108,9 @@ fn make(py: Python<'_>, spec: &BatchSpec) -> PyResult<WarpWorlds> {
 
 /// Returns a probe with the keys of `probe.KEYS`.
 fn make_probe<'py>(py: Python<'py>, probe: &Probe) -> PyResult<Bound<'py, PyDict>> {
-    let Probe { parts, weld, joints, hand, tool } = probe;
+    let Probe { parts, weld, joints, hand, tool, .. } = probe;
     let indices = |parts: &[Part]| parts.iter().map(|part| *part as usize).collect::<Vec<_>>();
-    let pairs = [false, true].map(|holds| Probe::pairs(holds).map(u32::from));
+    let pairs = [false, true].map(|holds| probe.pairs(holds).map(u32::from));
     // The columns of `probe.COLUMNS`.
     let joints: Vec<[f64; 8]> = joints
         .iter()

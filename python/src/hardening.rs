@@ -6,11 +6,12 @@ use std::path::PathBuf;
 use mishandle::MishandleError as Error;
 use mishandle::harden::{FinalRun, HardenProgress, final_runs, finished, harden_folder, resume_plan};
 use mishandle::store::RunFile;
+use mishandle_cli::words::shell_command;
 use mishandle_report::{HardenedModes, hardening_page};
 use pyo3::prelude::*;
 
 use crate::call::Call;
-use crate::run::run_report;
+use crate::run::{NOT_SIMULATED, run_report, samples_of};
 use crate::work::json;
 use crate::{InvalidStateError, gpu, raised};
 
@@ -61,27 +62,23 @@ fn report(progress: Option<&Py<PyAny>>, done: &HardenProgress) -> PyResult<()> {
     })
 }
 
-/// Returns the report of a finished hardening as HTML. Without `probes`, nothing is simulated.
+/// Returns the report of a finished hardening as HTML.
 #[pyfunction]
-pub fn hardening_report(
-    py: Python<'_>,
-    folder: PathBuf,
-    probes: Option<u32>,
-    sensitivity: u32,
-) -> PyResult<String> {
+pub fn hardening_report(py: Python<'_>, folder: PathBuf, call: &str) -> PyResult<String> {
+    let samples = samples_of(call)?;
     let found = finished(&folder).map_err(raised)?.ok_or_else(|| {
         InvalidStateError::new_err("the hardening is not finished; continue it with `resume=True`")
     })?;
     let made = || -> Result<String, Error> {
         let runs = final_runs(&folder, &found);
         let reports = runs.iter().map(|FinalRun { run, controller }| {
-            run_report(&RunFile::open(run)?, Some(&controller.to_string_lossy()), probes, sensitivity)
+            run_report(&RunFile::open(run)?, Some(&controller.to_string_lossy()), samples)
         });
-        let failures = match probes {
-            None => HardenedModes::skipped("`simulate` is False"),
+        let failures = match samples {
+            None => HardenedModes::skipped(NOT_SIMULATED),
             Some(_) => HardenedModes::simulate(&folder, &found, || false).unwrap_or_default(),
         };
-        Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?, None))
+        Ok(hardening_page(&found, &failures, &reports.collect::<Result<Vec<_>, _>>()?, None, shell_command))
     };
     py.detach(made).map_err(raised)
 }

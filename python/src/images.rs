@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use mishandle::camera::Size;
 use mishandle::picture::{CameraSettings, SeenEpisode, TargetCameras};
 use mishandle::rollout::{Axis, Scenario, Seed, Space};
-use mishandle::sight::{ImageFeed, SIGHT_SPACES, Sight};
+use mishandle::sight::{ImageFeed, Sight};
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray3};
 use pyo3::prelude::*;
 
@@ -20,9 +20,12 @@ fn scenario(space: &Space, values: &BTreeMap<String, f64>) -> Scenario {
     space.canonical(Scenario::new(space.axes().iter().map(value).collect()))
 }
 
-/// Returns the axes of a sight, each with the name of its space.
+/// Returns the axes of each space of a sight, with the name of the space.
 fn named_axes(sight: &Sight) -> PyResult<String> {
-    json(&sight.axes().map(|(space, axis)| (SIGHT_SPACES[space], document(axis))).collect::<Vec<_>>())
+    let spaces = sight.spaces().map_err(raised)?;
+    let named =
+        |space: &Space| space.axes().iter().map(|axis| (space.name().to_string(), document(axis))).collect();
+    json(&spaces.iter().flat_map(|space| -> Vec<_> { named(space) }).collect::<Vec<_>>())
 }
 
 /// The images in the observations of one environment: their axes, and their effect on each episode.
@@ -44,7 +47,7 @@ impl Images {
         let sizes = sizes.map_err(|error| InvalidValueError::new_err(error.to_string()))?;
         let names = cameras.into_iter().map(|(name, ..)| name).collect();
         let sight = Sight::of_images(names, control_dt, episode_steps);
-        let axes = sight.axes().map(|(_, axis)| axis.clone()).collect();
+        let axes = sight.axes().cloned().collect();
         let space = Space::new(SPACE, axes).map_err(raised)?;
         Ok(Images { sight, sizes, space })
     }
@@ -108,7 +111,7 @@ impl TaskCameras {
     #[new]
     fn new(task: &str, names: Vec<String>, width: u16, height: u16) -> PyResult<TaskCameras> {
         let definition = mishandle::resolve::task(task).map_err(raised)?.definition();
-        let axes = mishandle::tasks::sight::sight(definition).axes().map(|(_, axis)| axis.clone()).collect();
+        let axes = mishandle::tasks::sight::sight(definition).axes().cloned().collect();
         let space = Space::new(SPACE, axes).map_err(raised)?;
         let settings = CameraSettings { names, size: [width, height] };
         let cameras = TargetCameras::new(task, &space, &settings).map_err(raised)?;
@@ -145,7 +148,7 @@ impl TaskCameras {
             let (cameras, seen) = &mut *self.state.lock().unwrap_or_else(PoisonError::into_inner);
             let [width, height] = cameras.size();
             let count = cameras.names().count();
-            let image = |camera| Some(cameras.image(seen.as_ref()?, &state, (camera, 0)));
+            let image = |camera| Some(cameras.image(seen.as_ref()?, &state, camera, 0));
             ((0..count).filter_map(image).collect::<Vec<_>>(), [height, width, 3])
         });
         let (images, shape) = drawn;

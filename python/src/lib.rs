@@ -102,6 +102,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Simulator>()?;
     module.add_class::<PlanWorker>()?;
     module.add_function(wrap_pyfunction!(formula::spelled_name, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::log_keys, module)?)?;
     module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
     module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
     module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
@@ -198,38 +199,16 @@ fn in_this_process(process: u32) -> PyResult<()> {
     )))
 }
 
-/// Converts an error to a Python exception: its causes, the outermost first, and a hint if there is
-/// one. An error in what the caller passed is also a `ValueError`.
+/// Converts an error to a Python exception: its causes, the outermost first, and what helps. An
+/// error in what the caller passed is also a `ValueError`.
 fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
-    let hint = error.hint().map_or(String::new(), |hint| format!("; {hint}"));
     let message = match &error {
         // A caller of a function has no table of a plan.
         Error::MissingPlanTable { table } => {
             format!("the run is not one of mishandle.{table}; continue it with the function that made it")
         }
-        Error::NoController { target, known } => {
-            let known: Vec<String> = known.iter().map(|name| words::quoted(name)).collect();
-            format!("{target} needs a policy; the shipped ones are {}", known.join(", "))
-        }
-        _ => words::worded(&error) + &hint,
+        _ => words::worded(&error),
     };
-    match error {
-        Error::Store(_)
-        | Error::File { .. }
-        | Error::Write { .. }
-        | Error::RunMismatch { .. }
-        | Error::OtherBuild { .. }
-        | Error::OtherSettings { .. }
-        | Error::OtherSystem { .. }
-        | Error::SimulationMismatch { .. }
-        | Error::ComponentMismatch { .. }
-        | Error::ForeignTarget { .. }
-        | Error::ImpossibleEnd { .. }
-        | Error::InvalidCount { .. }
-        | Error::Contradiction { .. }
-        | Error::NoEpisode
-        | Error::NothingRuns { .. } => MishandleError::new_err(message),
-        _ => InvalidValueError::new_err(message),
-    }
+    if error.is_of_caller() { InvalidValueError::new_err(message) } else { MishandleError::new_err(message) }
 }

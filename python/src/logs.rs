@@ -3,39 +3,21 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use mishandle::plan::{LogSettings, MonitorSettings, Settings};
 use mishandle::results::Severity;
-use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor, TimeUnit};
+use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor};
 use mishandle_logs::{
-    Column, Duplicates, Evaluation, Format, Interpolation, Log, LogError, Missing, NamedSamples, OpenLog,
-    Options, Requirement, Samples, Sampling, Signals, Source, TimeValues, Times, Topic, Unit, utc_offset,
+    Column, Evaluation, Log, LogError, NamedSamples, OpenLog, Options, Requirement, Samples, Signals, Source,
+    TimeValues, Times, Topic,
 };
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
+use crate::call::{Keys, settings};
 use crate::formula::PyFormula;
 use crate::words::worded;
 use crate::work::json;
-use crate::{InvalidValueError, plain};
-
-/// How a log is read.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub struct Reading {
-    format: Option<String>,
-    time: Option<String>,
-    time_unit: Option<String>,
-    utc_offset: Option<String>,
-    period: Option<f64>,
-    resample: Option<String>,
-    dense: Option<String>,
-    tolerance: Option<f64>,
-    missing: Option<String>,
-    duplicates: Option<String>,
-    sort: bool,
-    topic_column: Option<String>,
-    delimiter: Option<char>,
-    decimal: Option<String>,
-}
+use crate::{InvalidValueError, plain, raised};
 
 /// The times of a topic in memory.
 #[derive(FromPyObject)]
@@ -59,75 +41,13 @@ type TopicColumns<'py> =
 /// Topics, and columns that were left out, with the reasons.
 type TableTopics<'py> = (Vec<TopicColumns<'py>>, Vec<(String, String)>);
 
-/// Returns the value of a word.
-pub(crate) fn word<T: Copy>(argument: &str, given: Option<&str>, known: &[(&str, T)]) -> PyResult<Option<T>> {
-    let Some(given) = given else { return Ok(None) };
-    if let Some((_, value)) = known.iter().find(|(word, _)| *word == given) {
-        return Ok(Some(*value));
-    }
-    let words: Vec<&str> = known.iter().map(|(word, _)| *word).collect();
-    Err(InvalidValueError::new_err(format!(
-        "{argument} is `{given}`; it must be one of {}",
-        words.join(", ")
-    )))
-}
-
-/// Checks a duration.
-fn seconds(argument: &str, given: Option<f64>) -> PyResult<Option<f64>> {
-    match given {
-        Some(secs) if !(secs > 0.0 && secs.is_finite()) => Err(InvalidValueError::new_err(format!(
-            "{argument} is {secs}; it must be a number of seconds above 0, such as 0.1"
-        ))),
-        given => Ok(given),
-    }
-}
-
-impl Reading {
-    pub(crate) fn options(self) -> PyResult<Options> {
-        let interpolations = [("hold", Interpolation::Hold), ("linear", Interpolation::Linear)];
-        let resample = word("resample", self.resample.as_deref(), &interpolations)?;
-        let dense = word("dense", self.dense.as_deref(), &interpolations)?;
-        let sampling = match (resample, dense) {
-            (Some(_), Some(_)) => {
-                return Err(InvalidValueError::new_err(
-                    "resample and dense exclude each other; leave out one",
-                ));
-            }
-            (Some(interpolation), None) => Sampling::Resampled(interpolation),
-            (None, Some(interpolation)) => Sampling::Dense(interpolation),
-            (None, None) => Sampling::Even,
-        };
-        let formats = [
-            ("csv", Format::Csv),
-            ("jsonl", Format::JsonLines),
-            ("numpy", Format::Numpy),
-            ("parquet", Format::Parquet),
-        ];
-        let missing = [("error", Missing::Error), ("hold", Missing::Hold), ("drop", Missing::Drop)];
-        let duplicates =
-            [("error", Duplicates::Error), ("first", Duplicates::First), ("last", Duplicates::Last)];
-        let offset = |text: &String| {
-            utc_offset(text).ok_or_else(|| {
-                let message = format!("utc_offset is `{text}`; it must be Z or an offset such as +02:00");
-                InvalidValueError::new_err(message)
-            })
-        };
-        Ok(Options {
-            format: word("format", self.format.as_deref(), &formats)?,
-            time: self.time,
-            time_unit: word("time_unit", self.time_unit.as_deref(), &Unit::ALL)?,
-            utc_offset: self.utc_offset.as_ref().map(offset).transpose()?,
-            period: seconds("period", self.period)?,
-            sampling,
-            tolerance: seconds("tolerance", self.tolerance)?,
-            missing: word("missing", self.missing.as_deref(), &missing)?.unwrap_or_default(),
-            duplicates: word("duplicates", self.duplicates.as_deref(), &duplicates)?.unwrap_or_default(),
-            sort: self.sort,
-            topic_column: self.topic_column,
-            delimiter: self.delimiter,
-            decimal_comma: word("decimal", self.decimal.as_deref(), &[("point", false), ("comma", true)])?,
-        })
-    }
+/// Checks the settings of a call about logs. Returns the value of `log.time`, and the keys of `log`
+/// that the call states, without the name of the table.
+#[pyfunction]
+pub fn log_keys(call: &str) -> PyResult<(Option<String>, Vec<String>)> {
+    let Keys { settings, stated, .. } = Keys::read(call)?;
+    let keys = stated.iter().filter_map(|key| key.strip_prefix("log.")).map(|key| key.replace('-', "_"));
+    Ok((settings.log.time, keys.collect()))
 }
 
 /// A log whose signals were not read yet.
@@ -213,13 +133,14 @@ pub fn monitor(
     py: Python<'_>,
     formulas: Vec<(Option<String>, String)>,
     logs: Vec<(LogArgument<'_>, Vec<usize>)>,
-    reading: Reading,
-    unit: Option<String>,
-    strict_horizon: bool,
-    values: bool,
+    call: &str,
 ) -> PyResult<(String, String, Vec<String>)> {
-    let options = reading.options()?;
-    let unit = word("unit", unit.as_deref(), &TimeUnit::ALL.map(|unit| (unit.symbol(), unit)))?;
+    let Settings { log: settings, monitor: MonitorSettings { values, .. }, .. } = settings(call)?;
+    let LogSettings { unit, strict_horizon, .. } = settings;
+    let options = settings.options().map_err(raised)?;
+    if values && logs.len() > 1 {
+        return Err(InvalidValueError::new_err("plan[\"monitor\"][\"values\"] is about one log; pass one"));
+    }
     let requirement = |(name, text): (Option<String>, String)| {
         let formula = Formula::parse(&text).map_err(plain)?;
         Ok(Requirement {
@@ -296,11 +217,11 @@ pub fn log_robustness(
     py: Python<'_>,
     formula: &PyFormula,
     log: LogArgument<'_>,
-    reading: Reading,
+    call: &str,
     decided_only: bool,
 ) -> PyResult<Option<f64>> {
     let (name, files, topics) = log;
-    let options = reading.options()?;
+    let options = settings(call)?.log.options().map_err(raised)?;
     let formula = &formula.formula;
     let contents = Contents::new(files, topics, &options)?;
     let named = |error: LogError| match name.as_str() {
@@ -343,8 +264,8 @@ fn first_value(samples: &Samples, formula: &Formula, decided_only: bool) -> Resu
 
 /// Reads all columns of numbers of a file, and says why others are none.
 #[pyfunction]
-pub fn read_table(py: Python<'_>, path: PathBuf, reading: Reading) -> PyResult<TableTopics<'_>> {
-    let options = reading.options()?;
+pub fn read_table<'py>(py: Python<'py>, path: PathBuf, call: &str) -> PyResult<TableTopics<'py>> {
+    let options = settings(call)?.log.options().map_err(raised)?;
     let source = Source { topic: None, path };
     let shown = source.path.display().to_string();
     let named = |error: LogError| InvalidValueError::new_err(format!("{shown}: {}", worded(&error)));

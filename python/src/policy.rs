@@ -107,18 +107,10 @@ pub fn policy_target(py: Python<'_>, call: &str, policy: Py<PyAny>, document: &s
         target.depends_on_seed |= !is_deterministic;
         target.can_fail = true;
         target.versions.extend(versions);
-        let inner = target.factory.clone();
-        target.factory = Arc::new(move |space: &Space, specification: &Specification| {
-            // Reports now what a simulation would report.
-            inner(space, specification)?;
-            Ok(Box::new(PolicySystem {
-                space: space.clone(),
-                specification: specification.clone(),
-                factory: inner.clone(),
-                pool: pool.clone(),
-                shared: shared.clone(),
-            }) as Box<dyn System>)
-        });
+        target.factory = together(target.factory, &pool, &shared);
+        for variant in &mut target.solver_variants {
+            variant.factory = together(variant.factory.clone(), &pool, &shared);
+        }
         let preset = Plan::new("", "").preset;
         let plan = Plan { target: target.identity.name.clone(), preset, ..given.clone() };
         // Checks the space and the settings, which the axes then have.
@@ -129,6 +121,23 @@ pub fn policy_target(py: Python<'_>, call: &str, policy: Py<PyAny>, document: &s
     };
     let (target, space, plan) = py.detach(made).map_err(raised)?;
     Ok(PyTarget::of_parts(target, plan, call.settings, space, pending))
+}
+
+/// Returns the factory of systems in which the policy acts in all rows of a batch at once.
+fn together(inner: Arc<SystemFactory>, pool: &Arc<ThreadPool>, shared: &Arc<Shared>) -> Arc<SystemFactory> {
+    let pool = pool.clone();
+    let shared = shared.clone();
+    Arc::new(move |space: &Space, specification: &Specification| {
+        // Reports now what a simulation would report.
+        inner(space, specification)?;
+        Ok(Box::new(PolicySystem {
+            space: space.clone(),
+            specification: specification.clone(),
+            factory: inner.clone(),
+            pool: pool.clone(),
+            shared: shared.clone(),
+        }) as Box<dyn System>)
+    })
 }
 
 /// The parts that the systems of a target share.
@@ -187,8 +196,8 @@ impl ControllerWorker for Worker {
         if self.shared.has_failed.load(Ordering::Relaxed) {
             return actions.fill(f32::NAN);
         }
-        let seen = (observations, &self.images[..]);
-        let acted = Python::attach(|py| self.shared.act(py, (rows, is_start), seen, actions));
+        let acted =
+            Python::attach(|py| self.shared.act(py, rows, is_start, observations, &self.images, actions));
         let has_acted = acted.unwrap_or_else(|exception| {
             keep(&self.shared.pending, exception);
             false
@@ -205,8 +214,10 @@ impl Shared {
     fn act(
         &self,
         py: Python<'_>,
-        (rows, is_start): (usize, bool),
-        (observations, images): (&[f32], &[u8]),
+        rows: usize,
+        is_start: bool,
+        observations: &[f32],
+        images: &[u8],
         actions: &mut [f32],
     ) -> PyResult<bool> {
         let observations = PyArray1::from_slice(py, observations).reshape([rows, self.sizes.0])?;

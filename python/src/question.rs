@@ -60,7 +60,8 @@ pub fn ask(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Answered> {
     let plan = &target.plan;
-    let device = plan.screening.as_ref().map(|_| gpu::device());
+    let is_auto = target.settings.engine.screening.is_some();
+    let device = (plan.screening.is_some() || is_auto).then(gpu::device);
     let repeats = Some(target.settings.report.repeats.into());
     let work = |resolved: &ResolvedPlan, run: RunWriter| {
         let is_new = run.file().counts()?.simulations == 0;
@@ -73,7 +74,7 @@ pub fn ask(
             report(target, progress.as_ref(), done.simulations, done.max_simulations)
         })?;
         // The progress is that of the question; its repeats can be interrupted, too.
-        let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
+        let watch = |_, _, _| -> ControlFlow<()> { report(target, None, 0, 0) };
         mishandle::inspect::further(resolved, &mut answer, repeats, watch)?;
         Ok((answer, warnings))
     };

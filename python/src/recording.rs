@@ -3,31 +3,28 @@
 use std::path::PathBuf;
 
 use mishandle::picture::{SceneEpisode, recorded_scene};
-use mishandle::resolve::Moved;
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
+use crate::call::settings;
 use crate::raised;
 
 /// Simulates a recorded simulation again, and with `nominal` the nominal scenario with its seed.
 /// Returns model, signals and episodes as a dictionary.
 #[pyfunction]
-#[pyo3(signature = (path, *, trial, number, controller, target, nominal))]
+#[pyo3(signature = (path, call, *, trial, number, nominal))]
 pub fn recorded_states<'py>(
     py: Python<'py>,
     path: PathBuf,
+    call: &str,
     trial: Option<u32>,
     number: Option<u32>,
-    controller: Option<String>,
-    target: Option<String>,
     nominal: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let scene = py.detach(|| {
-        let moved = Moved { controller: controller.as_deref(), target: target.as_deref() };
-        recorded_scene(&path, (trial, number), moved, nominal)
-    });
+    let engine = settings(call)?.engine;
+    let scene = py.detach(|| recorded_scene(&path, trial, number, engine.moved(), nominal));
     let scene = scene.map_err(raised)?;
     let found = PyDict::new(py);
     found.set_item("xml", &scene.model.document)?;

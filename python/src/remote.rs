@@ -163,10 +163,9 @@ impl RemoteSystem {
     fn received(
         &self,
         request: &Request,
-        (end, step, index, steps, verdict, total_reward, digest, samples): EpisodeTuple<
-            PyReadonlyArray2<'_, f64>,
-        >,
+        found: EpisodeTuple<PyReadonlyArray2<'_, f64>>,
     ) -> PyResult<Episode> {
+        let (end, step, index, steps, verdict, total_reward, digest, samples) = found;
         let Shared { names, episode_steps, .. } = &*self.shared;
         let trace = match &samples {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,

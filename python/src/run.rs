@@ -5,15 +5,21 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use mishandle::MishandleError;
+use mishandle::plan::{ReportSettings, Settings};
 use mishandle::store::RunFile;
+use mishandle_cli::words::shell_command;
 use mishandle_report::{Measurement, RunReport, Samples, page};
 use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::call::settings;
 use crate::raised;
 use crate::work::{json, signals};
+
+/// Why a page has no simulations.
+pub(crate) const NOT_SIMULATED: &str = "plan[\"report\"][\"simulations\"] is False";
 
 /// A run file opened for reading.
 #[pyclass(frozen, module = "mishandle._native", name = "Run")]
@@ -110,25 +116,31 @@ impl PyRun {
         Ok(Some(PyArray2::from_owned_array(py, samples)))
     }
 
-    /// Returns the document of an explanation, with a failure at nominal on each of at most `axes`
-    /// axes alone. A simulation without a stored trace is simulated again, which only works for
+    /// Returns the document of an explanation, with a failure at nominal on each of some axes
+    /// alone. A simulation without a stored trace is simulated again, which only works for
     /// systems that this program knows. The file is read once more: a simulation gives other
     /// threads of Python their turn, and they may wait for this run.
-    fn explain(&self, py: Python<'_>, trial: u32, number: u32, axes: u64) -> PyResult<String> {
+    fn explain(&self, py: Python<'_>, trial: u32, number: u32, call: &str) -> PyResult<String> {
+        let Settings { engine, report, .. } = settings(call)?;
         let path = self.run.lock().unwrap_or_else(PoisonError::into_inner).path().to_path_buf();
         let mut exception = None;
         let explained = py.detach(|| -> Result<_, MishandleError> {
             let run = RunFile::open(path)?;
-            let explained = mishandle::inspect::explain(&run, trial, number, None)?;
+            let explained = mishandle::inspect::explain(&run, trial, number, engine.moved())?;
             let mut found = explained.result(run.header(), Some(&run.path().to_string_lossy()));
             let resolve = || {
-                let resolved = mishandle::resolve::recorded_plan(run.header(), None);
+                let resolved = mishandle::resolve::recorded_plan(run.header(), engine.moved());
                 resolved.map_err(|error| error.to_string())
             };
-            let run = (Some(&run), run.header());
             let watch = |_, _| signals(&mut exception);
-            found.axes_at_nominal =
-                mishandle::inspect::axes_at_nominal(run, &explained, resolve, axes, watch)?;
+            found.axes_at_nominal = mishandle::inspect::axes_at_nominal(
+                Some(&run),
+                run.header(),
+                &explained,
+                resolve,
+                report.axes,
+                watch,
+            )?;
             Ok(found)
         });
         match exception {
@@ -148,28 +160,33 @@ impl PyRun {
     }
 
     /// Returns a report as HTML.
-    fn report(&self, py: Python<'_>, probes: Option<u32>, sensitivity: u32) -> PyResult<String> {
+    fn report(&self, py: Python<'_>, call: &str) -> PyResult<String> {
+        let samples = samples_of(call)?;
         py.detach(|| {
             let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
-            let report = run_report(&run, None, probes, sensitivity)?;
+            let report = run_report(&run, None, samples)?;
             Ok(page(&[report]))
         })
         .map_err(|error: MishandleError| raised(error))
     }
 }
 
-/// Returns the report of a run. Without `probes`, nothing is simulated.
+/// Returns how much a page simulates by the settings of a call; `None`: nothing.
+pub(crate) fn samples_of(call: &str) -> PyResult<Option<Samples>> {
+    let ReportSettings { simulations, probes, sensitivity, .. } = settings(call)?.report;
+    Ok(simulations.then_some(Samples { probes, sensitivity }))
+}
+
+/// Returns the report of a run. Without `samples`, nothing is simulated.
 pub(crate) fn run_report(
     run: &RunFile,
     controller: Option<&str>,
-    probes: Option<u32>,
-    sensitivity: u32,
+    samples: Option<Samples>,
 ) -> Result<RunReport, MishandleError> {
-    let mut report = RunReport::load(run, &run.path().to_string_lossy(), None)?;
-    let measured = match probes {
-        Some(probes) => report
-            .measure(run, controller, Samples { probes, sensitivity }, |_, _| ControlFlow::Continue(()))?,
-        None => Measurement::Skipped { reason: "simulate=False was given".to_string() },
+    let mut report = RunReport::load(run, &run.path().to_string_lossy(), None, shell_command)?;
+    let measured = match samples {
+        Some(samples) => report.measure(run, controller, samples, |_, _| ControlFlow::Continue(()))?,
+        None => Measurement::Skipped { reason: NOT_SIMULATED.to_string() },
     };
     if let Measurement::Skipped { reason } = &measured {
         report.note_no_simulations(reason);

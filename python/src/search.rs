@@ -1,35 +1,12 @@
 //! Searches with the ask-and-tell interface.
 
+use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use mishandle::search::{Coordinate, Observation, OptionValue, SEARCHES, Search, SearchOptions, by_name};
 use pyo3::prelude::*;
 
 use crate::plain;
-
-/// Value of an option of a search.
-#[derive(FromPyObject)]
-enum SearchOption {
-    Boolean(bool),
-    Integer(i64),
-    Float(f64),
-    Text(String),
-    Point(Vec<f64>),
-    Points(Vec<Vec<f64>>),
-}
-
-impl From<SearchOption> for OptionValue {
-    fn from(value: SearchOption) -> OptionValue {
-        match value {
-            SearchOption::Boolean(value) => OptionValue::Boolean(value),
-            SearchOption::Integer(value) => OptionValue::Integer(value),
-            SearchOption::Float(value) => OptionValue::Float(value),
-            SearchOption::Text(value) => OptionValue::Text(value),
-            SearchOption::Point(value) => OptionValue::Point(value),
-            SearchOption::Points(value) => OptionValue::Points(value),
-        }
-    }
-}
 
 /// A search on \[0, 1\]^d.
 #[pyclass(frozen, module = "mishandle._native", name = "Search")]
@@ -40,18 +17,11 @@ pub struct PySearch {
 #[pymethods]
 impl PySearch {
     /// Makes a search. `levels` has an entry for each coordinate: the number of levels of an
-    /// integer, `None` for a real number.
+    /// integer, `None` for a real number. `options` is an object of JSON.
     #[new]
-    fn new(
-        name: &str,
-        levels: Vec<Option<usize>>,
-        seed: u64,
-        options: Vec<(String, SearchOption)>,
-    ) -> PyResult<Self> {
-        let mut given = SearchOptions::new();
-        for (option, value) in options {
-            given.set(&option, value);
-        }
+    fn new(name: &str, levels: Vec<Option<usize>>, seed: u64, options: &str) -> PyResult<Self> {
+        let options: BTreeMap<String, OptionValue> = serde_json::from_str(options).map_err(plain)?;
+        let given: SearchOptions = options.into_iter().collect();
         let coordinate = |levels: Option<usize>| {
             levels.map_or(Coordinate::Continuous, |levels| Coordinate::Integer { levels })
         };

@@ -8,7 +8,7 @@ use mishandle::camera::{
     compression_tables,
 };
 use mishandle::rollout::{AxisValues, Scenario, Seed, Space};
-use mishandle::sight::{MOST_CLUTTER, SIGHT_SPACES, View};
+use mishandle::sight::{CAMERA_FAULTS, MOST_DISTRACTORS, View};
 use mishandle::tasks::{CAMERA_NAMES, TaskError};
 use mishandle::world::{ElementKind, Model};
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
@@ -63,7 +63,7 @@ impl Sights {
         threads: Option<usize>,
     ) -> PyResult<Sights> {
         let definition = mishandle::resolve::task(task).map_err(raised)?;
-        if let Some(name) = space.split('+').find(|name| *name == SIGHT_SPACES[5]) {
+        if let Some(name) = space.split('+').find(|name| *name == CAMERA_FAULTS) {
             return Err(InvalidValueError::new_err(format!(
                 "the space `{name}` moves images in time and changes none: choose the states that are drawn, and leave it out"
             )));
@@ -164,7 +164,7 @@ impl Sights {
     ) -> PyResult<SightArrays<'py>> {
         let scenarios = self.scenarios(&values)?;
         let starts = self.states(&starts)?;
-        let shapes = self.view.scene.shapes.len() + MOST_CLUTTER;
+        let shapes = self.view.scene.shapes.len() + MOST_DISTRACTORS;
         let made = self.pool.with(py, |workers| {
             each_with(&mut workers.readers, &pairs(&scenarios, &starts), |reader, (scenario, start)| {
                 let view = self.under(reader, scenario, start);

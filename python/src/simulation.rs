@@ -60,15 +60,15 @@ pub fn simulate<'py>(
 /// Simulates a scenario with derived seeds, and random scenarios to measure the noise. Returns the
 /// document.
 #[pyfunction]
-#[pyo3(signature = (target, *, values, repeats, scenarios))]
+#[pyo3(signature = (target, *, values, repeats))]
 pub fn repeat(
     py: Python<'_>,
     target: &PyTarget,
     values: Vec<Option<f64>>,
     repeats: Option<u64>,
-    scenarios: Option<u64>,
 ) -> PyResult<String> {
     let scenario = canonical(target, values)?;
+    let scenarios = Some(target.settings.simulate.scenarios.into());
     let watch = |_, _| -> ControlFlow<()> { report(target, None, 0, 0) };
     let found = detached(py, target, || {
         let resolved = target.simulated()?;

@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use mishandle::plan::{FalsifyPlan, Settings};
 use mishandle::rollout::{
-    Axis, AxisKind, AxisValues, Component, Condition, Episode, EpisodeEnd, Holds, Identity, NamedFormula,
-    Request, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target, Verdict,
+    Axis, AxisKind, AxisValues, Component, Condition, Distribution, Episode, EpisodeEnd, Holds, Identity,
+    NamedFormula, Request, RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target,
+    Verdict,
 };
 use mishandle::stl::{MonitorError, Trace};
 use mishandle::store::ComponentRecord;
@@ -52,6 +53,9 @@ pub(crate) struct AxisDocument {
     nominal: Option<f64>,
     kind: String,
     meaning: String,
+    /// The fraction of the range below which no random value is.
+    #[serde(default)]
+    drawn_from: f64,
     /// Other axes by name, and their values with an effect.
     when: Vec<(String, Levels)>,
 }
@@ -187,6 +191,7 @@ impl PyTarget {
             versions,
             reachable: None,
             factory: Arc::new(factory),
+            solver_variants: Vec::new(),
         };
         // The axes have the settings of the call already.
         let plan = Plan {
@@ -303,7 +308,11 @@ pub(crate) fn document(axis: &Axis) -> AxisDocument {
     };
     let when = axis.conditions.iter().map(|condition| (condition.axis.clone(), levels(condition)));
     let (kind, when) = (axis.kind.name().to_string(), when.collect());
-    AxisDocument { name, low, high, unit, values, nominal, kind, meaning, when }
+    let drawn_from = match axis.distribution {
+        Distribution::Upper(from) => from,
+        Distribution::Uniform | Distribution::Normal => 0.0,
+    };
+    AxisDocument { name, low, high, unit, values, nominal, kind, meaning, drawn_from, when }
 }
 
 /// Returns the conditions of an axis in a space of these axes.
@@ -345,7 +354,7 @@ pub(crate) fn space(axes: Vec<AxisDocument>) -> PyResult<Space> {
 }
 
 fn axis(given: AxisDocument) -> PyResult<Axis> {
-    let AxisDocument { name, low, high, unit, values, nominal, kind, meaning, .. } = given;
+    let AxisDocument { name, low, high, unit, values, nominal, kind, meaning, drawn_from, .. } = given;
     let kinds = AxisKind::ALL;
     let known = || kinds.map(|(_, name)| name).join(", ");
     let (kind, _) = kinds.into_iter().find(|(_, known)| *known == kind).ok_or_else(|| {
@@ -362,7 +371,10 @@ fn axis(given: AxisDocument) -> PyResult<Axis> {
             _ => AxisValues::Continuous,
         },
     };
-    Ok(Axis::new(kind, &name, &unit, [low, high], nominal).with_values(values).meaning(&meaning))
+    let axis = Axis::new(kind, &name, &unit, [low, high], nominal).with_values(values).meaning(&meaning);
+    let distribution =
+        if drawn_from == 0.0 { Distribution::Uniform } else { Distribution::Upper(drawn_from) };
+    Ok(Axis { distribution, ..axis })
 }
 
 /// Facts that all systems of a target share.

@@ -5,13 +5,14 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::PoisonError;
 
+use mishandle::plan::EngineChoice;
 use mishandle::store::{RunFile, RunWriter};
-use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
+use mishandle::{Compared, MishandleError as Error, Plan, ResolvedPlan, RunError};
 use pyo3::prelude::*;
 use serde::Serialize;
 
 use crate::target::{PyTarget, keep};
-use crate::{MishandleError, raised};
+use crate::{MishandleError, gpu, raised};
 
 /// Does `work` in a run of a target, which continues that in `path` if it `is_resumed`. Returns its
 /// result also if an exception that Python raised meanwhile ended it early, with that exception.
@@ -35,8 +36,18 @@ pub(crate) fn open_run(
     path: Option<PathBuf>,
     is_resumed: bool,
 ) -> Result<(ResolvedPlan, RunWriter), Error> {
-    let PyTarget { plan, settings, .. } = target;
+    let PyTarget { settings, .. } = target;
     let mut found = target.target.clone();
+    let is_auto = settings.engine.screening == Some(EngineChoice::Auto);
+    let plan = match &path {
+        // As it was chosen when the run began.
+        Some(path) if is_resumed && is_auto => {
+            let recorded = Plan::from_toml(&RunFile::open_unchecked(path)?.header().plan)?;
+            &Plan { screening: recorded.screening, ..target.plan.clone() }
+        }
+        _ if is_auto => &faster(target)?,
+        _ => &target.plan,
+    };
     let mut run = match &path {
         Some(path) if is_resumed => {
             let mut run = RunWriter::resume(path)?;
@@ -57,6 +68,18 @@ pub(crate) fn open_run(
     Ok((ResolvedPlan::with_target(plan, found)?, run))
 }
 
+/// Returns the plan of a target with the engine that is faster, and says which.
+fn faster(target: &PyTarget) -> Result<Plan, Error> {
+    let resolve = |plan: &Plan| ResolvedPlan::with_target(plan, target.target.clone());
+    let watch = |_| report(target, None, 0, 0);
+    let device = gpu::device().worlds;
+    let found = mishandle::run::with_faster_engine(&resolve, &target.plan, &*device, &watch)?;
+    // The exception that ended the measurement is raised.
+    let (plan, speeds) = found.ok_or(Error::Run(RunError::NoEpisode))?;
+    warn(target, &speeds.text())?;
+    Ok(plan)
+}
+
 /// Checks that the system of a run to continue does what it did, as far as that can be checked, and
 /// warns of the rest.
 fn guard(target: &PyTarget, run: &RunFile, resolved: &ResolvedPlan) -> Result<(), Error> {
@@ -75,7 +98,7 @@ fn guard(target: &PyTarget, run: &RunFile, resolved: &ResolvedPlan) -> Result<()
         );
     }
     match mishandle::replay::replay_first(run, resolved)? {
-        Some(differences) if !differences.is_empty() => Err(Error::OtherSystem { differences }),
+        Some(differences) if !differences.is_empty() => Err(Error::differs(Compared::System, differences)),
         Some(_) if !not_covered.is_empty() => warn(
             target,
             &format!(

@@ -1,7 +1,5 @@
 """What several tests share."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pathlib
@@ -20,6 +18,12 @@ import numpy as np
 def batch(size: int) -> dict[str, Any]:
     """Returns the plan of a search that proposes several simulations at once."""
     return {"falsify": {"batch": size}}
+
+
+def take_interrupts(test: unittest.TestCase) -> None:
+    """Ctrl-C raises in a test. A shell starts background jobs with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    test.addCleanup(signal.signal, signal.SIGINT, before)
 
 
 class FolderCase(unittest.TestCase):

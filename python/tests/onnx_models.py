@@ -1,9 +1,18 @@
 """ONNX models for tests."""
 
+from cases import FolderCase
 import numpy as np
 from onnx import TensorProto, helper, numpy_helper
 
 node = helper.make_node
+
+
+class ModelCase(FolderCase):
+    """A test with the path of a model."""
+
+    def setUp(self):
+        super().setUp()
+        self.path = self.folder / "policy.onnx"
 
 
 def numbers(*shape, seed=0):

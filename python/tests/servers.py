@@ -1,7 +1,5 @@
 """Policy servers and environments for the tests of policies behind a server."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import traceback

@@ -1,7 +1,5 @@
 """The commands of the GitHub action, as they are in its file."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 import re

@@ -1,12 +1,10 @@
 """Attributes that axes set: they reach one row each, and are restored."""
 
-import importlib
 import signal
-import sys
 import unittest
 import warnings
 
-from cases import FolderCase, batch
+from cases import FolderCase, batch, take_interrupts
 import gymnasium
 import mishandle
 import mujoco
@@ -83,9 +81,7 @@ class TestSlider(FolderCase):
         with self.assertRaises(Broken):
             self.falsify(env, progress=progress)
         self.check_restored(env)
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        take_interrupts(self)
         calls = []
 
         def policy(observation):
@@ -128,8 +124,7 @@ class TestSlider(FolderCase):
         vector = gymnasium.vector.AsyncVectorEnv([Slider] * 2)
         self.addCleanup(vector.close)
         space = [self.SPACE[0]]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             self.falsify(vector, space=space, plan=batch(2))
         self.assertEqual(vector.get_attr("speed"), (0.5, 0.5))
 
@@ -216,13 +211,3 @@ class Masses(unittest.TestCase):
             UserWarning, "sets geom_size of a MuJoCo model, which leaves the masses"
         ):
             Attributes().set(Arm(), [("model.geom_size[0, 0]", 0.1)])
-
-
-class Documented(unittest.TestCase):
-    def test_the_adapter_of_stable_baselines_needs_no_import_of_its_own(self):
-        self.assertIs(mishandle.sb3, importlib.import_module("mishandle.sb3"))
-        self.assertNotIn("stable_baselines3", sys.modules)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """Bisections from Python: the result of the command line, interruptions, and mistakes."""
 
-from __future__ import annotations
-
 import json
 import pathlib
 import shutil
@@ -15,7 +13,8 @@ from mishandle import results
 
 ROOT = pathlib.Path(__file__).parents[2]
 
-RATE: dict[str, Any] = {"target": "point-reaching", "rate": 0.8, "episodes": 200}
+PLAN: dict[str, Any] = {"target": "point-reaching", "evaluate": {"episodes": 200}}
+RATE: dict[str, Any] = {"rate": 0.8, "plan": PLAN}
 
 
 def command(*words: str) -> subprocess.CompletedProcess[str]:
@@ -76,12 +75,13 @@ class Bisections(FolderCase):
         )
         assert good is not None and bad is not None
         self.assertGreater(mishandle.compare(good, bad).success.first_only, 0)
-        found.report(self.folder / "page.html", simulate=False)
+        found.report(self.folder / "page.html", plan={"report": {"simulations": False}})
         page = (self.folder / "page.html").read_text()
         self.assertIn("step-4.safetensors: fails", page)
         self.assertIn("Paired differences", page)
 
-        whole = mishandle.bisect(steps, **RATE, all=True, out=out)
+        every = {**PLAN, "regress": {"every": True}}
+        whole = mishandle.bisect(steps, rate=0.8, plan=every, out=out)
         self.assertEqual((len(whole.tested), whole.is_monotone), (4, True))
 
     def test_exceptions_of_progress_end_it(self) -> None:
@@ -107,7 +107,8 @@ class Bisections(FolderCase):
             ("a number between 0 and 1", {**RATE, "rate": 1.5}),
             ("is a test of its own", {**RATE, "counterexamples": "failures"}),
             ("`rate` needs a target", {"rate": 0.5}),
-            ("a function is neither the name of a task", {**RATE, "target": system}),
+            ("is a function; expected", {**RATE, "plan": {"target": system}}),
+            ("has no effect on this question", {"rate": 0.5, "plan": {"regress": {"mode": 2}}}),
         ]
         for message, arguments in cases:
             with self.subTest(message), self.assertRaisesRegex(mishandle.MishandleError, message):

@@ -1,8 +1,6 @@
 """Checks before the first simulation, Boolean verdicts, and statements about points that a search
 chose."""
 
-from __future__ import annotations
-
 import html
 import pathlib
 import re
@@ -114,7 +112,7 @@ class AdaptiveTest(unittest.TestCase):
             for search, expected in [("portfolio", None), ("random", ["a"])]:
                 run = self.run_of(folder, search)
                 page = pathlib.Path(f"{folder}/{search}.html")
-                run.report(page, simulate=False)
+                run.report(page, plan={"report": {"simulations": False}})
                 text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page.read_text())))
                 effects = re.search(r"each explains alone: (.*?)\. An", text)
                 named = effects and re.findall(r"([a-j]) \d+ %", effects[1])
@@ -190,7 +188,3 @@ class ModesTest(unittest.TestCase):
             all(region is not None and region[0] == region[1] for region in regions), regions
         )
         self.assertGreater(len(modes), 1)
-
-
-if __name__ == "__main__":
-    unittest.main()

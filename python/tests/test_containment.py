@@ -1,7 +1,5 @@
 """Tests of models that would end the process of the interpreter."""
 
-from __future__ import annotations
-
 import pathlib
 import subprocess
 import sys

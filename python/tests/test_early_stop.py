@@ -4,8 +4,8 @@ with the same verdicts."""
 import pickle
 import sqlite3
 import tempfile
-import unittest
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -67,7 +67,7 @@ def falsified(environment, formula, early_stopping, batch=1, **options):
     return rows, COUNT["steps"]
 
 
-class Searches(unittest.TestCase):
+class Searches(FolderCase):
     def check(self, make, formula, **options):
         """Checks that a search sees the same verdicts at the same points, in fewer steps; returns
         both numbers of steps."""
@@ -127,25 +127,24 @@ class Searches(unittest.TestCase):
             policy=policy, signals={"x": "obs[0]"}, steps=STEPS, control_dt=0.1, name="drift"
         )
         formula = "always[0:20](abs(x) <= 1.1)"
-        with tempfile.TemporaryDirectory() as folder:
-            # A global variable that the environment reads is a part of it.
-            COUNT["steps"] = 0
-            found = mishandle.falsify(
-                Drift(), formula, SPACE, plan=plan(True), trials=1, budget=60, search="random",
-                out=f"{folder}/run.sqlite", **known
-            )
-            [worst] = found.counterexamples
-            COUNT["steps"] = 0
-            again = mishandle.replay(
-                f"{folder}/run.sqlite", Drift(), formula, SPACE, trial=worst.trial,
-                number=worst.simulation, **known
-            )
-            self.assertEqual(again.differences, ())
-            with sqlite3.connect(f"{folder}/run.sqlite") as run:
-                where = (worst.trial, worst.simulation)
-                [row] = run.execute(
-                    "SELECT ended, steps FROM simulation WHERE trial = ? AND number = ?", where
-                ).fetchall()
+        path = self.folder / "run.sqlite"
+        # A global variable that the environment reads is a part of it.
+        COUNT["steps"] = 0
+        found = mishandle.falsify(
+            Drift(), formula, SPACE, plan=plan(True), trials=1, budget=60, search="random",
+            out=path, **known
+        )
+        [worst] = found.counterexamples
+        COUNT["steps"] = 0
+        again = mishandle.replay(
+            path, Drift(), formula, SPACE, trial=worst.trial, number=worst.simulation, **known
+        )
+        self.assertEqual(again.differences, ())
+        with sqlite3.connect(path) as run:
+            where = (worst.trial, worst.simulation)
+            [row] = run.execute(
+                "SELECT ended, steps FROM simulation WHERE trial = ? AND number = ?", where
+            ).fetchall()
         # Sample 20 decides it, and the next check is after step 20.
         self.assertEqual(row, ("stopped", 20))
 
@@ -155,15 +154,11 @@ class Searches(unittest.TestCase):
             policy=lambda observation: np.zeros(9), trials=1, budget=1, plan=plan(early),
             search="random", out=f"{self.folder}/{early}.sqlite"
         )
-        with tempfile.TemporaryDirectory() as self.folder:
-            found = [run(early) for early in (False, True)]
-            steps = [
-                [
-                    row[0]
-                    for row in sqlite3.connect(each.path).execute("SELECT steps FROM simulation")
-                ]
-                for each in found
-            ]
+        found = [run(early) for early in (False, True)]
+        steps = [
+            [row[0] for row in sqlite3.connect(each.path).execute("SELECT steps FROM simulation")]
+            for each in found
+        ]
         self.assertEqual(found[0].counterexamples, found[1].counterexamples)
         self.assertEqual(set(steps[1]), {10})
         self.assertGreater(min(steps[0]), 20)
@@ -180,7 +175,3 @@ class Searches(unittest.TestCase):
         )
         request = pickle.loads(pickle.dumps(Request({"start": 1.0}, 3, ("x >= 1", 0.0, True))))
         self.assertEqual(request.stop, ("x >= 1", 0.0, True))
-
-
-if __name__ == "__main__":
-    unittest.main()

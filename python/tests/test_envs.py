@@ -78,8 +78,7 @@ class Environments(unittest.TestCase):
     def test_all_tasks_pass_the_checker_of_gymnasium(self):
         for name in TASKS:
             env = gymnasium.make(name)
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with warnings.catch_warnings(record=True, action="always") as caught:
                 check_env(
                     env.unwrapped,
                     skip_render_check=name != "mishandle/PointReaching-v0" or not draws()

@@ -70,9 +70,9 @@ class Explanations(FolderCase):
             "Axes that remove the failure alone, back at nominal: a." in str(found),
             removing == ["a"]
         )
-        self.assertIsNone(result.explain(axes=0).axes_at_nominal)
-        with self.assertRaisesRegex(InvalidValueError, "axes is -1"):
-            result.explain(axes=-1)
+        self.assertIsNone(result.explain(plan={"report": {"axes": 0}}).axes_at_nominal)
+        with self.assertRaisesRegex(InvalidValueError, r'plan\["report"\]\["axes"\] is -1'):
+            result.explain(plan={"report": {"axes": -1}})
 
     def test_the_region_of_a_mode_has_the_names_of_categories(self) -> None:
         space = [

@@ -1,11 +1,11 @@
 """Faults between an environment and its policy."""
 
 import json
-import tempfile
 import unittest
 import warnings
 from unittest import mock
 
+from cases import FolderCase
 import cloudpickle
 import gymnasium
 import numpy as np
@@ -86,8 +86,7 @@ def run(at, env=None, policy=None, axes=None, **options):
         Axis("unused", 0.0, 1.0),
         *mishandle.faults(env, steps=STEPS, channels={"up": 0, "down": 1}, **options)
     ]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         found = simulate(
             env, "always(count >= 0)", space, at=at, policy=policy, steps=STEPS,
             signals={"count": "obs[0]", "action": lambda env: env.action}, axes=axes or {},
@@ -346,8 +345,7 @@ class ContractTest(unittest.TestCase):
         env = Recorder()
         space = mishandle.faults(env, steps=STEPS, actuation=False)
         # Commands are positive, unless the policy sees a negative counter.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             found = mishandle.margin(
                 env, "eventually[40:40](action >= 0)", space, budget=300, policy=Seen(),
                 steps=STEPS,
@@ -578,8 +576,7 @@ def torques(at, **options):
         given.append(getattr(env, "given", None))
         return 0.0
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         simulate(
             env, "always(x >= 0)", space, at=at,
             policy=lambda observation: np.array([3.0, 500.0 + observation[0], -700.0]), steps=STEPS,
@@ -755,7 +752,7 @@ class ArgumentTest(unittest.TestCase):
             run({}, axes="sensor_fault")
 
 
-class TaskTest(unittest.TestCase):
+class TaskTest(FolderCase):
     """The same faults on a task in Rust, on its Gymnasium environment, and with a policy in
     Python."""
 
@@ -896,9 +893,8 @@ class TaskTest(unittest.TestCase):
             signals({"success": "always(finger_twist <= 9)", "careful": f"{force} <= 9"}),
         ]:
             self.assertLess(own | {force}, read)
-        with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
-            warnings.simplefilter("ignore")
-            search, rates = f"{folder}/search.sqlite", f"{folder}/rates.sqlite"
+        with warnings.catch_warnings(action="ignore"):
+            search, rates = self.folder / "search.sqlite", self.folder / "rates.sqlite"
             mishandle.falsify(
                 task, trials=1, budget=2, search="random", out=search,
                 plan={"falsify": {"batch": 2, "isolate": False}}, **options
@@ -909,7 +905,3 @@ class TaskTest(unittest.TestCase):
             for path, trial, count in ((search, 1, len(own)), (rates, None, 18)):
                 again = mishandle.replay(path, task, trial=trial, number=1, **options)
                 self.assertEqual((again.differences, len(again.repetition.trace)), ((), count))
-
-
-if __name__ == "__main__":
-    unittest.main()

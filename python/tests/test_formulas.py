@@ -129,16 +129,19 @@ class DataFrames(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "pass the time between two samples as period"):
                 call(log)
         with self.assertRaisesRegex(
-            ValueError, "needs the time between two samples.*pass period=SECONDS"
+            ValueError, r'needs the time between two samples.*pass plan=.*"period": SECONDS'
         ):
             formula.robustness(log)
-        self.assertEqual(formula.robustness(log, time="t"), 1.0)
-        self.assertEqual(formula.robustness(log, period=0.5), 1.0)
+        for reading in ({"time": "t"}, {"period": 0.5}):
+            self.assertEqual(formula.robustness(log, plan={"log": reading}), 1.0)
+        for plan in ({"log": {"unit": "s"}}, {"monitor": {"values": True}}):
+            with self.assertRaisesRegex(ValueError, "has no effect on this question"):
+                formula.robustness(log, plan=plan)
 
     def test_a_name_in_backquotes_that_looks_like_a_bound_has_no_time(self):
         log = {"d[0 s]": [1.0, 3.0]}
         self.assertEqual(mishandle.robustness("always[0:1](`d[0 s]` <= 2)", log), -1.0)
-        with self.assertRaisesRegex(ValueError, "pass period=SECONDS"):
+        with self.assertRaisesRegex(ValueError, '"period": SECONDS'):
             mishandle.robustness("always[0:1s](`d[0 s]` <= 2)", log)
         self.assertEqual(mishandle.robustness("always[0s:inf](`d[0 s]` <= 2)", log), -1.0)
 

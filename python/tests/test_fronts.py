@@ -1,8 +1,6 @@
 """The same question on the command line, in a plan, in a campaign, on a Ray cluster and in Python:
 rows and results to the bit."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import json
@@ -323,7 +321,8 @@ class Fronts(FolderCase):
                 counts = ["--repeat", "25", "-k", "simulate.scenarios=3", "--seed", "5"]
                 expected = self.command("simulate", name, *arguments, *counts)
                 found = mishandle.repeat(
-                    name, repeats=25, scenarios=3, seed=5, **options  # type: ignore[arg-type]
+                    name, repeats=25, seed=5, plan={"simulate": {"scenarios": 3}},
+                    **options  # type: ignore[arg-type]
                 )
                 self.assertEqual(
                     bits(results.Simulation, found), bits(results.Simulation, expected)
@@ -332,7 +331,9 @@ class Fronts(FolderCase):
         self.assertEqual(found.repeats.simulations, 1)
         # The simulations themselves have the same seeds.
         several = mishandle.simulate("toy/noisy", at=[0.7], repeat=25, seed=5)
-        repeated = mishandle.repeat("toy/noisy", at=[0.7], repeats=25, scenarios=0, seed=5).repeats
+        repeated = mishandle.repeat(
+            "toy/noisy", at=[0.7], repeats=25, seed=5, plan={"simulate": {"scenarios": 0}}
+        ).repeats
         assert repeated is not None and repeated.quantiles is not None
         values = sorted(found.robustness or 0.0 for found in several)
         self.assertEqual(
@@ -397,7 +398,9 @@ class Fronts(FolderCase):
                     expected = self.command(
                         "regress", folders[0], "--add", out, "-k", "regress.all=true", *minimize
                     )
-                    exported = found.export(folders[1], minimize=bool(minimize))
+                    exported = found.export(
+                        folders[1], plan={"regress": {"minimize": bool(minimize)}}
+                    )
                     texts = [
                         repr(plain(result)).replace(str(folder), "")
                         for result, folder in zip(
@@ -420,12 +423,9 @@ class Fronts(FolderCase):
                     again = self.command("regress", folders[1], *counts)
                     rate = 0.1 if repeats > 0 else 0.0
                     tested = mishandle.regress(
-                        folders[1], name, repeats=repeats, max_failure_rate=rate, **target
+                        folders[1], name, repeats=repeats,
+                        plan={"regress": {"max_failure_rate": rate}}, **target
                     )
                     self.assertEqual(
                         bits(results.Regression, tested), bits(results.Regression, again)
                     )
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -11,6 +11,7 @@ import unittest
 import unittest.mock
 from pathlib import Path
 
+from cases import FolderCase
 import numpy as np
 
 os.environ["MISHANDLE_GPU_DEVICE"] = "cpu"
@@ -495,7 +496,7 @@ class Networks(unittest.TestCase):
 
 
 @unittest.skipIf(batches is None, "needs the extra gpu")
-class Training(unittest.TestCase):
+class Training(FolderCase):
     SETTINGS = """
         rollout_steps = 8
         minibatch_size = 100
@@ -504,26 +505,23 @@ class Training(unittest.TestCase):
         episodes.environments = 32
     """
 
-    def train(self, folder, name, steps, *options, task="cube-stacking", settings=SETTINGS):
-        path = f"{folder}/{name}-{steps}.toml"
-        with open(path, "w") as file:
-            file.write(settings.format(steps=steps))
-        outputs = [
-            "--out", f"{folder}/{name}.safetensors", "--csv", f"{folder}/{name}.csv", "--json"
-        ]
+    def train(self, name, steps, *options, task="cube-stacking", settings=SETTINGS):
+        path = self.folder / f"{name}-{steps}.toml"
+        path.write_text(settings.format(steps=steps))
+        files = self.folder / name
+        outputs = ["--out", f"{files}.safetensors", "--csv", f"{files}.csv", "--json"]
         command = ["train", task, "--settings", path, *outputs, *options]
         result = subprocess.run(
             [sys.executable, "-c", verdicts.COMMAND, *command], capture_output=True, text=True
         )
         self.assertEqual(result.returncode, 0, result.stderr)
-        with open(f"{folder}/{name}.csv") as file:
+        with open(f"{files}.csv") as file:
             return json.loads(result.stdout), list(csv.DictReader(file))
 
     def test_a_training_run_is_close_to_that_of_the_cpu_and_can_be_resumed(self):
-        with tempfile.TemporaryDirectory() as folder:
-            _, expected = self.train(folder, "cpu", 512)
-            self.train(folder, "gpu", 256, "-k", "train.device=gpu")
-            document, found = self.train(folder, "gpu", 512, "-k", "train.device=gpu", "--resume")
+        _, expected = self.train("cpu", 512)
+        self.train("gpu", 256, "-k", "train.device=gpu")
+        document, found = self.train("gpu", 512, "-k", "train.device=gpu", "--resume")
         self.assertEqual(document["device"], "gpu")
         for column in ("kl", "entropy", "validation_return"):
             numbers = [float(rows[-1][column]) for rows in (found, expected)]
@@ -536,14 +534,11 @@ class Training(unittest.TestCase):
             "rollout_steps = 100\nrewards.contact_force = 1\npolicy.hidden = [128, 128]"
         )
         settings = settings.replace("environments = 32", "environments = 8")
-        with tempfile.TemporaryDirectory() as folder:
-            costs = []
-            for device in ("cpu", "gpu"):
-                options = ("-k", f"train.device={device}", "--from", "ppo")
-                _, rows = self.train(
-                    folder, device, 800, *options, task="peg-in-hole", settings=settings
-                )
-                costs.append(float(rows[0]["reward_contact_force"]))
+        costs = []
+        for device in ("cpu", "gpu"):
+            options = ("-k", f"train.device={device}", "--from", "ppo")
+            _, rows = self.train(device, 800, *options, task="peg-in-hole", settings=settings)
+            costs.append(float(rows[0]["reward_contact_force"]))
         self.assertLess(costs[0], -0.1)
         # Impacts amplify rounding: the means of 800 control steps differ by 4 %.
         np.testing.assert_allclose(costs[1], costs[0], rtol=0.15)
@@ -653,19 +648,18 @@ move = { kind = "event", jump = "goal", time = [0, 1], x = [-0.5, 0.5] }
 
 
 @unittest.skipIf(batches is None, "needs the extra gpu")
-class RobotsInFiles(unittest.TestCase):
+class RobotsInFiles(FolderCase):
     def risk(self, integrator):
-        with tempfile.TemporaryDirectory() as folder:
-            Path(folder, "cart-pole.xml").write_text(CART_POLE.replace("INTEGRATOR", integrator))
-            path = Path(folder, "cart-pole.toml")
-            path.write_text(CART_POLE_FILE)
-            question = (
-                "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo "
-                "--seed 3 --json"
-            )
-            screening = "-k screening.device=gpu -k screening.rows=40 -k screening.confirm=1"
-            screening += f" --out {folder}/run.sqlite"
-            return json.loads(verdicts.command("risk", path, *question.split(), *screening.split()))
+        (self.folder / "cart-pole.xml").write_text(CART_POLE.replace("INTEGRATOR", integrator))
+        path = self.folder / "cart-pole.toml"
+        path.write_text(CART_POLE_FILE)
+        question = (
+            "--space starts+dynamics+events --simulations 100 -k risk.method=monte-carlo "
+            "--seed 3 --json"
+        )
+        screening = "-k screening.device=gpu -k screening.rows=40 -k screening.confirm=1"
+        screening += f" --out {self.folder}/run.sqlite"
+        return json.loads(verdicts.command("risk", path, *question.split(), *screening.split()))
 
     def test_mujoco_warp_and_mujoco_c_agree_on_most_simulations(self):
         found = self.risk("implicitfast")["screening"]

@@ -77,13 +77,12 @@ class CamerasTest(unittest.TestCase):
         cameras = Cameras("cube-stacking", size=(32, 32), names=["over"], threads=1)
         _, _, states, before = states_of(cameras)
         changes = [
-            {"lamp_x": 1.0}, {"lamp_radius": 0.15}, {"floor_pattern": "wood"}, {"image_blur": 1.0},
-            {"image_compression": 4.0}
+            {"lamp_x": 0.8}, {"lamp_radius": 0.09}, {"distractor_count": 3},
+            {"floor_pattern": "wood", "floor_contrast": 0.4}, {"over_camera_yaw": 0.05},
+            {"occlusion_size": 0.3}
         ]
-        changes += [
-            {"image_noise": 0.05}, {"image_vignette": 0.5}, {"clutter_count": 3},
-            {"over_camera_yaw": 0.1}, {"lens_aperture": 0.02}
-        ]
+        kinds = ["gaussian-noise", "blur", "warm", "vignette", "compression", "defocus"]
+        changes += [{"corruption": kind, "corruption_severity": 3} for kind in kinds]
         images = cameras.render(
             np.repeat(states[:1], len(changes) + 1, axis=0), [{}, *changes],
             steps=np.zeros(len(changes) + 1)
@@ -127,7 +126,7 @@ class CamerasTest(unittest.TestCase):
         with self.assertRaisesRegex(InvalidValueError, "no camera `top`; choose from: over, wrist"):
             Cameras("cube-stacking", names=["top"], threads=1)
         with self.assertRaisesRegex(InvalidValueError, "`faults-camera` moves images in time"):
-            Cameras("cube-stacking", space="light+faults-camera", threads=1)
+            Cameras("cube-stacking", space="light-3+faults-camera", threads=1)
         with self.assertRaisesRegex(InvalidValueError, "each side must be from 1 to 1024"):
             Cameras("cube-stacking", size=(0, 64), threads=1)
         cameras = Cameras("cube-stacking", size=(8, 8), threads=1)
@@ -135,7 +134,10 @@ class CamerasTest(unittest.TestCase):
         for message, scenarios, keywords in (
             ("`lamp_xx`", [{"lamp_xx": 1.0}] * STATES, {}),
             ("lamp_x", [{"lamp_x": 9.0}] * STATES, {}),
-            ("`shutter` needs the states before", [{"shutter": 1.0}] * STATES, {}),
+            (
+                "`motion-blur` needs the states before",
+                [{"corruption": "motion-blur", "corruption_severity": 3}] * STATES, {}
+            ),
             ("rows must be one of 2 scenarios for each of 4 states", [{}] * 2, {}),
             ("4 states need as many states before, found 2", [{}] * STATES, {"before": before[:2]}),
             ("seeds must be one number for each of 4 states", [{}] * STATES, {"seeds": [1]}),

@@ -46,7 +46,3 @@ class Verdicts(unittest.TestCase):
         found = [(case.task, formula) for case in verdicts.CASES for formula in case.formulas]
         self.assertEqual(len(found), 16)
         self.assertEqual(len(set(found)), 16)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """Hardening from Python: the result of the command line, interruptions, and mistakes."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -11,10 +9,9 @@ import shlex
 import signal
 import subprocess
 import sys
-import unittest
 from typing import Any
 
-from cases import FolderCase
+from cases import FolderCase, take_interrupts
 import mishandle
 from mishandle import _native, results
 from mishandle.errors import InvalidTypeError, InvalidValueError
@@ -94,9 +91,7 @@ class Hardenings(FolderCase):
         )
 
         # A third one is interrupted by Ctrl-C and by exceptions in each phase.
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        take_interrupts(self)
         stopped: list[str] = []
 
         def stop(phase: str, done: int, total: int) -> None:
@@ -117,7 +112,7 @@ class Hardenings(FolderCase):
 
         # A finished one is read again.
         self.assertEqual(self.harden("whole.safetensors", resume=True), whole)
-        whole.report(self.folder / "page.html", simulate=False)
+        whole.report(self.folder / "page.html", plan={"report": {"simulations": False}})
         self.assertIn(whole.verdict.split(":")[0], (self.folder / "page.html").read_text())
         with self.assertRaisesRegex(mishandle.MishandleError, "seed: recorded 5, given 6"):
             self.harden("whole.safetensors", resume=True, seed=6)
@@ -197,7 +192,3 @@ class Hardenings(FolderCase):
             created = _native.create_campaign(text, folder)
             self.assertEqual([is_hardening for _, _, is_hardening in created], [table == "harden"])
             self.assertEqual(_native.campaign_runs(folder), created)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -191,7 +191,7 @@ class Exceptions(FolderCase):
             lambda: mishandle.TaskEnv("point-reachin"),
             lambda: mishandle.load_controller("ball-catching/none"),
             lambda: mishandle.ask.Search("randon", [(0, 1)]),
-            lambda: mishandle.robustness("x <= 1", {"x": [1.0]}, period=-1.0),
+            lambda: mishandle.robustness("x <= 1", {"x": [1.0]}, plan={"log": {"period": -1.0}}),
         ]:
             with self.assertRaises(MishandleError) as raised:
                 mistake()

@@ -3,6 +3,7 @@ command."""
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 
@@ -83,16 +84,16 @@ class SameAnswers(Logs):
                 }
                 asked["polars"] = polars.DataFrame(columns)
                 for name, log in asked.items():
-                    found = mishandle.monitor(formula, log, **reading)
+                    found = mishandle.monitor(formula, log, plan={"log": reading})
                     self.assertEqual(
                         without_names(found), without_names(expected), (path.suffix, name, reading)
                     )
                     self.assertEqual(
-                        mishandle.robustness(formula, log, **reading), expected.robustness
+                        mishandle.robustness(formula, log, plan={"log": reading}),
+                        expected.robustness
                     )
-                self.assertEqual(
-                    mishandle.monitor(formula, path, **reading).verdicts[0].log, str(path)
-                )
+                found = mishandle.monitor(formula, path, plan={"log": reading})
+                self.assertEqual(found.verdicts[0].log, str(path))
 
     def test_times_in_other_units_and_dates_count_from_the_first_sample(self):
         instants = [1_700_000_000_000_000_000 + 20_000_000 * row for row in range(5)]
@@ -105,10 +106,13 @@ class SameAnswers(Logs):
             ({"time": np.array(instants, "datetime64[ns]"), "force": force}, {}),
             (pandas.DataFrame({"t": dates, "force": force}), {"time": "t"}),
             ({"t": [date.isoformat() for date in dates], "force": force}, {"time": "t"}),
-            (mishandle.read_log(path, time="stamp", time_unit="ns"), {}),
+            (
+                mishandle.read_log(path, plan={"log": {"time": "stamp", "time_unit": "ns"}}), {}
+            ),
         ]
         for log, reading in cases:
-            [verdict] = mishandle.monitor("always(force <= 2)", log, **reading).verdicts
+            plan = {"log": reading}
+            [verdict] = mishandle.monitor("always(force <= 2)", log, plan=plan).verdicts
             self.assertEqual(verdict.origin_ns, instants[0], reading)
             [violation] = verdict.violations
             self.assertEqual((violation.start, violation.end, violation.worst), (0.04, 0.06, -4.0))
@@ -129,86 +133,125 @@ class SameAnswers(Logs):
 
     def test_values_are_those_at_each_sample(self):
         columns = {"x": [0.0, 3.0, 1.0]}
-        found = mishandle.monitor("x <= 2", columns, values=True, period=0.5)
+        plan = {"log": {"period": 0.5}, "monitor": {"values": True}}
+        found = mishandle.monitor("x <= 2", columns, plan=plan)
         self.assertEqual(
             (found.robustness_signal, found.robustness_times), ((2.0, -1.0, 1.0), (0.0, 0.5, 1.0))
         )
-        found = mishandle.monitor("always[0:4](x <= 2)", columns, strict_horizon=False)
+        with self.assertRaisesRegex(ValueError, "is about one log"):
+            mishandle.monitor("x <= 2", [columns, columns], plan=plan)
+        cut = {"log": {"strict_horizon": False}}
+        found = mishandle.monitor("always[0:4](x <= 2)", columns, plan=cut)
         self.assertTrue(found.cuts_windows)
-        with self.assertRaisesRegex(ValueError, "needs 5 samples.*; leave out strict_horizon$"):
-            mishandle.monitor("always[0:4](x <= 2)", columns, strict_horizon=True)
-        bounds = mishandle.monitor("always[1:2](x <= 2)", columns, period=0.5, unit="s")
+        with self.assertRaisesRegex(
+            ValueError, r'needs 5 samples.*; leave out plan\["log"\]\["strict_horizon"\]$'
+        ):
+            strict = {"log": {"strict_horizon": True}}
+            mishandle.monitor("always[0:4](x <= 2)", columns, plan=strict)
+        seconds = {"log": {"period": 0.5, "unit": "s"}}
+        bounds = mishandle.monitor("always[1:2](x <= 2)", columns, plan=seconds)
         self.assertEqual(bounds.robustness, 1.0)
 
 
+HOW = "hold|linear"
+DENSE = r'plan\["log"\]\["dense"\]'
+
+
+def stated(key, value):
+    """Returns a regular expression for the argument that states a key. Words are quoted."""
+    value = value if value in ("SECONDS", "COLUMN", "True") else f'"{value}"'
+    return re.escape(f'plan={{"log": {{"{key}": {value}}}}}')
+
+
 class Choices(Logs):
-    def test_each_undecided_choice_names_the_argument(self):
+    def test_each_undecided_choice_names_the_key(self):
         cases = [
             (
                 {"time": [0.0, 0.1, 0.3], "x": [1, 1, 1]}, {},
-                r'pass resample="hold"\|"linear" or dense="hold"\|"linear", '
-                "or period=SECONDS if its"
+                f'pass {stated("resample", HOW)} or {stated("dense", HOW)}, '
+                f'or {stated("period", "SECONDS")} if its'
             ),
-            ({"time": [0.0, 0.2, 0.1], "x": [1, 1, 1]}, {}, "row 3; pass sort=True$"),
+            (
+                {"time": [0.0, 0.2, 0.1], "x": [1, 1, 1]}, {},
+                f'row 3; pass {stated("sort", "True")}$'
+            ),
             (
                 {"time": [0.0, 0.1, 0.1], "x": [1, 1, 1]}, {},
-                r'row 3; pass duplicates="first"\|"last"$'
+                f'row 3; pass {stated("duplicates", "first|last")}$'
             ),
-            ({"time": [0, 10**13], "x": [1, 1]}, {}, r'pass time_unit="s"\|"ms"\|"us"\|"ns"'),
-            ({"x": [1.0, np.nan]}, {}, r'row 2: `x` has no number; pass missing="hold"\|"drop"$'),
+            (
+                {"time": [0, 10**13], "x": [1, 1]}, {},
+                f'pass {stated("time_unit", "s|ms|us|ns")}'
+            ),
+            (
+                {"x": [1.0, np.nan]}, {},
+                f'row 2: `x` has no number; pass {stated("missing", "hold|drop")}$'
+            ),
             ({"x": [1.0, np.inf]}, {}, "row 2: `x` has no number"),
             (
                 {"x": [1.0, 2.0]}, {"resample": "hold"},
-                "resampling needs the new period; pass period=SECONDS$"
+                f'resampling needs the new period; pass {stated("period", "SECONDS")}$'
             ),
             (
                 {"x": [1.0, 2.0]}, {"dense": "hold"},
-                "need the times of the samples; pass time=COLUMN$"
+                f'need the times of the samples; pass {stated("time", "COLUMN")}$'
             ),
             (
                 {"x": [1.0, 2.0]}, {"tolerance": 1.0},
                 "the tolerance is the longest step that resampling or dense time bridges; "
-                "pass resample="
+                f'pass {stated("resample", HOW)}'
             ),
-            ({"x": [1.0, 2.0]}, {"dense": "hold", "resample": "hold"}, "exclude each other"),
+            (
+                {"x": [1.0, 2.0]}, {"dense": "hold", "resample": "hold"},
+                f"{DENSE} is set; it must be left out, because log.resample is set"
+            ),
             (
                 {"x": [1.0, 2.0]}, {"missing": "skip"},
-                "missing is `skip`; it must be one of error, hold, drop"
+                r'plan\["log"\]\["missing"\] is "skip"; it must be "error", "hold" or "drop"'
             ),
             (
                 {"x": [1.0, 2.0]}, {"period": 0.0},
-                "period is 0; it must be a number of seconds above 0"
+                r'plan\["log"\]\["period"\] is 0.0; it must be a number of seconds above 0'
             ),
             ({"x": [1.0, 2.0]}, {"time": "t"}, "time is `t`, but no column has this name"),
             (
                 {"time": [0.0, 1.0], "x": [1, 1]}, {"period": 0.5},
-                "period is 0.5 s, but the mean step of column `time` is 1 s; leave out period, "
-                "or pass resample="
+                "period is 0.5 s, but the mean step of column `time` is 1 s; leave out "
+                r'plan\["log"\]\["period"\], or pass ' + stated("resample", HOW)
             ),
         ]
         for log, reading, message in cases:
             for ask in (mishandle.monitor, mishandle.robustness):
                 with self.assertRaisesRegex(InvalidValueError, message) as raised:
-                    ask("always(x <= 2)", log, **reading)
+                    ask("always(x <= 2)", log, plan={"log": reading})
                 self.assertNotIn("--", str(raised.exception))
                 self.assertNotIn("-k", str(raised.exception))
+        for name, message in [
+            ("resampled", "no key `log.resampled`; known keys are: .* resample"),
+            ("topics", r'plan\["log"\]\["topics"\]\["a"\] has no effect on this question')
+        ]:
+            with self.assertRaisesRegex(InvalidValueError, message):
+                value = {"a": "a.csv"} if name == "topics" else "hold"
+                mishandle.monitor("always(x <= 2)", {"x": [1.0]}, plan={"log": {name: value}})
         with self.assertRaisesRegex(
-            TypeError, "there is no argument `resampled`; did you mean `resample`?"
-        ):
-            mishandle.monitor("always(x <= 2)", {"x": [1.0]}, resampled="hold")
-        with self.assertRaisesRegex(
-            ValueError, "needs the time between two samples.*pass period=SECONDS"
+            ValueError,
+            f'needs the time between two samples.*pass {stated("period", "SECONDS")}'
         ):
             mishandle.robustness("always[0:2s](x <= 2)", {"x": [1.0]})
         read = mishandle.logs.Log("read", {"": mishandle.logs.Topic("", None, {"x": np.zeros(2)})})
-        for log, name in [
-            ({"x": [1.0]}, "format"), (read, "time"), ({"a": {"x": [1.0]}}, "delimiter")
+        for log, name, value in [
+            ({"x": [1.0]}, "format", "csv"), (read, "time", "t"),
+            ({"a": {"x": [1.0]}}, "delimiter", ";")
         ]:
-            with self.assertRaisesRegex(TypeError, f"the argument `{name}` has no effect on"):
-                mishandle.monitor("always(x <= 2)", log, **{name: "csv"})
+            with self.assertRaisesRegex(
+                ValueError, rf'plan\["log"\]\["{name}"\] has no effect on'
+            ):
+                mishandle.monitor("always(x <= 2)", log, plan={"log": {name: value}})
         path = self.csv("t.csv", {"stamp": [0.0, 1.0], "x": [1.0, 1.0]})
-        advice = 'time="stamp" if the column `stamp` has the times in seconds'
-        with self.assertRaisesRegex(ValueError, f"pass period=SECONDS, or {advice}"):
+        advice = f'{stated("time", "stamp")} if the column `stamp` has the times in seconds'
+        with self.assertRaisesRegex(
+            ValueError, f'pass {stated("period", "SECONDS")}, or {advice}'
+        ):
             mishandle.robustness("always[0:2s](x <= 2)", path)
 
     def test_the_choices_decide(self):
@@ -217,12 +260,10 @@ class Choices(Logs):
             ({"duplicates": "first", "missing": "hold"}, -3.0),
             ({"duplicates": "last", "missing": "hold"}, 0.0),
         ]:
-            self.assertEqual(
-                mishandle.robustness("always(x <= 2)", log, sort=True, **reading), expected
-            )
-        found = mishandle.monitor(
-            "always(x <= 2)", log, sort=True, duplicates="last", missing="drop", dense="linear"
-        )
+            plan = {"log": {"sort": True, **reading}}
+            self.assertEqual(mishandle.robustness("always(x <= 2)", log, plan=plan), expected)
+        reading = {"sort": True, "duplicates": "last", "missing": "drop", "dense": "linear"}
+        found = mishandle.monitor("always(x <= 2)", log, plan={"log": reading})
         self.assertEqual((found.robustness, found.verdicts[0].missing_values), (0.0, 1))
 
 
@@ -260,7 +301,9 @@ class Tables(Logs):
             "time": [0.0, 0.1, 0.5, 1.0], "topic": ["arm", "hand", "arm", "hand"],
             "v": [1.0, 2.0, 3.0, 4.0]
         }
-        log = mishandle.read_log(self.csv("split.csv", rows), topic_column="topic")
+        log = mishandle.read_log(
+            self.csv("split.csv", rows), plan={"log": {"topic_column": "topic"}}
+        )
         self.assertEqual(log.signals, ["arm/v", "hand/v"])
         self.assertEqual(log.topics["hand"].times.tolist(), [100_000_000, 1_000_000_000])
         formula = "always(`hand/v` - `arm/v` <= 0.5)"
@@ -275,14 +318,14 @@ class Tables(Logs):
             *[f"-klog.topics.{name}={path}" for name, path in files.items()]
         )
         for each in (log, log.topics, topics, files, frames):
-            found = mishandle.monitor(formula, each, dense="hold")
+            found = mishandle.monitor(formula, each, plan={"log": {"dense": "hold"}})
             self.assertEqual(without_names(found), without_names(expected))
-        with self.assertRaisesRegex(ValueError, "different times; pass resample"):
+        with self.assertRaisesRegex(ValueError, "different times; pass plan=.*resample"):
             mishandle.monitor(formula, topics)
         with self.assertRaisesRegex(
             ValueError, "lacks the signals hand/w; it has arm/time, arm/v, hand/time, hand/v"
         ):
-            mishandle.monitor("`hand/w` <= 1", topics, dense="hold")
+            mishandle.monitor("`hand/w` <= 1", topics, plan={"log": {"dense": "hold"}})
 
 
 class SeveralLogs(Logs):
@@ -363,10 +406,8 @@ class Recordings(Logs):
         path = self.json_mcap({"/arm/state": rows, "/other": [{"x": 1}] * 10})
         formula = "always(`/arm/state/q[0]` <= 0.45)"
         for log in (path, mishandle.read_log(path), mishandle.read_log(path, ["/arm/state"])):
-            [verdict] = (
-                mishandle.monitor(formula, log, time="log").verdicts if log is path
-                else mishandle.monitor(formula, log).verdicts
-            )
+            plan = {"log": {"time": "log"}} if log is path else {}
+            [verdict] = mishandle.monitor(formula, log, plan=plan).verdicts
             self.assertEqual(
                 (verdict.log, verdict.origin_ns, verdict.samples), (str(path), START, 10)
             )
@@ -382,9 +423,8 @@ class Recordings(Logs):
     def test_a_field_that_a_message_lacks_is_a_missing_value(self):
         path = self.json_mcap({"/arm/state": [{"q": 1.0}, {}, {"q": 3.0}]})
         formula = "always(`/arm/state/q` <= 2)"
-        lacks = r'row 2: .* has no number; pass missing="hold"\|"drop"'
+        lacks = f'row 2: .* has no number; pass {stated("missing", "hold|drop")}'
         with self.assertRaisesRegex(ValueError, lacks):
             mishandle.monitor(formula, path)
-        self.assertEqual(
-            mishandle.monitor(formula, path, missing="hold").verdicts[0].missing_values, 1
-        )
+        found = mishandle.monitor(formula, path, plan={"log": {"missing": "hold"}})
+        self.assertEqual(found.verdicts[0].missing_values, 1)

@@ -170,13 +170,16 @@ class Mcap(Files):
     def test_each_time_is_the_one_that_was_requested(self):
         path = self.ros2_mcap()
         for time, earlier in [("log", 0), ("publish", 1_000_000), ("header", 2_000_000)]:
-            topic = mishandle.read_log(path, ["/wrench"], time=time).topics["/wrench"]
+            topic = mishandle.read_log(path, ["/wrench"], plan={"log": {"time": time}}).topics[
+                "/wrench"
+            ]
             self.assertEqual(int(topic.times[3]), START + 30_000_000 - earlier)
-        self.assertIn("header.stamp", mishandle.read_log(path, time="header").not_read["/status"])
+        header = {"log": {"time": "header"}}
+        self.assertIn("header.stamp", mishandle.read_log(path, plan=header).not_read["/status"])
         with self.assertRaisesRegex(ValueError, "/status has messages without header.stamp"):
-            mishandle.read_log(path, ["/status"], time="header")
+            mishandle.read_log(path, ["/status"], plan=header)
         with self.assertRaisesRegex(ValueError, "log, publish, header"):
-            mishandle.read_log(path, time="received")
+            mishandle.read_log(path, plan={"log": {"time": "received"}})
 
     def test_messages_are_in_the_order_of_their_times(self):
         path = self.folder / "order.mcap"
@@ -312,10 +315,10 @@ class DamagedMcap(Files):
         (self.folder / "a.hdf5").write_bytes(b"")
         with self.assertRaisesRegex(ValueError, "a.hdf5: the file is empty"):
             mishandle.read_log(self.folder / "a.hdf5")
-        with self.assertRaisesRegex(
-            TypeError, "no table, so the argument `time_unit` has no effect"
-        ):
-            mishandle.read_log(self.folder / "a.mcap", time_unit="ns")
+        with self.assertRaisesRegex(ValueError, r'\["time_unit"\] has no effect on .* no table'):
+            mishandle.read_log(self.folder / "a.mcap", plan={"log": {"time_unit": "ns"}})
+        with self.assertRaisesRegex(ValueError, r'\["period"\] has no effect on this question'):
+            mishandle.read_log(self.folder / "a.mcap", plan={"log": {"period": 0.1}})
         with self.assertRaisesRegex(ValueError, "neither metadata.yaml"):
             mishandle.read_log(self.folder)
         with self.assertRaisesRegex(ValueError, "does not exist"):
@@ -347,10 +350,11 @@ class Bags(Files):
 
     def test_stamps_of_headers(self):
         path = self.bag()
-        times = mishandle.read_log(path, time="header").topics["/joint_states"].times
+        log = mishandle.read_log(path, plan={"log": {"time": "header"}})
+        times = log.topics["/joint_states"].times
         self.assertEqual(int(times[0]), START - 3_000_000)
         with self.assertRaisesRegex(ValueError, "no publish times"):
-            mishandle.read_log(path, time="publish")
+            mishandle.read_log(path, plan={"log": {"time": "publish"}})
         with self.assertRaisesRegex(ValueError, "reindex"):
             mishandle.read_log(path, partial=True)
 

@@ -1,16 +1,11 @@
 """The smallest disturbance, from Python."""
 
-from __future__ import annotations
-
-import math
 import os
 import pickle
-import random
 import signal
-import tempfile
-import unittest
 from typing import Any
 
+from cases import FolderCase, take_interrupts
 import gymnasium
 import mishandle
 import numpy as np
@@ -43,44 +38,23 @@ class Push(gymnasium.Env[Any, Any]):
         return np.array([self.push]), 0.0, False, False, {}
 
 
-class Margins(unittest.TestCase):
-    def test_the_margin_of_a_half_space_is_that_of_a_hand_calculation(self) -> None:
-        # The smallest L-infinity disturbance with w x >= c is c / |w|_1 = 0.3 / (0.5 + 0.3 + 0.2).
-        found = mishandle.margin(half_space, "always(y >= 0)", INPUTS, seed=1)
-        witness = found.witness
-        assert witness is not None
-        self.assertTrue(0.3 <= witness.amplitude < 0.312, witness)
-        self.assertEqual((witness.axes, witness.seed), (3, 1))
-        values = [abs(value) for value in witness.scenario.values()]
-        self.assertAlmostEqual(witness.amplitude, max(values), places=12)
-        self.assertAlmostEqual(witness.l1, sum(values), places=12)
-        self.assertAlmostEqual(
-            witness.l2, math.sqrt(sum(value * value for value in values)), places=12
-        )
-        self.assertLess(witness.robustness, 0)
-        self.assertIsNone(witness.repeats)
-        assert found.no_violation_up_to is not None
-        self.assertTrue(0.28 <= found.no_violation_up_to < 0.3)
-        self.assertLessEqual(found.simulations, 3000)
-        self.assertEqual(sum(level.simulations for level in found.levels) < found.simulations, True)
-
+class Margins(FolderCase):
     def test_the_witness_is_a_counterexample(self) -> None:
         found = mishandle.margin(half_space, "always(y >= 0)", INPUTS, budget=500, name="half")
-        with tempfile.TemporaryDirectory() as folder:
-            file = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "witness.json"))
-            again = mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, name="half")
-            self.assertEqual((again.differences, again.build_differences), ((), ()))
-            assert found.witness is not None
-            self.assertEqual(again.repetition.scenario, found.witness.scenario)
-            self.assertEqual(again.recorded_robustness, found.witness.robustness)
-            test = mishandle.regress(
-                folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half"
-            )
-            self.assertEqual((test.passes, test.fails), (1, 0))
-            with self.assertRaisesRegex(InvalidValueError, "leave out `trial`"):
-                mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
-            with self.assertRaisesRegex(mishandle.MishandleError, "must end with .json"):
-                found.export(os.path.join(folder, "witness.txt"))
+        file = pickle.loads(pickle.dumps(found)).export(self.folder / "witness.json")
+        again = mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, name="half")
+        self.assertEqual((again.differences, again.build_differences), ((), ()))
+        assert found.witness is not None
+        self.assertEqual(again.repetition.scenario, found.witness.scenario)
+        self.assertEqual(again.recorded_robustness, found.witness.robustness)
+        test = mishandle.regress(
+            self.folder, lambda scenario: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS, name="half"
+        )
+        self.assertEqual((test.passes, test.fails), (1, 0))
+        with self.assertRaisesRegex(InvalidValueError, "leave out `trial`"):
+            mishandle.replay(file, half_space, "always(y >= 0)", INPUTS, trial=1)
+        with self.assertRaisesRegex(mishandle.MishandleError, "must end with .json"):
+            found.export(self.folder / "witness.txt")
 
     def test_a_policy_in_an_environment_has_the_margin_of_its_actuator(self) -> None:
         # The policy cancels a push of up to 1; x exceeds 1 after 10 steps if the rest is more than
@@ -93,52 +67,6 @@ class Margins(unittest.TestCase):
         )
         assert found.witness is not None
         self.assertTrue(0.55 <= found.witness.amplitude < 0.57, found.witness)
-
-    def test_a_random_system_is_repeated_with_other_seeds(self) -> None:
-        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
-            return {"y": [0.5 - scenario["a"] + random.Random(seed).uniform(-0.1, 0.1)] * 2}
-
-        found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300)
-        assert found.witness is not None and found.witness.repeats is not None
-        self.assertEqual(found.witness.repeats.simulations, 100)
-        # y < 0 if a > 0.5 + noise: the smallest of many draws is near 0.4.
-        self.assertTrue(0.4 <= found.witness.amplitude < 0.45, found.witness)
-        self.assertTrue(found.is_random)
-        self.assertEqual(found.witness.fails_in_most_repeats, found.witness.repeats.failures > 50)
-
-    def test_a_failure_of_few_seeds_is_not_confirmed(self) -> None:
-        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
-            return {"y": [scenario["a"] - 0.01 if seed % 10 == 3 else 1.0] * 2}
-
-        found = mishandle.margin(system, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
-        assert found.witness is not None and found.witness.repeats is not None
-        self.assertTrue(
-            0 < found.witness.repeats.failures < 30 and found.witness.fails_in_most_repeats is False
-        )
-        always = lambda scenario, seed: {"y": [scenario["a"]] * 2}
-        found = mishandle.margin(always, "always(y >= 0)", INPUTS[:1], budget=300, seed=3)
-        assert found.witness is not None and found.witness.repeats is not None
-        self.assertEqual(
-            (found.witness.repeats.failures, found.witness.fails_in_most_repeats), (100, True)
-        )
-
-    def test_a_system_that_fails_in_a_third_of_its_simulations_is_called_safe_by_no_seed(
-        self
-    ) -> None:
-        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
-            return {"y": [-1.0 if random.Random(seed).random() < 0.3 else 1.0] * 2}
-
-        for seed in range(30):
-            with self.subTest(seed):
-                self.assertIsNotNone(
-                    mishandle.margin(
-                        system, "always(y >= 0)", INPUTS[:1], budget=100, seed=seed
-                    ).witness
-                )
-        found = mishandle.margin(
-            lambda scenario, seed: {"y": [1.0] * 2}, "always(y >= 0)", INPUTS[:1], budget=100
-        )
-        self.assertEqual((found.no_violation_simulations, found.no_violation_seeds), (100, 100))
 
     def test_a_margin_names_the_categories_that_it_keeps_and_searches_each_of_them_if_asked(
         self
@@ -216,10 +144,7 @@ class Margins(unittest.TestCase):
         self.assertTrue(100 < result.simulations < 100 + 2 * 64 and not result.is_complete)
 
     def test_ctrl_c_ends_the_search_after_the_batch_and_keeps_the_witness_so_far(self) -> None:
-        # A shell starts background jobs with SIGINT ignored.
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        take_interrupts(self)
         calls = 0
 
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
@@ -239,13 +164,10 @@ class Margins(unittest.TestCase):
         assert result.witness is not None
         self.assertLess(result.witness.robustness, 0)
         self.assertIs(signal.getsignal(signal.SIGINT), signal.default_int_handler)
-        with tempfile.TemporaryDirectory() as folder:
-            self.assertTrue(result.export(os.path.join(folder, "witness.json")).exists())
+        self.assertTrue(result.export(self.folder / "witness.json").exists())
 
     def test_a_second_ctrl_c_interrupts_at_once(self) -> None:
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        take_interrupts(self)
         calls = 0
 
         def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
@@ -268,7 +190,3 @@ class Margins(unittest.TestCase):
         found = mishandle.margin(system, "always(y >= 0.2)", INPUTS[:1], budget=1000)
         self.assertIn("too far", found.exceptions[0])
         self.assertIsNotNone(found.witness)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,8 +1,6 @@
 """ONNX models: ours in ONNX Runtime, and others in our runtime, compared with ONNX Runtime."""
 
 import pathlib
-import tempfile
-import unittest
 
 import gymnasium
 import mishandle
@@ -12,7 +10,7 @@ import onnx
 import onnxruntime
 import onnx_models
 from onnx import helper
-from onnx_models import numbers
+from onnx_models import ModelCase, numbers
 
 ROOT = pathlib.Path(__file__).parents[2]
 TOLERANCE = 1e-5
@@ -35,41 +33,37 @@ def observations_of(task, controller):
     return np.concatenate(rows)
 
 
-class Export(unittest.TestCase):
+class Export(ModelCase):
     def test_all_shipped_controllers_agree_in_onnx_runtime_and_in_ours(self):
         paths = sorted(ROOT.glob("controllers/*/*.safetensors"))
         # The first generation is complete.
         self.assertEqual(len([path for path in paths if "-" not in path.stem]), 40)
-        with tempfile.TemporaryDirectory() as folder:
-            file = pathlib.Path(folder) / "a.onnx"
-            for path in paths:
-                task, name = path.parent.name, f"{path.parent.name}/{path.stem}"
-                controller = mishandle.load_controller(name)
-                data = controller.to_onnx()
-                onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
-                file.write_bytes(data)
-                if "history" in [given.name for given in session(data).get_inputs()]:
-                    # It is no function of observations: test_controller_format.py compares such a
-                    # model with the reader.
-                    continue
-                ours = mishandle.load_controller(str(file))
-                self.assertEqual(ours.task, task)
-                observations = observations_of(task, controller)
-                own = controller(observations)
-                action, unclipped = session(data).run(
-                    ["action", "unclipped_action"], {"observation": observations}
-                )
-                np.testing.assert_allclose(
-                    unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name
-                )
-                clipped = np.clip(own, -1, 1)
-                np.testing.assert_allclose(action, clipped, atol=TOLERANCE, rtol=0, err_msg=name)
-                # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the
-                # largest difference.
-                bound = 2e-5 if path.stem.split("-")[0] in ("td3", "ddpg") else TOLERANCE
-                np.testing.assert_allclose(
-                    ours(observations), clipped, atol=bound, rtol=0, err_msg=name
-                )
+        for path in paths:
+            task, name = path.parent.name, f"{path.parent.name}/{path.stem}"
+            controller = mishandle.load_controller(name)
+            data = controller.to_onnx()
+            onnx.checker.check_model(onnx.load_from_string(data), full_check=True)
+            self.path.write_bytes(data)
+            if "history" in [given.name for given in session(data).get_inputs()]:
+                # It is no function of observations: test_controller_format.py compares such a
+                # model with the reader.
+                continue
+            ours = mishandle.load_controller(self.path)
+            self.assertEqual(ours.task, task)
+            observations = observations_of(task, controller)
+            own = controller(observations)
+            action, unclipped = session(data).run(
+                ["action", "unclipped_action"], {"observation": observations}
+            )
+            np.testing.assert_allclose(unclipped, own, atol=TOLERANCE, rtol=TOLERANCE, err_msg=name)
+            clipped = np.clip(own, -1, 1)
+            np.testing.assert_allclose(action, clipped, atol=TOLERANCE, rtol=0, err_msg=name)
+            # The weights of TD3 and DDPG amplify the rounding of 32-bit numbers: 1.1e-5 was the
+            # largest difference.
+            bound = 2e-5 if path.stem.split("-")[0] in ("td3", "ddpg") else TOLERANCE
+            np.testing.assert_allclose(
+                ours(observations), clipped, atol=bound, rtol=0, err_msg=name
+            )
 
 
 def model(
@@ -89,11 +83,8 @@ def linear(path, weights, **properties):
     onnx.save(made, path)
 
 
-class WithoutTask(unittest.TestCase):
+class WithoutTask(ModelCase):
     """Models of robots that are none of our tasks."""
-
-    def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
 
     def test_a_model_has_the_sizes_that_it_states(self):
         for inputs, outputs in [(1, 1), (4, 1), (5, 12), (300, 2)]:
@@ -169,9 +160,9 @@ class WithoutTask(unittest.TestCase):
         self.assertNotEqual(first.target_hash, other.target_hash)
 
 
-class Import(unittest.TestCase):
+class Import(ModelCase):
     def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
+        super().setUp()
         self.observations = np.random.default_rng(4).normal(size=(32, 27)).astype(np.float32)
 
     def load(self, made):

@@ -1,10 +1,7 @@
 """ONNX files as policies of environments: each acts as in ONNX Runtime, or is refused before the
 first simulation."""
 
-import pathlib
 import pickle
-import tempfile
-import unittest
 
 import gymnasium
 import mishandle
@@ -16,7 +13,7 @@ from mishandle import Axis
 from mishandle.policies.onnx_policies import OnnxPolicy
 from mishandle.policies.kinds import policy_hash
 from onnx import TensorProto, helper
-from onnx_models import model, node
+from onnx_models import ModelCase, model, node
 
 VECTOR = spaces.Box(-np.inf, np.inf, (3,))
 ONE = spaces.Box(-1, 1, (1,))
@@ -58,10 +55,7 @@ class Line(gymnasium.Env):
         return self._observation(), 0.0, False, False, {}
 
 
-class Case(unittest.TestCase):
-    def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "policy.onnx"
-
+class Case(ModelCase):
     def load(self, made, observations=VECTOR, actions=ONE, task=None):
         self.path.write_bytes(made if isinstance(made, bytes) else made.SerializeToString())
         policy = OnnxPolicy(self.path, observations, actions, task)

@@ -1,7 +1,5 @@
 """Pictures of systems that draw themselves, in reports."""
 
-from __future__ import annotations
-
 import base64
 import re
 import struct
@@ -73,7 +71,7 @@ class Pictures(FolderCase):
             out=self.folder / "run.sqlite", name="moving", **options
         )
         self.assertEqual(found.falsified_trials, 1)
-        found.report(self.folder / "page.html", probes=4)
+        found.report(self.folder / "page.html", plan={"report": {"probes": 4}})
         return (self.folder / "page.html").read_text(), found
 
     def check(self, page: str, found: mishandle.ask.Falsification) -> None:
@@ -151,7 +149,7 @@ class Pictures(FolderCase):
             out=self.folder / "run.sqlite", frame=frame, version="1"
         )
         limit[0] = 0
-        found.report(self.folder / "page.html", probes=0)
+        found.report(self.folder / "page.html", plan={"report": {"probes": 0}})
         page = (self.folder / "page.html").read_text()
         self.assertNotIn("data:image/png", page)
         self.assertIn("There are no pictures of the failures", page)

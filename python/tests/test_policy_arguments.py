@@ -1,9 +1,6 @@
 """Axes whose values the policy gets."""
 
-from __future__ import annotations
-
 import pathlib
-import unittest
 from typing import Any
 
 from cases import FolderCase, Line
@@ -98,7 +95,7 @@ class Arguments(FolderCase):
             found.path, Line(), NEAR, space, trial=worst.trial, number=worst.simulation, **run
         )
         self.assertEqual(again.differences, ())
-        found.export(self.folder / "suite", minimize=True)
+        found.export(self.folder / "suite", plan={"regress": {"minimize": True}})
         failing = mishandle.regress(self.folder / "suite", Line(), NEAR, space, **run)
         self.assertEqual([test.result for test in failing.tests], ["still fails"])
         better = lambda observation, bias: -5.0 * (observation + 0.1 * bias)
@@ -146,7 +143,3 @@ class Arguments(FolderCase):
 
     def file(self, name: str) -> pathlib.Path:
         return self.folder / f"{name}.sqlite"
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """The program that asks a policy server for the actions of a target file."""
 
-from __future__ import annotations
-
 import json
 import os
 import pathlib

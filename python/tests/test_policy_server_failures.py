@@ -1,8 +1,6 @@
 """Policy servers that hang, break, restart or answer nonsense: simulations end without a verdict,
 and the next ones are right."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import hashlib
@@ -342,7 +340,3 @@ def deaf_server() -> Iterator[int]:
     finally:
         for each in (listening, *kept):
             each.close()
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """Policies behind a server: what is sent, how chunks are executed, and what identifies them."""
 
-from __future__ import annotations
-
 import contextlib
 import pathlib
 import sqlite3
@@ -311,8 +309,7 @@ class Kinds(unittest.TestCase):
 class Identity(unittest.TestCase):
     def evaluated(self, server: Any, **options: Any) -> Any:
         given = {key: value for key, value in OPTIONS.items() if key != "version"}
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as caught:
             run = {"search": "random", "trials": 1, "budget": 2}
             found = mishandle.falsify(
                 Line(), NEAR, [START], policy=PolicyServer(server.url, **options), **run, **given
@@ -380,7 +377,3 @@ class Identity(unittest.TestCase):
 
     def is_deterministic(self, path: Any) -> bool:
         return bool(self.header(path, "target_is_deterministic"))
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import unittest
 import warnings
 
 from cases import FolderCase
@@ -95,8 +94,7 @@ class Processes(FolderCase):
             return {"y": [float(child.stdout.readline())] * 2}
 
         with child:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with warnings.catch_warnings(record=True, action="always") as caught:
                 mishandle.simulate(
                     ask, "always(y <= 2)", [Axis("a", 0, 1)], at={"a": 0.9}, time_limit=0.5,
                     version="1"
@@ -106,7 +104,3 @@ class Processes(FolderCase):
                 str(caught[0].message)
             )
             child.kill()
-
-
-if __name__ == "__main__":
-    unittest.main()

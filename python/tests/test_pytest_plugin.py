@@ -1,7 +1,5 @@
 """The plugin for pytest, in a folder that is not this repository."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

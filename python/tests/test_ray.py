@@ -8,7 +8,6 @@ import sys
 import textwrap
 import threading
 import time
-import unittest
 from typing import Any
 
 from cases import FolderCase, batch
@@ -380,7 +379,3 @@ class RayTest(FolderCase):
         self.assertEqual(nobody.returncode, 2)
         self.assertRegex(nobody.stderr, r"^error: no Ray cluster answers at 127\.0\.0\.1:9: ")
         self.assertFalse((self.folder / "runs").exists())
-
-
-if __name__ == "__main__":
-    unittest.main()

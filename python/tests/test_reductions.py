@@ -1,7 +1,5 @@
 """Signals that reduce several values of a control step."""
 
-from __future__ import annotations
-
 import unittest
 from typing import Any
 

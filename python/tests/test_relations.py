@@ -1,9 +1,6 @@
 """Relations between pairs of scenarios, from Python."""
 
-from __future__ import annotations
-
 import random
-import unittest
 from typing import Any
 
 from cases import FolderCase
@@ -95,7 +92,3 @@ class MetamorphicTests(FolderCase):
         for relations, part in mistakes:
             with self.subTest(relations), self.assertRaisesRegex(Exception, part):
                 self.ask(never, SPACE, relations)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """Files of requirements, checked on systems in Python."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -78,8 +76,8 @@ class CheckTests(FolderCase):
             self.check(counted)
 
     def test_mistakes_in_the_file_and_in_the_arguments(self) -> None:
-        with self.assertRaisesRegex(ValueError, "fail_on"):
-            self.check(car, fail_on="fatal")
+        with self.assertRaisesRegex(ValueError, r'plan\["check"\]\["fail_on"\] is "fatal"; it'):
+            self.check(car, plan={"check": {"fail_on": "fatal"}})
         self.file.write_text(FILE.replace("clause", "claus"))
         with self.assertRaisesRegex(ValueError, "claus"):
             self.check(car)

@@ -18,9 +18,8 @@ class TestFormula(unittest.TestCase):
         self.assertEqual([example.violated for example in found.examples], [False, True])
         for example in found.examples:
             values = {signal.signal: signal.values for signal in example.values}
-            robustness = mishandle.robustness(
-                "always[0:2s](force <= 20)", values, period=example.period
-            )
+            plan = {"log": {"period": example.period}}
+            robustness = mishandle.robustness("always[0:2s](force <= 20)", values, plan=plan)
             self.assertEqual(robustness, example.robustness)
 
     def test_a_formula_is_drawn_over_a_log(self):
@@ -33,7 +32,9 @@ class TestFormula(unittest.TestCase):
         self.assertEqual(found.signals[0].unit, "N")
 
     def test_an_episode_shorter_than_a_window_is_a_trap(self):
-        [trap] = mishandle.formula("always[0:10s](x >= 1)", episode=5).traps
+        [trap] = mishandle.formula(
+            "always[0:10s](x >= 1)", plan={"formula": {"episode": 5}}
+        ).traps
         self.assertEqual(trap.name, "horizon-beyond-episode")
 
     def test_patterns(self):
@@ -56,8 +57,11 @@ class TestMine(unittest.TestCase):
         )
         self.assertEqual([trace.value for trace in found.per_trace], [7.5, 5.0])
         self.assertIn("limit = 7.5", str(found))
-        half = mishandle.mine("always(force <= limit)", {"limit": (0, 50)}, LOGS, share=0.5)
-        self.assertEqual(half.points[0].values, (5.0,))
+        for settings, limit in [({"share": 0.5}, 5.0), ({"resolution": {"limit": 2}}, 8.0)]:
+            found = mishandle.mine(
+                "always(force <= limit)", {"limit": (0, 50)}, LOGS, plan={"formula": settings}
+            )
+            self.assertEqual(found.points[0].values, (limit,))
 
     def test_the_range_of_a_bound_has_a_unit(self):
         time = mishandle.mine("eventually[0:T](force >= 4)", {"T": (0, 1.5, "s")}, LOGS)
@@ -71,6 +75,15 @@ class TestMine(unittest.TestCase):
                 mishandle.mine(
                     "always(force <= c)" if "c" in parameters else "always(force <= 1)", parameters,
                     LOGS
+                )
+        for settings, part in [
+            ({"resolution": {"d": 1}}, "names `d`, which is no parameter"),
+            ({"share": 2}, r'plan\["formula"\]\["share"\] is 2; it must be a number in \(0, 1\]'),
+            ({"episode": 5}, r'\["episode"\] has no effect'),
+        ]:
+            with self.assertRaisesRegex(InvalidValueError, part):
+                mishandle.mine(
+                    "always(force <= c)", {"c": (0, 1)}, LOGS, plan={"formula": settings}
                 )
         with self.assertRaisesRegex(InvalidValueError, "there is no log"):
             mishandle.mine("always(force <= c)", {"c": (0, 1)}, [])

@@ -1,15 +1,9 @@
 """The probability of a failure, from Python."""
 
-from __future__ import annotations
-
-import dataclasses
-import os
 import pickle
-import random
-import tempfile
-import unittest
 from typing import Any
 
+from cases import FolderCase
 import mishandle
 from mishandle import Axis
 from mishandle.errors import InvalidValueError
@@ -26,7 +20,7 @@ def distributed(**distributions: Any) -> dict[str, Any]:
     return {"risk": {"distributions": distributions}}
 
 
-class Risks(unittest.TestCase):
+class Risks(FolderCase):
     def test_a_closed_form_is_in_the_interval(self) -> None:
         # Uniform from 0 to 10 m/s, the gap is too small above 8 m/s: 2 / 10.
         found = mishandle.risk(gap, "always(gap >= 2)", SPEED, simulations=2000, seed=1)
@@ -40,41 +34,6 @@ class Risks(unittest.TestCase):
         self.assertEqual(found.bounds, (found.probability.low, found.probability.high))
         self.assertEqual(vars(found.distribution[0])["distribution"], "uniform")
 
-    def test_a_rare_closed_form_needs_importance_sampling(self) -> None:
-        # Triangular with the mode 0: P(speed > x) = (1 - x / 10)^2, which is 1e-4 at 9.9 m/s.
-        found = mishandle.risk(
-            gap, "always(gap >= 0.1)", SPEED, simulations=8000, seed=2,
-            plan=distributed(speed="triangular:0")
-        )
-        assert found.probability is not None and found.importance is not None
-        self.assertTrue(found.probability.low < 1e-4 < found.probability.high, found.probability)
-        self.assertEqual(found.probability.source, "importance")
-        self.assertIn("outside of the regions", str(found.probability.assumption))
-        self.assertTrue(found.bounds[0] < 1e-4 < found.bounds[1])
-        parts = found.monte_carlo.simulations + found.exploration.simulations
-        parts += found.importance.fitting_simulations + found.importance.simulations
-        self.assertEqual(parts, 8000)
-        # The budget is too small for multilevel splitting, which says so.
-        self.assertIsNone(found.splitting)
-        self.assertTrue(
-            any("at least 208286 simulations" in refusal for refusal in found.refusals),
-            found.refusals
-        )
-        self.assertGreater(found.failures[0].scenario["speed"], 9.9)
-
-    def test_noise_of_the_seed_is_part_of_the_probability(self) -> None:
-        def system(scenario: dict[str, Any], seed: int) -> dict[str, list[float]]:
-            return {"y": [random.Random(seed).random() - 0.1] * 2}
-
-        found = mishandle.risk(
-            system, "always(y >= 0)", [Axis("x", 0, 1)], simulations=1000,
-            plan={"risk": {"method": "monte-carlo"}}
-        )
-        self.assertTrue(found.bounds[0] < 0.1 < found.bounds[1], found.bounds)
-        # The failure is the simulation of its seed.
-        [failure, *_] = found.failures
-        self.assertEqual(failure.robustness, random.Random(failure.seed).random() - 0.1)
-
     def test_a_policy_in_an_environment(self) -> None:
         # The policy cancels pushes of up to 1: |push| > 1.1 of a uniform push from -2 to 2 fails,
         # 45 %.
@@ -86,27 +45,20 @@ class Risks(unittest.TestCase):
 
     def test_a_failure_is_a_counterexample(self) -> None:
         found = mishandle.risk(gap, "always(gap >= 2)", SPEED, simulations=200, name="car")
-        with tempfile.TemporaryDirectory() as folder:
-            file = found.export(os.path.join(folder, "failure.json"))
-            again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
-            self.assertEqual(
-                (again.differences, again.repetition.scenario), ((), found.failures[0].scenario)
-            )
-            with self.assertRaisesRegex(InvalidValueError, "failure is 9"):
-                found.export(file, failure=9)
-            copied = pickle.loads(pickle.dumps(found)).export(os.path.join(folder, "copied.json"))
-            self.assertEqual(copied.read_bytes(), file.read_bytes())
+        file = found.export(self.folder / "failure.json")
+        again = mishandle.replay(file, gap, "always(gap >= 2)", SPEED, name="car")
+        self.assertEqual(
+            (again.differences, again.repetition.scenario), ((), found.failures[0].scenario)
+        )
+        with self.assertRaisesRegex(InvalidValueError, "failure is 9"):
+            found.export(file, failure=9)
+        copied = pickle.loads(pickle.dumps(found)).export(self.folder / "copied.json")
+        self.assertEqual(copied.read_bytes(), file.read_bytes())
 
-    def test_batches_do_not_matter_and_the_progress_is_reported(self) -> None:
+    def test_the_progress_is_reported(self) -> None:
         done: list[tuple[int, int]] = []
         report = lambda *numbers: done.append(numbers)
-        of = lambda batch: mishandle.risk(
-            gap, "always(gap >= 0.05)", SPEED, simulations=500, progress=report,
-            plan={"risk": {"batch": batch}}
-        )
-        self.assertEqual(
-            dataclasses.replace(of(64), run=None), dataclasses.replace(of(7), run=None)
-        )
+        mishandle.risk(gap, "always(gap >= 0.05)", SPEED, simulations=500, progress=report)
         self.assertEqual(done[-1], (500, 500))
 
     def test_impossible_requests_are_errors_before_the_first_simulation(self) -> None:
@@ -172,7 +124,3 @@ class Risks(unittest.TestCase):
             result: mishandle.ask.Risk = raised.exception.result  # type: ignore[attr-defined]
             self.assertEqual((result.is_complete, result.simulations), (False, 64))
             self.assertEqual(result.monte_carlo.simulations, 64)
-
-
-if __name__ == "__main__":
-    unittest.main()

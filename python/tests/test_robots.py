@@ -1,7 +1,6 @@
 """Robots that a file describes."""
 
 import time
-import unittest
 
 from typing import Any
 
@@ -136,14 +135,14 @@ class TestRobots(FolderCase):
             number=worst.simulation
         )
         self.assertEqual(again.differences, ())
-        found.export(self.folder / "suite", minimize=True)
+        found.export(self.folder / "suite", plan={"regress": {"minimize": True}})
         regression = mishandle.regress(
             self.folder / "suite", self.file, space="starts+delay", policy=balance
         )
         self.assertEqual({test.result for test in regression.tests}, {"still fails"})
         smallest = mishandle.margin(self.file, space="starts+delay", policy=balance, budget=100)
         self.assertIsNotNone(smallest.witness)
-        found.report(self.folder / "page.html", probes=4)
+        found.report(self.folder / "page.html", plan={"report": {"probes": 4}})
         self.assertIn("cartpole", (self.folder / "page.html").read_text())
         other = mishandle.replay(
             found.path, self.file, space="starts+delay", policy=lambda state: [0.0],
@@ -209,7 +208,3 @@ def balance(state: Any) -> Any:
 
 def balance_rows(states: Any) -> Any:
     return states.astype(np.float64) @ np.array([[1.0], [2.0], [25.0], [4.0]])
-
-
-if __name__ == "__main__":
-    unittest.main()

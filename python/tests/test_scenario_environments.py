@@ -104,8 +104,7 @@ class Episodes(unittest.TestCase):
             },
             {}
         ]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             for seed in range(40):
                 # Some given and some drawn scenarios.
                 given = cases[seed] if seed < len(cases) else None
@@ -152,9 +151,8 @@ class Episodes(unittest.TestCase):
         given = []
         step = env.unwrapped.step
         env.unwrapped.step = lambda action: given.append(int(action)) or step(action)
-        with warnings.catch_warnings():
-            # The pole has fallen before the end.
-            warnings.simplefilter("ignore")
+        # The pole has fallen before the end.
+        with warnings.catch_warnings(action="ignore"):
             for index in range(14):
                 env.step([0, 1, 0, 1, 1][index] if index < 5 else 0)
         # 0.1 s to 0.2 s are the steps 5 to 9, which repeat the action of step 4.

@@ -1,7 +1,5 @@
 """Scenarios that a caller gives, and actions that are dictionaries or tuples."""
 
-from __future__ import annotations
-
 import unittest
 from typing import Any
 

@@ -1,17 +1,14 @@
 """ONNX policies that see, through the package."""
 
 import json
-import pathlib
 import shutil
-import tempfile
-import unittest
 
 import mishandle
 from mishandle.errors import InvalidStateError, InvalidValueError
 import numpy as np
 import onnx
 from onnx import TensorProto
-from onnx_models import model, node
+from onnx_models import ModelCase, model, node
 
 
 JOINTS = {"task": "point-reaching", "parts": json.dumps(["joint_positions"])}
@@ -88,14 +85,11 @@ desk = { position = [1.5, 0, 1], look_at = [0, 0, 0], fovy = 50 }
 """
 
 
-class Seeing(unittest.TestCase):
-    def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory())) / "seeing.onnx"
-
+class Seeing(ModelCase):
     def test_light_changes_what_a_policy_does(self):
         seeing(self.path)
         run = lambda at: mishandle.simulate(
-            "point-reaching", space="starts+light", policy=str(self.path), at=at
+            "point-reaching", space="starts+light-3", policy=str(self.path), at=at
         )[0].robustness
         self.assertEqual(run({}), run({}))
         self.assertNotEqual(run({}), run({"lamp_strength": 0.3}))
@@ -133,8 +127,9 @@ class Seeing(unittest.TestCase):
         """Returns what the policy got and did in two simulations."""
         out = self.path.parent / "recorded"
         mishandle.record(
-            "point-reaching", policy=self.path, space="starts+light+image+faults-camera", out=out,
-            episodes=2, seed=3, format="npz", cameras=["over"], size=size
+            "point-reaching", policy=self.path, space="starts+light-3+image-3+faults-camera",
+            out=out, episodes=2, seed=3, cameras=["over"], size=size,
+            plan={"record": {"format": "npz"}}
         )
         with np.load(out / "data.npz") as arrays:
             starts = arrays["episode_starts"]
@@ -181,7 +176,7 @@ class Seeing(unittest.TestCase):
     def test_a_policy_of_a_target_file_is_loaded_with_its_parts(self):
         seeing(self.path, sizes=(1, 1))
         description = {"parts": ["angle"], "images": [["image", "desk"]]}
-        self.path.with_name("seeing.onnx.json").write_text(json.dumps(description))
+        self.path.with_name("policy.onnx.json").write_text(json.dumps(description))
         file = self.robot()
         file.write_text(TARGET.replace("observation = {", 'observation = { other = "[1, 2]",'))
         with self.assertRaisesRegex(mishandle.MishandleError, "only a task has parts"):
@@ -262,7 +257,7 @@ class Seeing(unittest.TestCase):
             # No random scenario violates it.
             question = {
                 "formula": "always(finger_target_distance <= 9)",
-                "space": "starts+light+faults-camera", "search": "random"
+                "space": "starts+light-3+faults-camera", "search": "random"
             }
             question |= {"trials": 1, "budget": 3, "seed": 2}
             expected = mishandle.falsify("point-reaching", policy=str(self.path), **question)
@@ -287,12 +282,12 @@ class Seeing(unittest.TestCase):
         file = self.robot()
         given = {"policy": bright, "cameras": ["desk"], "image_size": (12, 8)}
         found = mishandle.falsify(
-            file, "always(angle <= 0.2)", space="starts+light", trials=1, budget=20, **given
+            file, "always(angle <= 0.2)", space="starts+light-3", trials=1, budget=20, **given
         )
         self.assertEqual(found.falsified_trials, 1)
         worst = found.counterexamples[0]
         again = mishandle.replay(
-            found.path, file, "always(angle <= 0.2)", space="starts+light", trial=1,
+            found.path, file, "always(angle <= 0.2)", space="starts+light-3", trial=1,
             number=worst.simulation, **given
         )
         self.assertEqual(again.differences, ())
@@ -370,7 +365,3 @@ def executed(actions):
 
 def bright(observation):
     return np.full(1, observation["desk"].mean() / 255 - 0.5)
-
-
-if __name__ == "__main__":
-    unittest.main()

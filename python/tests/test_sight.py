@@ -16,6 +16,13 @@ STEPS = 20
 FORMULA = "always(step >= 0)"
 
 
+NOISE = {"corruption": "gaussian-noise", "corruption_severity": 2}
+DARK = {"corruption": "dark", "corruption_severity": 2}
+"""A factor of 0.7 of the brightness."""
+
+DUSK = {"lamp_strength": 0.18, "ambient_scale": 0.5}
+
+
 class Filmed(gymnasium.Env):
     """Shows the control step as the brightness of an image, and as a number."""
 
@@ -71,8 +78,8 @@ class Images(unittest.TestCase):
     def test_an_axis_changes_what_the_policy_sees_and_nothing_else(self):
         plain, trace = watch({})
         self.assertEqual(plain, [(10 * step, step) for step in range(STEPS)])
-        dark, darkened = watch({"image_exposure": 0.5})
-        self.assertEqual(dark, [(5 * step, step) for step in range(STEPS)])
+        dark, darkened = watch(DARK)
+        self.assertEqual(dark, [(7 * step, step) for step in range(STEPS)])
         np.testing.assert_array_equal(trace.trace["step"], darkened.trace["step"])
 
     def test_faults_of_cameras_move_images(self):
@@ -95,23 +102,19 @@ class Images(unittest.TestCase):
         line = FaultLine(
             mishandle.sight(env, steps=STEPS), 0.1, STEPS, (env.observation_space, env.action_space)
         )
-        self.assertIn("image_noise", line.random_axes)
+        self.assertIn("corruption", line.random_axes)
         nominal = {axis.name: axis.nominal_value for axis in mishandle.sight(env, steps=STEPS)}
         self.assertIsNone(line.start(nominal, 1))
         observation, _ = env.reset()
 
         def noisy(seed):
-            return line.start({**nominal, "image_noise": 0.08}, seed).observe(
-                0, observation
-            )["front"].tobytes()
+            return line.start({**nominal, **NOISE}, seed).observe(0, observation)["front"].tobytes()
 
         self.assertEqual(noisy(1), noisy(1))
         self.assertNotEqual(noisy(1), noisy(2))
         self.assertEqual(observation["front"].max(), 0)
         copied = pickle.loads(pickle.dumps(line))
-        again = copied.start({**nominal, "image_noise": 0.08}, 1).observe(
-            0, observation
-        )["front"].tobytes()
+        again = copied.start({**nominal, **NOISE}, 1).observe(0, observation)["front"].tobytes()
         self.assertEqual(again, noisy(1))
 
     def test_faults_of_numbers_and_of_images_act_together(self):
@@ -131,15 +134,15 @@ class Images(unittest.TestCase):
         self.assertEqual([number for _, number in policy.seen][4:8], [4, 4, 4, 7])
 
     def test_vector_environments_and_training_environments_apply_them(self):
-        seen, _ = watch({"image_exposure": 0.5}, SyncVectorEnv([Filmed, Filmed]))
-        self.assertEqual(seen, [(5 * step, step) for step in range(STEPS)])
+        seen, _ = watch(DARK, SyncVectorEnv([Filmed, Filmed]))
+        self.assertEqual(seen, [(7 * step, step) for step in range(STEPS)])
         env = mishandle.ScenarioEnv(
             Filmed(), mishandle.sight(Filmed(), steps=STEPS), steps=STEPS, seed=1
         )
-        env.reset(options={"at": {"image_exposure": 0.5}})
+        env.reset(options={"at": DARK})
         env.step(np.zeros(1, np.float32))
         observation = env.step(np.zeros(1, np.float32))[0]
-        self.assertEqual((observation["front"][0, 0, 0], observation["step"][0]), (10, 2))
+        self.assertEqual((observation["front"][0, 0, 0], observation["step"][0]), (14, 2))
 
     def test_an_observation_may_be_one_image(self):
         class One(Filmed):
@@ -154,20 +157,20 @@ class Images(unittest.TestCase):
             seen.append(int(observation[0, 0, 0]))
             return np.zeros(1, np.float32)
 
-        space = mishandle.sight(env, spaces="image", steps=STEPS)
+        space = mishandle.sight(env, spaces="image-2", steps=STEPS)
         signals = {"step": lambda env: env.count}
         mishandle.simulate(
-            env, FORMULA, space, at={"image_exposure": 0.5}, policy=policy, signals=signals,
+            env, FORMULA, space, at=DARK, policy=policy, signals=signals,
             steps=STEPS
         )
         # Nominal simulations come first.
-        self.assertEqual(seen[-STEPS:], [5 * step for step in range(STEPS)])
+        self.assertEqual(seen[-STEPS:], [7 * step for step in range(STEPS)])
 
     def test_what_needs_a_simulator_is_refused_in_one_line(self):
         for spaces, message in [
-            ("light", "light would change the scene, which Filmed does not draw for Mishandle"),
-            (["image", "camera", "clutter"], "camera, clutter would change the scene"),
-            ("lights", "there is no space of sight 'lights'"),
+            ("light-1", "light-1 would change the scene, which Filmed does not draw for Mishandle"),
+            (["image-3", "camera-3", "object-5"], "camera-3, object-5 would change the scene"),
+            ("light", "there is no space of sight 'light'"),
         ]:
             with self.assertRaisesRegex(mishandle.MishandleError, message) as caught:
                 mishandle.sight(Filmed(), spaces=spaces, steps=STEPS)
@@ -195,7 +198,7 @@ class Tasks(unittest.TestCase):
         plain = gymnasium.make("mishandle/BallPushing-v0").reset(seed=1)[0]
         np.testing.assert_array_equal(observation["state"], plain)
         dark, _ = env.reset(
-            seed=1, options={"sight": {"lamp_strength": 0.2, "object_pattern": "checker"}}
+            seed=1, options={"sight": {**DUSK, "object_red": -0.3}}
         )
         self.assertLess(dark["over"].mean(), observation["over"].mean() - 10)
         np.testing.assert_array_equal(dark["state"], plain)
@@ -204,11 +207,11 @@ class Tasks(unittest.TestCase):
         self.assertFalse(np.array_equal(after["wrist"], dark["wrist"]))
         with self.assertRaisesRegex(mishandle.MishandleError, "there is no axis of sight `lamp`"):
             env.reset(options={"sight": {"lamp": 0.2}})
-        with self.assertRaisesRegex(mishandle.MishandleError, "expected a number from 0.2 to 0.85"):
-            env.reset(options={"sight": {"lamp_strength": 20.0}})
+        with self.assertRaisesRegex(mishandle.MishandleError, "expected a number from 0.5 to 1.1"):
+            env.reset(options={"sight": {"ambient_scale": 20.0}})
         with self.assertRaisesRegex(mishandle.MishandleError, "no effect without cameras"):
             gymnasium.make("mishandle/BallPushing-v0").reset(
-                options={"sight": {"lamp_strength": 0.2}}
+                options={"sight": {"ambient_scale": 0.5}}
             )
         with self.assertRaisesRegex(mishandle.MishandleError, "over, wrist"):
             gymnasium.make("mishandle/BallPushing-v0", cameras=["left"])
@@ -216,13 +219,13 @@ class Tasks(unittest.TestCase):
     def test_a_policy_that_sees_is_falsified_by_the_light(self):
         """A policy that stops in the dark violates a formula that it satisfies in the light."""
         env = mishandle.TaskEnv("point-reaching", cameras=["over"], image_size=(16, 16))
-        space = mishandle.sight(env, spaces=["light", "image"])
-        self.assertIn("lamp_strength", [axis.name for axis in space])
+        space = mishandle.sight(env, spaces=["light-5", "image-5"])
+        self.assertIn("ambient_scale", [axis.name for axis in space])
 
         def policy(observation):
             return np.full(9, 1.0 if observation["over"].mean() > 110 else 0.0, np.float32)
 
-        space = mishandle.sight(env, spaces=["light", "image"], steps=30)
+        space = mishandle.sight(env, spaces=["light-5", "image-5"], steps=30)
         signals = {"distance": "info.signals.finger_target_distance"}
 
         def run(at):
@@ -232,10 +235,13 @@ class Tasks(unittest.TestCase):
             )
             return found.trace["distance"]
 
-        light, dark = run({}), run({"lamp_strength": 0.2, "image_exposure": 0.5})
+        light, dark = run({}), run({**DUSK, "corruption": "dark", "corruption_severity": 5})
         self.assertEqual(light[0], dark[0])
         self.assertGreater(np.abs(light - light[0]).max(), 0.01)
         self.assertLess(np.abs(dark - dark[0]).max(), 0.01)
+
+
+NPZ = {"record": {"format": "npz"}}
 
 
 class Recordings(FolderCase):
@@ -243,7 +249,7 @@ class Recordings(FolderCase):
         calls = []
         out = self.folder / "out"
         found = mishandle.record(
-            "point-reaching", policy="expert", out=out, episodes=2, format="npz",
+            "point-reaching", policy="expert", out=out, episodes=2, plan=NPZ,
             cameras=["over", "wrist"], size=(16, 12),
             progress=lambda done, count: calls.append((done, count)),
         )
@@ -254,12 +260,13 @@ class Recordings(FolderCase):
                 for name in ["target_x", "target_y", "target_z"]
             }
         with self.assertRaisesRegex(mishandle.MishandleError, "nothing exists"):
-            mishandle.record("point-reaching", policy="expert", out=out, episodes=1, format="npz")
+            mishandle.record("point-reaching", policy="expert", out=out, episodes=1, plan=NPZ)
         self.assertEqual((found.episodes, found.frames, found.format), (2, 600, "npz"))
         self.assertEqual(calls[-1], (2, 2))
         env = mishandle.TaskEnv("point-reaching", cameras=["over"], image_size=(16, 12))
         observation, _ = env.reset(options={"scenario": at})
-        np.testing.assert_array_equal(observation["state"], states[0])
+        # The expert also sees the targets of its joints.
+        np.testing.assert_array_equal(observation["state"], states[0][:-9])
         np.testing.assert_array_equal(observation["over"], images[0])
 
     def test_an_interrupted_recording_leaves_nothing(self):
@@ -269,17 +276,17 @@ class Recordings(FolderCase):
         out = self.folder / "out"
         with self.assertRaisesRegex(RuntimeError, "enough"):
             mishandle.record(
-                "point-reaching", policy="expert", out=out, episodes=2, format="npz", progress=stop
+                "point-reaching", policy="expert", out=out, episodes=2, plan=NPZ, progress=stop
             )
         self.assertEqual(list(self.folder.iterdir()), [])
         for changed, message in [
             ({"cameras": "over"}, "expected a list of names"),
             ({"cameras": ["left"]}, "over, wrist"),
             ({"size": (0, 8)}, "a width and a height from 1 to 1024"),
-            ({"format": "hdf5"}, "lerobot, npz"),
+            ({"plan": {"record": {"format": "hdf5"}}}, "lerobot, npz"),
             ({"policy": "experts"}, "expert"),
         ]:
-            options = {"policy": "expert", "out": out, "episodes": 1, "format": "npz", **changed}
+            options = {"policy": "expert", "out": out, "episodes": 1, "plan": NPZ, **changed}
             with self.assertRaisesRegex(mishandle.MishandleError, message):
                 mishandle.record("point-reaching", **options)
         with self.assertRaisesRegex(mishandle.MishandleError, "neither the name of a task"):

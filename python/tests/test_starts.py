@@ -1,7 +1,5 @@
 """Environments that settle after a reset, and starts that are invalid."""
 
-from __future__ import annotations
-
 import unittest
 from typing import Any
 
@@ -143,7 +141,3 @@ class Starts(unittest.TestCase):
             self.trace(Falling(), 2.0, invalid=True)
         with self.assertRaisesRegex(InvalidTypeError, "`settle` has no effect on a function"):
             mishandle.simulate(lambda scenario: {"x": [0, 0]}, "always(x <= 1)", SPACE, settle=2)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,19 +1,18 @@
 """Tests of falsification, evaluation, simulation and replay of systems in Python."""
 
 import os
-import pathlib
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 import warnings
 
+from cases import FolderCase, take_interrupts
 import gymnasium
 import mishandle
 import numpy as np
-from mishandle import Attribute, Axis, InvalidScenario, MishandleError, ResetOption
+from mishandle import Attribute, Axis, InvalidScenario, MishandleError
 
 SQUARE = [Axis("x", -1.0, 1.0, "m"), Axis("y", -1.0, 1.0, "m")]
 
@@ -24,14 +23,9 @@ def distance(scenario):
     return {"distance": np.full(3, found)}
 
 
-class Folder(unittest.TestCase):
-    def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
-
-class Functions(Folder):
+class Functions(FolderCase):
     def test_a_counterexample_is_found_stored_and_replayed_bit_for_bit(self):
-        run = self.path / "run.sqlite"
+        run = self.folder / "run.sqlite"
         found = mishandle.falsify(
             distance, "always(distance >= 0.1)", SQUARE, search="nelder-mead", trials=4, budget=100,
             out=run
@@ -50,7 +44,7 @@ class Functions(Folder):
         self.assertEqual(again.repetition.robustness, exact)
 
     def test_a_replay_of_another_system_is_reported(self):
-        run = self.path / "run.sqlite"
+        run = self.folder / "run.sqlite"
         formula = "always(distance >= 0.1)"
         mishandle.falsify(distance, formula, SQUARE, search="random", trials=1, budget=5, out=run)
         other = mishandle.replay(run, lambda scenario: {"distance": np.ones(3)}, formula, SQUARE)
@@ -73,7 +67,7 @@ class Functions(Folder):
 
         mishandle.falsify(
             system, "always(x <= 5)", space, search="random", trials=1, budget=40,
-            out=self.path / "a.sqlite"
+            out=self.folder / "a.sqlite"
         )
         self.assertEqual(
             seen[0][0], {"mass": 1.0, "delay": 1, "surface": "dry"}, "the probe is nominal"
@@ -117,7 +111,7 @@ class Functions(Folder):
         self.assertEqual((simulate().end, simulate().robustness), ("completed", 1.0))
         run = mishandle.falsify(
             system, "always(d >= 0)", space, search="random", trials=1, budget=60, time_limit=0.05,
-            out=self.path / "f.sqlite"
+            out=self.folder / "f.sqlite"
         )
         self.assertEqual(run.falsified_trials, 0)
         [trial] = run.trials
@@ -147,7 +141,7 @@ class Functions(Folder):
         with self.assertWarnsRegex(UserWarning, "not deterministic"):
             found = mishandle.falsify(
                 noisy, "always(d >= -1)", SQUARE, search="random", trials=1, budget=3,
-                out=self.path / "n.sqlite"
+                out=self.folder / "n.sqlite"
             )
         self.assertGreater(found.largest_difference, 0)
 
@@ -180,7 +174,7 @@ class Functions(Folder):
         self.assertEqual(found("not eventually[0:5](x >= 2)", 4.0), -2.0)
         self.assertIsNone(found("always[0:5](x <= 2)", 1.5))
         self.assertIsNone(found("eventually[0:5](x >= 2)", 1.5))
-        run = self.path / "run.sqlite"
+        run = self.folder / "run.sqlite"
         space = [Axis("x", -5, 5, nominal=0)]
         campaign = mishandle.falsify(
             system, "always[0:5](x <= 2)", space, search="random", trials=1, budget=50, out=run
@@ -192,7 +186,7 @@ class Functions(Folder):
 
     def test_samples_after_the_last_control_step_are_left_out(self):
         system = lambda scenario: {"x": np.full(3 if scenario["x"] <= 0 else 5, scenario["x"])}
-        run = self.path / "run.sqlite"
+        run = self.folder / "run.sqlite"
         with self.assertWarnsRegex(
             UserWarning, "has 5 samples, but an episode has 2 control steps"
         ):
@@ -202,14 +196,13 @@ class Functions(Folder):
         [trial] = found.trials
         self.assertEqual((trial.simulations, trial.undecided, trial.failed), (20, 0, 0))
         self.assertEqual(set(mishandle.open_run(run).columns()["steps"]), {2})
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
+        with warnings.catch_warnings(action="error"):
             [long] = mishandle.simulate(system, "always[0:2](x <= 2)", SQUARE, at={"x": 1}, steps=4)
         self.assertEqual((long.robustness, len(long.trace["x"])), (1.0, 5))
 
     def test_tables_have_names_and_integers(self):
         space = [Axis("surface", values=["dry", "wet"]), Axis("delay", 0, 3, values="integer")]
-        run = self.path / "run.sqlite"
+        run = self.folder / "run.sqlite"
         system = lambda scenario: {"x": [0.0, float(scenario["delay"])]}
         mishandle.falsify(
             system, "always(x <= 5)", space, search="random", trials=1, budget=30, out=run
@@ -222,7 +215,7 @@ class Functions(Folder):
     def test_an_evaluation_reports_rates_and_corners(self):
         found = mishandle.evaluate(
             distance, {"success": "always(distance >= 0.1)", "safe": "distance >= 0.5"}, SQUARE,
-            episodes=200, out=self.path / "e.sqlite"
+            episodes=200, out=self.folder / "e.sqlite"
         )
         self.assertEqual(found.success_rate.n, 200)
         # The circle of violations has 0.8 % of the square.
@@ -241,12 +234,12 @@ class Functions(Folder):
             "mishandle.falsify(system, 'always(d >= -1)', space, search='random', trials=2,\n"
             "    budget=50, out=sys.argv[1], resume=sys.argv[3] == 'resume')\n"
         )
-        script = self.path / "campaign.py"
+        script = self.folder / "campaign.py"
         script.write_text(program)
         start = lambda *arguments: subprocess.Popen([
             sys.executable, str(script), *map(str, arguments)
         ])
-        whole, killed = self.path / "whole.sqlite", self.path / "killed.sqlite"
+        whole, killed = self.folder / "whole.sqlite", self.folder / "killed.sqlite"
         self.assertEqual(start(whole, 0, "new").wait(), 0)
         process = start(killed, 0.02, "new")
         deadline = time.monotonic() + 60
@@ -267,10 +260,7 @@ class Functions(Folder):
         self.assertEqual(mishandle.open_run(killed).columns(), mishandle.open_run(whole).columns())
 
     def test_an_interrupt_ends_the_run_and_keeps_its_rows(self):
-        # Programs that a shell starts in the background ignore the signal.
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        take_interrupts(self)
         count, at = 0, 15
 
         def system(scenario):
@@ -280,11 +270,7 @@ class Functions(Folder):
                 os.kill(os.getpid(), signal.SIGINT)
             return {"d": [1.0, 5.0 + scenario["x"] + 2.0 * scenario["y"]]}
 
-        run = self.path / "i.sqlite"
-        # A shell starts background jobs with SIGINT ignored.
-        self.addCleanup(
-            signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.default_int_handler)
-        )
+        run = self.folder / "i.sqlite"
         with self.assertRaises(KeyboardInterrupt):
             mishandle.falsify(
                 system, "always(d >= 0)", SQUARE, search="random", trials=1, budget=100, out=run
@@ -327,7 +313,7 @@ class Functions(Folder):
 
     def test_the_name_of_a_lambda_needs_no_quotes(self):
         self.addCleanup(os.chdir, os.getcwd())
-        os.chdir(self.path)
+        os.chdir(self.folder)
         found = mishandle.falsify(
             lambda s: {"d": [1.0, 1.0]}, "always(d >= 0)", SQUARE, search="random", trials=1,
             budget=2
@@ -344,19 +330,11 @@ class Functions(Folder):
         check(ValueError, "the space has no axes", distance, formula, [])
         check(TypeError, "a int is not a system", 5, formula, SQUARE)
         check(
-            MishandleError, "there is no search `randon`", distance, formula, SQUARE,
-            search="randon"
-        )
-        check(
             MishandleError, "signal `height` is not in the trace", distance, "always(height >= 0)",
             SQUARE
         )
-        check(MishandleError, "expected", distance, "always(distance >", SQUARE)
         check(ValueError, "same length", lambda s: {"a": [1, 2], "b": [1]}, formula, SQUARE)
         check(TypeError, "dictionary of arrays or a data frame", lambda s: [1, 2], formula, SQUARE)
-        check(MishandleError, "lower bound", distance, formula, [Axis("x", 1, 0), Axis("y", 0, 1)])
-        with self.assertRaisesRegex(ValueError, "no axis z; its axes: x, y"):
-            mishandle.simulate(distance, formula, SQUARE, at={"z": 1})
         with self.assertRaisesRegex(ValueError, "'cubic'"):
             Axis("x", 0, 1, values="cubic")
 
@@ -395,7 +373,7 @@ class WithLateInfo(gymnasium.Env):
         return np.array([self.x], np.float32), 0.0, self.x > 2, False, {"speed": self.x * 2}
 
 
-class Environments(Folder):
+class Environments(FolderCase):
     def test_a_value_that_only_steps_have_keeps_its_first_value_at_the_reset(self):
         kinds = {"policy": lambda observation: np.zeros(1, np.float32), "steps": 3}
         signals = {"x": "obs[0]", "speed": "info.speed"}
@@ -443,7 +421,7 @@ class Environments(Folder):
         vector = gymnasium.make_vec("CartPole-v1", num_envs=3, vectorization_mode="sync")
         runs = []
         for number, env in enumerate([single, vector]):
-            path = self.path / f"{number}.sqlite"
+            path = self.folder / f"{number}.sqlite"
             mishandle.falsify(env, formula, POLE, out=path, **options, **kinds)
             runs.append(mishandle.open_run(path).columns())
         self.assertEqual(*runs)
@@ -539,36 +517,8 @@ class Environments(Folder):
         self.assertEqual(found[0].end, "completed")
         self.assertEqual(model.starts[:11], [True] + [False] * 9 + [True])
 
-    def test_our_tasks_and_controllers(self):
-        env = gymnasium.make("mishandle/PointReaching-v0")
-        policy = mishandle.load_controller("point-reaching/ppo")
-        space = [
-            Axis(name, low, high, "m", apply=ResetOption(f"scenario.{name}"))
-            for name, low, high in [
-                ("target_x", 0.3, 0.7), ("target_y", -0.4, 0.4), ("target_z", 0.2, 0.8)
-            ]
-        ]
-        kinds = dict(
-            policy=policy, signals={"distance": ("info.signals.finger_target_distance", "m")}
-        )
-        formula = "eventually(always(distance <= 0.05))"
-        [found] = mishandle.simulate(env, formula, space, at=[0.5, 0.1, 0.4], **kinds)
-        self.assertGreater(found.robustness, 0)
-        self.assertEqual(len(found.trace["distance"]), 301)
-
 
 class Tools(unittest.TestCase):
-    def test_robustness_agrees_with_hand_arithmetic(self):
-        trace = {"x": np.array([0.0, 2.0, 5.0]), "unused": np.zeros(3)}
-        self.assertEqual(mishandle.robustness("always(x <= 4)", trace), -1.0)
-        self.assertEqual(mishandle.robustness("eventually[1:2](x >= 6)", trace), -1.0)
-        formula = mishandle.Formula("always[0:1](x <= 4)")
-        self.assertEqual(formula.robustness_signal(trace).tolist(), [2.0, -1.0, -1.0])
-        self.assertEqual(formula.robustness_signal(trace, decided_only=True).tolist(), [2.0, -1.0])
-        self.assertIsNone(
-            mishandle.Formula("always[0:9](x <= 4)").robustness(trace, decided_only=True)
-        )
-
     def test_searches_minimize_and_agree_with_the_function(self):
         for name in mishandle.ask.search_names():
             found = mishandle.ask.find_minimum(
@@ -642,19 +592,3 @@ class Tools(unittest.TestCase):
         self.assertTrue(
             ((bounds == exact) | ((bounds > 0) & (bounds <= exact))).all(), (bounds, exact)
         )
-
-    def test_controllers_give_the_actions_of_each_row(self):
-        controller = mishandle.load_controller("ball-catching/ppo")
-        observations = np.random.default_rng(0).normal(
-            size=(5, controller.observation_size)
-        ).astype(np.float32)
-        together = controller(observations)
-        for row in range(5):
-            np.testing.assert_array_equal(controller(observations[row]), together[row])
-        self.assertEqual(controller.task, "ball-catching")
-        with self.assertRaisesRegex(MishandleError, "did you mean|there is no"):
-            mishandle.load_controller("ball-catching/pppo")
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,10 +1,8 @@
 """Tests of vector environments as systems."""
 
-import pathlib
-import tempfile
 import time
-import unittest
 
+from cases import FolderCase
 import gymnasium
 import mishandle
 import numpy as np
@@ -52,10 +50,7 @@ SIGNALS = {"x": ("obs[0]", "m"), "inside": "info.part.position", "reward": "rewa
 KINDS = dict(policy=lambda observation: 1, signals=SIGNALS, steps=5, control_dt=0.1)
 
 
-class Vectors(unittest.TestCase):
-    def setUp(self):
-        self.path = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
-
+class Vectors(FolderCase):
     def vector(self, functions, **options):
         env = AsyncVectorEnv(functions, **options)
         self.addCleanup(env.close)
@@ -71,7 +66,7 @@ class Vectors(unittest.TestCase):
                 self.vector([small_cart] * 3, autoreset_mode=mode) for mode in AutoresetMode
             ] + [self.vector([small_cart] * 2, shared_memory=False), self.vector([small_cart])]
         ):
-            path = self.path / f"{number}.sqlite"
+            path = self.folder / f"{number}.sqlite"
             found = mishandle.falsify(env, "always(x <= 4)", SPACE, out=path, **options, **KINDS)
             run = mishandle.open_run(path)
             traces = [run.trace(one.trial, one.simulation) for one in found.counterexamples]
@@ -105,7 +100,7 @@ class Vectors(unittest.TestCase):
         for number, env in enumerate([
             mishandle.TaskEnv("point-reaching"), mishandle.TaskVectorEnv("point-reaching", 4)
         ]):
-            path = self.path / f"{number}.sqlite"
+            path = self.folder / f"{number}.sqlite"
             options = dict(
                 search="random", trials=1, budget=6, plan={"falsify": {"batch": 6}}, out=path
             )
@@ -168,7 +163,3 @@ class Vectors(unittest.TestCase):
             env, "always(x >= 0)", [Axis("start", 0, 0.5)], at=[0.25], **KINDS
         )
         self.assertEqual(found.trace["x"].tolist(), [0.5, 2.5, 4.5, 6.5, 8.5, 10.5])
-
-
-if __name__ == "__main__":
-    unittest.main()

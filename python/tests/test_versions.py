@@ -1,9 +1,6 @@
 """Evaluations and comparisons that stop by themselves, and control arms."""
 
-import os
-import tempfile
-import unittest
-
+from cases import FolderCase
 from mishandle import Axis, MishandleError, compare_versions, evaluate, sample_size
 
 SPACE = [Axis("speed", 0, 10, "m/s")]
@@ -14,20 +11,12 @@ def car(factor):
     return lambda scenario: {"gap": [10.0, 10.0 - factor * scenario["speed"]]}
 
 
-class Versions(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
-
-    def path(self, name):
-        return os.path.join(self.folder, name)
-
+class Versions(FolderCase):
     def test_an_evaluation_stops_when_the_rate_is_decided(self):
         # 80 % of the speeds keep the gap.
         found = evaluate(
             car(1.0), FORMULA, SPACE, episodes=5000, until="decided", rate=0.5,
-            out=self.path("a.sqlite")
+            out=self.folder / "a.sqlite"
         )
         self.assertEqual(found.sequential.decision, "above")
         self.assertLess(found.sequential.simulations, 1000)
@@ -35,7 +24,7 @@ class Versions(unittest.TestCase):
         self.assertIsNone(found.control)
 
     def test_equal_versions_are_equivalent_and_their_number_is_that_of_both_files(self):
-        runs = (self.path("a.sqlite"), self.path("b.sqlite"))
+        runs = (self.folder / "a.sqlite", self.folder / "b.sqlite")
         found = compare_versions(
             car(1.0), FORMULA, SPACE, baseline=car(1.0), name="car", out=runs,
             plan={"compare": {"margin": 0.1}}
@@ -48,7 +37,8 @@ class Versions(unittest.TestCase):
         with self.assertRaisesRegex(MishandleError, "robustness-bounds"):
             compare_versions(
                 car(1.0), FORMULA, SPACE, baseline=car(0.9), name="car",
-                plan={"compare": {"measure": "robustness"}}, out=(self.path("a"), self.path("b"))
+                plan={"compare": {"measure": "robustness"}},
+                out=(self.folder / "a", self.folder / "b")
             )
 
     def test_a_larger_difference_takes_fewer_pairs(self):
@@ -56,7 +46,3 @@ class Versions(unittest.TestCase):
         small, large = (sample_size(0.8, against=other, plan=plan) for other in (0.85, 0.95))
         self.assertLess(large.fixed, small.fixed)
         self.assertLess(large.mean, small.mean)
-
-
-if __name__ == "__main__":
-    unittest.main()

@@ -1,7 +1,5 @@
 """Our client against the policy server of vla-eval."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import unittest

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use mishandle_results::{Command, Remedy};
 use mishandle_rollout::{Axis, AxisKind, Scenario, Space};
 use mishandle_store::{AxisRecord, ComponentRecord, RunFile, TargetRecord};
 
 use super::simulated::simulated;
 use super::weights::{Simulated, shows_nan, weighted};
 use crate::counterexample::{Counterexample, suite_files};
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::Plan;
 use crate::resolve::TrainingTarget;
 use crate::run::axis_records;
@@ -34,10 +35,10 @@ pub fn recorded_failures(
     }
     for (path, found) in &all {
         let scenario = Scenario::new(found.scenario.clone());
-        space.check(&scenario).map_err(|error| other_space(path, vec![error.to_string()]))?;
+        space.check(&scenario).map_err(|error| other_space(path, &[error.to_string()]))?;
         let differences = outside(space, &scenario);
         if !differences.is_empty() {
-            return Err(other_space(path, differences));
+            return Err(other_space(path, &differences));
         }
     }
     let trainable = all.into_iter().map(|(_, found)| found);
@@ -46,11 +47,11 @@ pub fn recorded_failures(
     let weighted = weighted(&trainable);
     if weighted.is_empty() {
         let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-        return Err(MishandleError::InvalidValue {
-            what: "the archive",
-            value: names.join(", "),
-            expected: "run files or counterexamples with at least one failure to train on",
-        });
+        return Err(invalid(
+            "the archive",
+            names.join(", "),
+            "run files or counterexamples with at least one failure to train on",
+        ));
     }
     Ok(weighted
         .into_iter()
@@ -69,8 +70,12 @@ fn outside(space: &Space, scenario: &Scenario) -> Vec<String> {
     space.axes().iter().zip(scenario.values()).filter_map(text).collect()
 }
 
-fn other_space(path: &Path, differences: Vec<String>) -> MishandleError {
-    MishandleError::OtherSpace { path: path.to_path_buf(), differences }
+fn other_space(path: &Path, differences: &[String]) -> MishandleError {
+    problem(format!(
+        "the scenarios of {} are of another space: {}; pass files that were made with the same axes",
+        path.display(),
+        differences.join("; ")
+    ))
 }
 
 /// Reads the simulations of a file or folder, with the values in the order of the space's axes.
@@ -85,8 +90,7 @@ fn read(
         simulated_in(file, &known, space)
     };
     if path.is_dir() {
-        let files =
-            suite_files(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+        let files = suite_files(path).map_err(MishandleError::file(path))?;
         return files.iter().map(|file| of_file(file)).collect();
     }
     if path.extension().is_some_and(|found| found.eq_ignore_ascii_case("json")) {
@@ -101,7 +105,7 @@ fn read(
         .iter()
         .map(|axis| RecordedAxis { name: &axis.name, unit: &axis.unit, values: Some(axis) })
         .collect();
-    let order = order(&recorded, space).map_err(|differences| other_space(path, differences))?;
+    let order = order(&recorded, space).map_err(|differences| other_space(path, &differences))?;
     let (mut found, _) = simulated(&[run])?;
     for simulated in &mut found {
         simulated.scenario = in_order(space, &order, |index| simulated.scenario[index]);
@@ -126,12 +130,14 @@ fn check_target(
     if found.name == target.name() && is_present()? {
         return Ok(());
     }
-    Err(MishandleError::ArchiveOfOtherTarget {
-        path: path.to_path_buf(),
-        expected: target.name().to_string(),
-        found: found.name.clone(),
-        target: target.given(),
-    })
+    let expected = target.name();
+    let version = if *expected == *found.name { " in another version" } else { "" };
+    let text = format!(
+        "{} has failures of {}{version}, and training on them needs those of {expected} as it is now: search again",
+        path.display(),
+        found.name
+    );
+    Err(problem(text).with(Remedy::Run(Command::Falsify { target: target.given() })))
 }
 
 /// Returns the scenario of a counterexample with the values in the order of the space's axes.
@@ -148,7 +154,7 @@ pub(crate) fn simulated_in(
         .iter()
         .map(|value| RecordedAxis { name: &value.axis, unit: &value.unit, values: None })
         .collect();
-    let order = order(&recorded, space).map_err(|differences| other_space(path, differences))?;
+    let order = order(&recorded, space).map_err(|differences| other_space(path, &differences))?;
     Ok(Simulated {
         scenario: in_order(space, &order, |index| read.scenario[index].value),
         seed: read.seed,

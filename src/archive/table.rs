@@ -7,7 +7,7 @@ use mishandle_files::{limits, read_text_bounded};
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Scenario, Space};
 
 use super::recorded_failures;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::resolve::TrainingTarget;
 
 /// Column of the weights.
@@ -34,9 +34,8 @@ pub(crate) fn given_scenarios(
     if !is_table && path.exists() {
         return recorded_failures(&[path.to_path_buf()], space, target);
     }
-    let text = read_text_bounded(path, limits::SCENARIOS)
-        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
-    parse(&text, space).map_err(|problem| MishandleError::ScenarioFile { path: path.to_path_buf(), problem })
+    let text = read_text_bounded(path, limits::SCENARIOS).map_err(MishandleError::file(path))?;
+    parse(&text, space).map_err(|text| problem(format!("the scenarios {}: {text}", path.display())))
 }
 
 fn parse(text: &str, space: &Space) -> Result<Vec<(Scenario, f64)>, String> {

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use mishandle_files::{limits, read_text_bounded, write_atomically};
-use mishandle_results::{BisectedCandidate, Bisection, Versioned};
+use mishandle_results::{BisectedCandidate, BisectedResult, Bisection, Versioned};
 use mishandle_text::path_text;
 use serde::Serialize;
 
 use super::BisectionPlan;
-use super::candidates::{Candidate, problem};
-use super::order::{Outcome, Place};
-use crate::error::MishandleError;
+use super::candidates::Candidate;
+use super::order::Place;
+use crate::error::{MishandleError, foreign_folder, problem};
 
 /// File of the result in the folder of a bisection.
 const RESULT: &str = "bisect.json";
@@ -22,7 +22,7 @@ pub(super) struct Tested {
     /// Where the first failing candidate is; `None` after an interruption.
     pub place: Option<Place>,
     /// The outcomes of all candidates; `None` unless all are tested.
-    pub all: Option<Vec<Outcome>>,
+    pub all: Option<Vec<BisectedResult>>,
 }
 
 impl Tested {
@@ -31,9 +31,9 @@ impl Tested {
         let Tested { tests, place, all } = self;
         let name = |index: usize| candidates[index].name.clone();
         let later_passing: Option<Vec<String>> = all.map(|outcomes| {
-            let fails = outcomes.iter().position(|outcome| *outcome == Outcome::Fails);
+            let fails = outcomes.iter().position(|outcome| *outcome == BisectedResult::Fails);
             let later = fails.unwrap_or(outcomes.len())..outcomes.len();
-            later.filter(|index| outcomes[*index] == Outcome::Passes).map(name).collect()
+            later.filter(|index| outcomes[*index] == BisectedResult::Passes).map(name).collect()
         });
         let between = match place {
             Some(Place::Between(good, bad)) => Some((good, bad)),
@@ -60,8 +60,8 @@ impl Tested {
 fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option<&[String]>) -> String {
     let name = |index: usize| &candidates[index].name;
     let last = candidates.len() - 1;
-    let word = |outcome: Outcome| match outcome {
-        Outcome::Undecided => "is undecided",
+    let word = |outcome: BisectedResult| match outcome {
+        BisectedResult::Undecided => "is undecided",
         decided => decided.name(),
     };
     let order = match later_passing {
@@ -72,7 +72,7 @@ fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option
             more.join(", ")
         ),
         None => {
-            " This supposes that no candidate before it fails and none after it passes; regress.every tests every candidate."
+            " This supposes that no candidate before it fails and none after it passes; only a test of every candidate says so."
                 .to_string()
         }
     };
@@ -91,9 +91,9 @@ fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option
             name(bad)
         ),
         Some(Place::NotBracketed(first, end)) => {
-            let of_first = (first != Outcome::Passes)
+            let of_first = (first != BisectedResult::Passes)
                 .then(|| format!("the first candidate, {}, {} instead of passing", name(0), word(first)));
-            let of_last = (end != Outcome::Fails)
+            let of_last = (end != BisectedResult::Fails)
                 .then(|| format!("the last candidate, {}, {} instead of failing", name(last), word(end)));
             let parts: Vec<String> = of_first.into_iter().chain(of_last).collect();
             format!("nothing to bisect: {}", parts.join("; "))
@@ -109,16 +109,12 @@ pub(super) fn open(folder: &Path) -> Result<(), MishandleError> {
     if folder.join(RESULT).exists() || !folder.exists() {
         return Ok(());
     }
-    let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
+    let with_path = MishandleError::file(folder);
     for entry in std::fs::read_dir(folder).map_err(with_path)? {
         let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
         // A temporary file of a killed process.
         if !name.starts_with('.') {
-            return Err(MishandleError::ForeignFolder {
-                what: "bisection",
-                path: folder.to_path_buf(),
-                name,
-            });
+            return Err(foreign_folder("bisection", folder, &name));
         }
     }
     Ok(())
@@ -149,7 +145,7 @@ pub fn finished(folder: &Path) -> Result<Option<Bisection>, MishandleError> {
     if !path.exists() {
         return Ok(None);
     }
-    let with_path = |source| MishandleError::File { path: path.clone(), source };
+    let with_path = MishandleError::file(&path);
     let text = read_text_bounded(&path, limits::RESULT).map_err(with_path)?;
     let mut found: Bisection = serde_json::from_str(&text).map_err(|error| with_path(error.into()))?;
     found.folder = path_text(folder);

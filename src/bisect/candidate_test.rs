@@ -5,20 +5,19 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded};
-use mishandle_results::{BisectedCandidate, Evaluation};
+use mishandle_results::{BisectedCandidate, BisectedResult, Evaluation, StopDecision};
 use mishandle_rollout::Component;
 use mishandle_text::{path_text, plural};
 use sha2::{Digest, Sha256};
 
 use super::answer::write_json;
-use super::candidates::{Candidate, problem};
-use super::order::Outcome;
+use super::candidates::Candidate;
 use super::{BisectionPlan, BisectionProgress, BisectionTest, Watch};
 use crate::counterexample::{Counterexample, Suite, Tested, suite_files};
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 
 /// The test that all candidates take.
 pub(super) struct CandidateTest<'a> {
@@ -29,7 +28,7 @@ pub(super) struct CandidateTest<'a> {
 }
 
 /// Result of a candidate; `None` if its test was interrupted.
-type Found = Option<(Outcome, BisectedCandidate)>;
+type Found = Option<BisectedCandidate>;
 
 impl<'a> CandidateTest<'a> {
     /// Checks the test: a mistake in it is reported before the first simulation.
@@ -107,7 +106,7 @@ impl<'a> CandidateTest<'a> {
             // A candidate that cannot be loaded says nothing about its neighbors.
             Err(error) => {
                 let reason = Some(error.with_causes());
-                return Ok(Some(found(candidate, Outcome::Undecided, reason)));
+                return Ok(Some(found(candidate, BisectedResult::Undecided, reason)));
             }
         };
         let mut hash = Sha256::new();
@@ -117,22 +116,20 @@ impl<'a> CandidateTest<'a> {
         let evaluation = asked.evaluate.clone().unwrap_or_default();
         let run = continue_run(&resolved, &file)?;
         let mut watch = |progress: &Progress| count(progress.simulations, evaluation.episodes);
-        let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
+        let answer = ask(&resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         let answer: Evaluation = answer.try_into()?;
         let Some(sequential) = answer.sequential.filter(|_| answer.is_complete) else { return Ok(None) };
-        let (outcome, reason) = match sequential.decision.as_deref() {
-            Some("above") => (Outcome::Passes, None),
-            Some(_) => (Outcome::Fails, Some(sequential.verdict)),
-            None => (Outcome::Undecided, Some(sequential.verdict)),
+        let (outcome, reason) = match sequential.decision {
+            Some(StopDecision::Above) => (BisectedResult::Passes, None),
+            Some(_) => (BisectedResult::Fails, Some(sequential.verdict)),
+            None => (BisectedResult::Undecided, Some(sequential.verdict)),
         };
-        let (outcome, found) = found(candidate, outcome, reason);
-        let found = BisectedCandidate {
+        Ok(Some(BisectedCandidate {
             success_rate: Some(sequential.interval),
             simulations: sequential.simulations,
             run: Some(path_text(&file)),
-            ..found
-        };
-        Ok(Some((outcome, found)))
+            ..found(candidate, outcome, reason)
+        }))
     }
 
     /// Simulates the counterexamples with a candidate.
@@ -172,21 +169,15 @@ impl<'a> CandidateTest<'a> {
     }
 
     /// Returns the result of a test by counterexamples.
-    fn judged(
-        &self,
-        candidate: &Candidate,
-        violated: Vec<Violated>,
-        errors: &[String],
-    ) -> (Outcome, BisectedCandidate) {
+    fn judged(&self, candidate: &Candidate, violated: Vec<Violated>, errors: &[String]) -> BisectedCandidate {
         let (outcome, reason) = match (violated.first(), errors.first()) {
-            (Some((_, reason)), _) => (Outcome::Fails, Some(reason.clone())),
-            (None, Some(reason)) => (Outcome::Undecided, Some(reason.clone())),
-            (None, None) => (Outcome::Passes, None),
+            (Some((_, reason)), _) => (BisectedResult::Fails, Some(reason.clone())),
+            (None, Some(reason)) => (BisectedResult::Undecided, Some(reason.clone())),
+            (None, None) => (BisectedResult::Passes, None),
         };
-        let (outcome, found) = found(candidate, outcome, reason);
         let violated = violated.into_iter().map(|(file, _)| file).collect();
         let simulations = (self.counterexamples.len() - errors.len()) as u64;
-        (outcome, BisectedCandidate { simulations, violated, ..found })
+        BisectedCandidate { simulations, violated, ..found(candidate, outcome, reason) }
     }
 
     /// Returns the hash of the counterexamples and of their targets with a controller; `None` if
@@ -245,17 +236,16 @@ fn feed(hash: &mut Sha256, text: &str) {
 }
 
 /// Returns the result of a candidate without simulations.
-fn found(candidate: &Candidate, outcome: Outcome, reason: Option<String>) -> (Outcome, BisectedCandidate) {
-    let found = BisectedCandidate {
+fn found(candidate: &Candidate, result: BisectedResult, reason: Option<String>) -> BisectedCandidate {
+    BisectedCandidate {
         place: 0,
         name: candidate.name.clone(),
         controller: path_text(&candidate.controller),
-        result: outcome.name().to_string(),
+        result,
         success_rate: None,
         simulations: 0,
         reason,
         run: None,
         violated: Vec::new(),
-    };
-    (outcome, found)
+    }
 }

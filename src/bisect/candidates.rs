@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_text::{path_text, plural};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 
 /// Endings of controllers.
 const ENDINGS: [&str; 2] = ["safetensors", "onnx"];
@@ -16,10 +16,6 @@ pub struct Candidate {
     pub name: String,
     /// Path of the controller.
     pub controller: PathBuf,
-}
-
-pub(super) fn problem(problem: impl Into<String>) -> MishandleError {
-    MishandleError::Bisect { problem: problem.into() }
 }
 
 /// Returns the controllers of a folder, ordered by name. Numbers in names are ordered by value, so

@@ -9,7 +9,7 @@ mod order;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use mishandle_results::{BisectedCandidate, Bisection};
+use mishandle_results::{BisectedCandidate, BisectedResult, Bisection};
 use mishandle_store::RunKind;
 
 pub use answer::finished;
@@ -17,9 +17,9 @@ pub use candidates::Candidate;
 
 use answer::Tested;
 use candidate_test::CandidateTest;
-use order::{Outcome, earliest_failing, first_failing};
+use order::{earliest_failing, first_failing};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::plan::{EvaluatePlan, Plan, Until};
 
 /// The test of a bisection.
@@ -44,8 +44,7 @@ impl BisectionTest {
     /// If the plan has a screening.
     pub fn rate(plan: Plan, bar: f64) -> Result<BisectionTest, MishandleError> {
         if plan.screening.is_some() {
-            let problem = "a bisection has no screening: remove the table [screening] of the plan";
-            return Err(MishandleError::Bisect { problem: problem.to_string() });
+            return Err(problem("a bisection has no screening: remove the table [screening] of the plan"));
         }
         let planned = plan.evaluate.clone();
         let evaluate = EvaluatePlan {
@@ -112,16 +111,16 @@ pub fn bisect(plan: &BisectionPlan, watch: Watch<'_>) -> Result<Bisection, Misha
     let started = Tested { tests: Vec::new(), place: None, all: None };
     answer::write(&plan.folder, &started.answer(plan, &candidates, test.text()))?;
     let mut tested: Vec<Option<BisectedCandidate>> = vec![None; n];
-    let mut ask = |index: usize| -> Result<Option<Outcome>, MishandleError> {
-        let Some((outcome, found)) = test.run(&candidates[index], &mut *watch)? else {
-            return Ok(None);
-        };
+    let mut ask = |index: usize| -> Result<Option<BisectedResult>, MishandleError> {
+        let Some(found) = test.run(&candidates[index], &mut *watch)? else { return Ok(None) };
+        let result = found.result;
         tested[index] = Some(BisectedCandidate { place: index as u64 + 1, ..found });
-        Ok(Some(outcome))
+        Ok(Some(result))
     };
     let (place, all) = if plan.every {
         // An interruption ends the tests.
-        let outcomes: Result<Vec<Outcome>, _> = (0..n).map_while(|index| ask(index).transpose()).collect();
+        let outcomes: Result<Vec<BisectedResult>, _> =
+            (0..n).map_while(|index| ask(index).transpose()).collect();
         let all = Some(outcomes?).filter(|outcomes| outcomes.len() == n);
         (all.as_deref().and_then(earliest_failing), all)
     } else {

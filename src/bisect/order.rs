@@ -2,24 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// Result of the test of a candidate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outcome {
-    Passes,
-    Fails,
-    Undecided,
-}
-
-impl Outcome {
-    /// Returns the name in results.
-    pub fn name(self) -> &'static str {
-        match self {
-            Outcome::Passes => "passes",
-            Outcome::Fails => "fails",
-            Outcome::Undecided => "undecided",
-        }
-    }
-}
+use mishandle_results::BisectedResult;
 
 /// Where the first failing candidate is, with indices from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +10,7 @@ pub(super) enum Place {
     /// The last candidate that passes and the first one that fails. Those between are undecided.
     Between(usize, usize),
     /// The first candidate does not pass, or the last one does not fail.
-    NotBracketed(Outcome, Outcome),
+    NotBracketed(BisectedResult, BisectedResult),
 }
 
 /// Finds the first failing one of `n` candidates, at least 2, if all before it pass and none after
@@ -36,10 +19,10 @@ pub(super) enum Place {
 /// A candidate without a decision is replaced by the nearest one with a decision.
 pub(super) fn first_failing<E>(
     n: usize,
-    mut test: impl FnMut(usize) -> Result<Option<Outcome>, E>,
+    mut test: impl FnMut(usize) -> Result<Option<BisectedResult>, E>,
 ) -> Result<Option<Place>, E> {
     let mut known = BTreeMap::new();
-    let mut ask = |index: usize| -> Result<Option<Outcome>, E> {
+    let mut ask = |index: usize| -> Result<Option<BisectedResult>, E> {
         if let Some(outcome) = known.get(&index) {
             return Ok(Some(*outcome));
         }
@@ -49,7 +32,7 @@ pub(super) fn first_failing<E>(
     };
     let Some(first) = ask(0)? else { return Ok(None) };
     let Some(last) = ask(n - 1)? else { return Ok(None) };
-    if (first, last) != (Outcome::Passes, Outcome::Fails) {
+    if (first, last) != (BisectedResult::Passes, BisectedResult::Fails) {
         return Ok(Some(Place::NotBracketed(first, last)));
     }
     let mut good = 0;
@@ -62,12 +45,12 @@ pub(super) fn first_failing<E>(
         for index in between {
             match ask(index)? {
                 None => return Ok(None),
-                Some(Outcome::Undecided) => {}
-                Some(Outcome::Passes) => {
+                Some(BisectedResult::Undecided) => {}
+                Some(BisectedResult::Passes) => {
                     good = index;
                     continue 'halve;
                 }
-                Some(Outcome::Fails) => {
+                Some(BisectedResult::Fails) => {
                     bad = index;
                     continue 'halve;
                 }
@@ -79,14 +62,14 @@ pub(super) fn first_failing<E>(
 
 /// Returns the place of the first failing one, if all candidates are tested, whatever those after
 /// it do.
-pub(super) fn earliest_failing(outcomes: &[Outcome]) -> Option<Place> {
+pub(super) fn earliest_failing(outcomes: &[BisectedResult]) -> Option<Place> {
     let first = *outcomes.first()?;
     let last = *outcomes.last()?;
-    if (first, last) != (Outcome::Passes, Outcome::Fails) {
+    if (first, last) != (BisectedResult::Passes, BisectedResult::Fails) {
         return Some(Place::NotBracketed(first, last));
     }
-    let bad = outcomes.iter().position(|outcome| *outcome == Outcome::Fails)?;
-    let good = outcomes[..bad].iter().rposition(|outcome| *outcome == Outcome::Passes)?;
+    let bad = outcomes.iter().position(|outcome| *outcome == BisectedResult::Fails)?;
+    let good = outcomes[..bad].iter().rposition(|outcome| *outcome == BisectedResult::Passes)?;
     Some(Place::Between(good, bad))
 }
 
@@ -96,7 +79,7 @@ mod tests {
 
     use super::*;
 
-    fn found(outcomes: &[Outcome]) -> (Place, usize) {
+    fn found(outcomes: &[BisectedResult]) -> (Place, usize) {
         let mut tests = 0;
         let place = first_failing(outcomes.len(), |index| {
             tests += 1;
@@ -109,8 +92,8 @@ mod tests {
     fn the_first_failing_one_is_found_with_a_logarithmic_number_of_tests() {
         for n in 2..70_usize {
             for first in 1..n {
-                let outcomes: Vec<Outcome> = (0..n)
-                    .map(|index| if index < first { Outcome::Passes } else { Outcome::Fails })
+                let outcomes: Vec<BisectedResult> = (0..n)
+                    .map(|index| if index < first { BisectedResult::Passes } else { BisectedResult::Fails })
                     .collect();
                 let (place, tests) = found(&outcomes);
                 assert_eq!(place, Place::Between(first - 1, first), "{first} of {n}");
@@ -122,7 +105,7 @@ mod tests {
 
     #[test]
     fn undecided_candidates_stay_between_the_ends() {
-        use Outcome::{Fails, Passes, Undecided};
+        use BisectedResult::{Fails, Passes, Undecided};
         // Each set of undecided candidates among 6 inner ones, for each border.
         for first in 1..7_usize {
             for set in 0..1_u32 << 6 {
@@ -132,7 +115,7 @@ mod tests {
                     index if index < first => Passes,
                     _ => Fails,
                 };
-                let outcomes: Vec<Outcome> = (0..8).map(outcome).collect();
+                let outcomes: Vec<BisectedResult> = (0..8).map(outcome).collect();
                 let good =
                     (0..first).rev().find(|index| outcomes[*index] == Passes).expect("the first passes");
                 let bad = (first..8).find(|index| outcomes[*index] == Fails).expect("the last fails");
@@ -143,7 +126,7 @@ mod tests {
 
     #[test]
     fn of_tested_candidates_the_earliest_failing_one_is_the_answer() {
-        use Outcome::{Fails, Passes, Undecided};
+        use BisectedResult::{Fails, Passes, Undecided};
         // Halving would end at the second change.
         let outcomes = [Passes, Fails, Passes, Fails, Fails];
         assert_eq!(found(&outcomes).0, Place::Between(2, 3));
@@ -155,7 +138,7 @@ mod tests {
 
     #[test]
     fn ends_that_do_not_bracket_are_reported_after_two_tests() {
-        use Outcome::{Fails, Passes, Undecided};
+        use BisectedResult::{Fails, Passes, Undecided};
         for ends in
             [(Passes, Passes), (Fails, Fails), (Fails, Passes), (Undecided, Fails), (Passes, Undecided)]
         {

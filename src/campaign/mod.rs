@@ -4,10 +4,10 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{AtomicFolder, NewFolders, limits, read_text_bounded, refuse_link, write_atomically};
-use mishandle_results::Hardening;
+use mishandle_results::{Command, Hardening, Remedy};
 use mishandle_store::{RunFile, RunKind, RunWriter, StoreError};
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError, invalid, problem};
 use crate::harden::{self, CheckedHardening, Watch, check_plan};
 use crate::plan::{GridRun, Plan, read_grid};
 use crate::resolve::{ResolvedPlan, is_path, is_target_file, recorded_plan};
@@ -85,18 +85,16 @@ impl CampaignRun {
         watch: Watch<'_>,
     ) -> Result<Option<Hardening>, MishandleError> {
         check_plan(&self.path, &self.plan).map_err(|error| match error {
-            MishandleError::OtherSettings { .. } => self.differs(OTHER_PLAN),
+            MishandleError::Run(RunError::Differs { whose: Compared::Settings, .. }) => {
+                self.differs(OTHER_PLAN)
+            }
             error => error,
         })?;
         harden::resume(&self.path, opening, gpu, watch)
     }
 
-    fn differs(&self, problem: &str) -> MishandleError {
-        MishandleError::CampaignMismatch {
-            path: self.path.clone(),
-            name: self.name.clone(),
-            problem: problem.to_string(),
-        }
+    fn differs(&self, difference: &str) -> MishandleError {
+        problem(format!("{} does not belong to the run `{}`: {difference}", self.path.display(), self.name))
     }
 }
 
@@ -132,7 +130,7 @@ pub fn create_campaign(text: &str, folder: &Path) -> Result<Vec<CampaignRun>, Mi
     for run in &runs {
         check(run).map_err(|error| of_run(run, error))?;
     }
-    let write = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
+    let write = MishandleError::write("folder", folder);
     // Removes them again if the campaign cannot be created.
     let mut folders = NewFolders::default();
     if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
@@ -159,7 +157,7 @@ pub fn campaign_runs(folder: &Path) -> Result<Vec<CampaignRun>, MishandleError> 
         let run = CampaignRun::new(folder, run);
         match run.path.try_exists() {
             Ok(true) => refuse_link(&run.path).map_err(|error| run.differs(&error.to_string())).map(|()| run),
-            _ => Err(MishandleError::NoCampaign { path: folder.to_path_buf(), file: run.path }),
+            _ => Err(no_campaign(folder, &run.path)),
         }
     };
     planned_runs(folder)?.into_iter().map(run).collect()
@@ -170,10 +168,15 @@ fn planned_runs(folder: &Path) -> Result<Vec<GridRun>, MishandleError> {
     let path = folder.join(CAMPAIGN_FILE);
     let text = refuse_link(&path).and_then(|()| read_text_bounded(&path, limits::PLAN));
     let text = text.map_err(|error| match error.kind() {
-        ErrorKind::NotFound => MishandleError::NoCampaign { path: folder.to_path_buf(), file: path.clone() },
+        ErrorKind::NotFound => no_campaign(folder, &path),
         _ => MishandleError::File { path: path.clone(), source: error },
     })?;
     read_grid(&text)
+}
+
+fn no_campaign(folder: &Path, missing: &Path) -> MishandleError {
+    let (folder, missing) = (folder.display(), missing.display());
+    problem(format!("{folder} is not the folder of a campaign: there is no file {missing}"))
 }
 
 /// Returns the first folder `runs/campaign-N` that does not exist.
@@ -187,8 +190,8 @@ fn check(run: &GridRun) -> Result<(), MishandleError> {
     if run.plan.compare.is_some() {
         let what = "the table [compare] of a campaign";
         let value = "given".to_string();
-        let expected = "left out, because each run of a campaign ends by its own rule; ask mishandle compare";
-        return Err(MishandleError::InvalidValue { what, value, expected });
+        let expected = "left out, because each run of a campaign ends by its own rule";
+        return Err(invalid(what, value, expected).with(Remedy::Run(Command::Compare(None))));
     }
     match run.plan.harden {
         Some(_) => CheckedHardening::new(&run.plan).map(drop),
@@ -216,7 +219,7 @@ fn create_in(run: &GridRun, parts: &Path, folder: &Path) -> Result<(), Mishandle
 }
 
 fn of_run(run: &GridRun, error: MishandleError) -> MishandleError {
-    MishandleError::CampaignRun { name: run.name.clone(), source: Box::new(error) }
+    error.of(format!("run `{}` of the campaign", run.name))
 }
 
 /// Returns the path of a run: its file, or the folder of its hardening. The accepted controller is

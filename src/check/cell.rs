@@ -2,10 +2,10 @@
 
 use mishandle_falsification::FalsificationError;
 use mishandle_results as results;
-use mishandle_results::{CheckCell, CheckCounterexample, CheckedValue, Number};
+use mishandle_results::{CheckCell, CheckCounterexample, CheckedValue, Command, Key, Number};
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_store::{AxisRecord, RunFile, Simulation};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::path_text;
 
 use super::checker::{Asked, Checker};
 use super::folder::{counterexample_file, create_folder, write};
@@ -63,16 +63,19 @@ impl Checker<'_> {
             scenario: header.axes.iter().zip(&recorded.scenario).map(value).collect(),
             robustness: robustness.unwrap_or_default(),
             file: None,
-            replay: replay_command(&header.target.kind, run.path(), trial, number),
+            physics: None,
+            replay: (self.words)(&replay_command(&header.target.kind, run.path(), trial, number)),
         };
         let scenario = Scenario::new(recorded.scenario.clone());
         let request = Request { trial, number, ..Request::new(scenario, Seed(recorded.seed)) };
-        let counterexample = match Counterexample::simulate(alone, request) {
+        let mut counterexample = match Counterexample::simulate(alone, request) {
             Err(MishandleError::Falsification(FalsificationError::NotACounterexample { .. })) => {
                 return Ok((found, false));
             }
             counterexample => counterexample?,
         };
+        counterexample.physics = counterexample.check_physics(alone)?;
+        found.physics.clone_from(&counterexample.physics);
         let path = counterexample_file(self.folder, &self.label, &asked.written.name);
         create_folder(path.parent().unwrap_or(self.folder))?;
         write(&path, counterexample.to_json().as_bytes())?;
@@ -80,13 +83,14 @@ impl Checker<'_> {
             // A target file is looked up beside the counterexample, with its files.
             let copied = copy_target(&alone.plan, path.parent().unwrap_or(self.folder));
             let is_there = copied.is_ok_and(|files| !files.is_empty());
-            found.replay = format!("mishandle replay {}", shell_quote(&path_text(&path)));
             let Plan { controller, target, .. } = &counterexample.plan;
-            let now =
-                [("controller", controller, &self.plan.controller), ("target", target, &self.plan.target)];
-            for (key, _, path) in now.iter().filter(|(_, name, _)| name.starts_with("./") && !is_there) {
-                found.replay += &format!(" -k {}", shell_quote(&format!("engine.{key}={path}")));
-            }
+            let now = [
+                (Key::MOVED_CONTROLLER, controller, &self.plan.controller),
+                (Key::MOVED_TARGET, target, &self.plan.target),
+            ];
+            let moved = now.into_iter().filter(|(_, name, _)| name.starts_with("./") && !is_there);
+            let moved = moved.map(|(key, _, path)| (key, path.clone())).collect();
+            found.replay = (self.words)(&Command::ReplayFile { file: path_text(&path), moved });
         }
         found.file = Some(path_text(&path));
         Ok((found, true))

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mishandle_requirements::{RequirementFile, WrittenRequirement, unit_of};
+use mishandle_requirements::{WrittenRequirement, unit_of};
+use mishandle_results::Words;
 use mishandle_rollout::Target;
 
-use super::CheckSubject;
-use crate::error::MishandleError;
+use super::{CheckSubject, Requirements};
+use crate::error::{MishandleError, problem};
 use crate::plan::{CheckSettings, EvaluatePlan, FalsifyPlan, Plan};
 use crate::resolve::{ResolvedPlan, missing_signals, target};
 
@@ -28,6 +29,7 @@ pub(super) struct Asked<'a> {
 pub(super) struct Checker<'a> {
     pub label: String,
     pub settings: &'a CheckSettings,
+    pub words: Words,
     pub folder: &'a Path,
     pub target: Target,
     pub plan: Plan,
@@ -40,7 +42,7 @@ impl<'a> Checker<'a> {
     pub(super) fn new(
         subject: &CheckSubject,
         label: String,
-        file: &'a RequirementFile,
+        requirements: &Requirements<'a>,
         settings: &'a CheckSettings,
         folder: &'a Path,
     ) -> Result<Checker<'a>, MishandleError> {
@@ -52,7 +54,7 @@ impl<'a> Checker<'a> {
         let first_space = target.spaces.first().map_or("", |space| space.name()).to_string();
         let default_space = if plan.space.is_empty() { first_space } else { plan.space.clone() };
         let mut asked = Vec::new();
-        for written in &file.requirements {
+        for written in &requirements.file.requirements {
             let formula = written.timed_formula();
             asked.push(Asked {
                 missing: missing_signals(&formula, &target).map_err(|error| of(written, error))?,
@@ -63,10 +65,19 @@ impl<'a> Checker<'a> {
                 alone: None,
             });
         }
-        if let Some(problem) = unit_problem(&file.units, &target, &asked) {
-            return Err(MishandleError::Units { problem });
+        if let Some(text) = unit_problem(&requirements.file.units, &target, &asked) {
+            return Err(problem(text));
         }
-        let mut checker = Checker { label, settings, folder, target, plan, asked, random: Vec::new() };
+        let mut checker = Checker {
+            label,
+            settings,
+            words: requirements.words,
+            folder,
+            target,
+            plan,
+            asked,
+            random: Vec::new(),
+        };
         checker.resolve()?;
         Ok(checker)
     }
@@ -189,5 +200,5 @@ fn unit_problem(units: &BTreeMap<String, String>, target: &Target, asked: &[Aske
 
 /// Names the requirement of an error.
 fn of(written: &WrittenRequirement, source: MishandleError) -> MishandleError {
-    MishandleError::OfRequirement { name: written.name.clone(), source: Box::new(source) }
+    source.of(format!("requirement `{}`", written.name))
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle_results as results;
-use mishandle_results::{Answer, CheckRun};
+use mishandle_results::{Answer, CheckRun, CheckRunKind};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
@@ -13,7 +13,7 @@ use super::row::{self, Row};
 use super::{CheckProgress, Watch};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 
 /// The runs and the cells of one controller.
 pub(super) struct Column {
@@ -33,7 +33,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, true)?;
-            runs.push(check_run(&run, "random", None)?);
+            runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
         for (index, asked) in self.asked.iter().enumerate() {
             let Some(resolved) = &asked.search else { continue };
@@ -48,7 +48,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, false)?;
-            runs.push(check_run(&run, "search", Some(name.clone()))?);
+            runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
             self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
@@ -69,7 +69,7 @@ impl Checker<'_> {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
             watch(&CheckProgress { phase: phase.clone(), done, all })
         };
-        let answer = ask(resolved, run, Engine::Direct, &mut watch)?;
+        let answer = ask(resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         if !answer.is_complete() {
             return Ok(None);
         }
@@ -78,10 +78,14 @@ impl Checker<'_> {
 }
 
 /// Describes a run.
-fn check_run(run: &RunFile, kind: &str, requirement: Option<String>) -> Result<CheckRun, MishandleError> {
+fn check_run(
+    run: &RunFile,
+    kind: CheckRunKind,
+    requirement: Option<String>,
+) -> Result<CheckRun, MishandleError> {
     Ok(CheckRun {
         run: path_text(run.path()),
-        kind: kind.to_string(),
+        kind,
         space: run.header().space.clone(),
         requirement,
         simulations: run.counts()?.simulations,

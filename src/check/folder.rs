@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{FileLock, limits, read_text_bounded, write_atomically};
-use mishandle_results::{Check, CheckCounterexample, Versioned};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_results::{Check, CheckCounterexample, Command, Key, Versioned, Words};
+use mishandle_text::path_text;
 use sha2::{Digest, Sha256};
 
 use super::CheckSubject;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, foreign_folder};
 use crate::replay::replay_command;
 use crate::resolve::controller_name;
 
@@ -37,7 +37,7 @@ pub(super) fn open(folder: &Path, requirements: &str) -> Result<FileLock, Mishan
         return Err(MishandleError::File { path: folder.to_path_buf(), source });
     }
     create_folder(folder)?;
-    let with_path = |source| MishandleError::File { path: folder.to_path_buf(), source };
+    let with_path = MishandleError::file(folder);
     // A check writes its result before the reports. A kill can leave hidden temporary files.
     let is_copy = |name: &str| {
         let read = || read_text_bounded(&folder.join(name), limits::PLAN);
@@ -45,25 +45,17 @@ pub(super) fn open(folder: &Path, requirements: &str) -> Result<FileLock, Mishan
     };
     let is_own =
         |name: &str| [RUNS, COUNTEREXAMPLES, LOCK].contains(&name) || name.starts_with('.') || is_copy(name);
-    if finished(folder)?.is_none() {
+    if recorded(folder)?.is_none() {
         for entry in std::fs::read_dir(folder).map_err(with_path)? {
             let name = entry.map_err(with_path)?.file_name().to_string_lossy().into_owned();
             if !is_own(&name) {
-                return Err(MishandleError::ForeignFolder {
-                    what: "check",
-                    path: folder.to_path_buf(),
-                    name,
-                });
+                return Err(foreign_folder("check", folder, &name));
             }
         }
     }
     let path = folder.join(LOCK);
-    let lock = FileLock::try_acquire(&path).map_err(|source| MishandleError::Write {
-        what: "lock file",
-        path: path.clone(),
-        source,
-    })?;
-    lock.ok_or_else(|| MishandleError::CheckRuns { path: folder.to_path_buf() })
+    let lock = FileLock::try_acquire(&path).map_err(MishandleError::write("lock file", &path))?;
+    lock.ok_or_else(|| MishandleError::busy("check", folder, Key::OUT))
 }
 
 /// Returns the SHA-256 of a file of requirements.
@@ -106,20 +98,12 @@ pub(super) fn counterexample_file(folder: &Path, label: &str, name: &str) -> Pat
 
 /// Creates a folder with those above it.
 pub(super) fn create_folder(path: &Path) -> Result<(), MishandleError> {
-    std::fs::create_dir_all(path).map_err(|source| MishandleError::Write {
-        what: "folder",
-        path: path.to_path_buf(),
-        source,
-    })
+    std::fs::create_dir_all(path).map_err(MishandleError::write("folder", path))
 }
 
 /// Writes a file of the folder.
 pub(super) fn write(path: &Path, content: &[u8]) -> Result<(), MishandleError> {
-    write_atomically(path, content).map_err(|source| MishandleError::Write {
-        what: "file",
-        path: path.to_path_buf(),
-        source,
-    })
+    write_atomically(path, content).map_err(MishandleError::write("file", path))
 }
 
 /// Writes the result and a copy of the file of requirements.
@@ -127,7 +111,7 @@ pub(super) fn write_result(folder: &Path, found: &Check, requirements: &str) -> 
     create_folder(folder)?;
     write(&folder.join(REQUIREMENTS), requirements.as_bytes())?;
     let path = folder.join(RESULT);
-    let json = to_json(found).map_err(|source| MishandleError::File { path: path.clone(), source })?;
+    let json = to_json(found).map_err(MishandleError::file(&path))?;
     write(&path, json.as_bytes())
 }
 
@@ -139,43 +123,47 @@ pub fn to_json(found: &Check) -> std::io::Result<String> {
     Ok(serde_json::to_string_pretty(&Versioned::new(found))?)
 }
 
-/// Returns the result of the check in a folder; `None` if the folder has no result.
+/// Returns the result of the check in a folder, with the present paths; `None` if the folder has no
+/// result.
 ///
 /// # Errors
 /// If the file of the result cannot be read.
-pub(super) fn finished(folder: &Path) -> Result<Option<Check>, MishandleError> {
-    let path = folder.join(RESULT);
-    if !path.exists() {
-        return Ok(None);
-    }
-    let with_path = |source| MishandleError::File { path: path.clone(), source };
-    let text = read_text_bounded(&path, limits::RESULT).map_err(with_path)?;
-    let found: Check = serde_json::from_str(&text).map_err(|error| with_path(error.into()))?;
-    let now = path_text(folder);
+pub(super) fn finished(folder: &Path, words: Words) -> Result<Option<Check>, MishandleError> {
+    let Some(found) = recorded(folder)? else { return Ok(None) };
     let path = |then: &str| match Path::new(then).strip_prefix(&found.folder) {
         Ok(rest) => path_text(&folder.join(rest)),
         Err(_) => then.to_string(),
     };
-    Ok(Some(moved(&found, &now, path)))
+    Ok(Some(moved(&found, &path_text(folder), path, words)))
+}
+
+fn recorded(folder: &Path) -> Result<Option<Check>, MishandleError> {
+    let path = folder.join(RESULT);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = read_text_bounded(&path, limits::RESULT).map_err(MishandleError::file(&path))?;
+    let found = serde_json::from_str(&text).map_err(|error| MishandleError::file(&path)(error.into()))?;
+    Ok(Some(found))
 }
 
 /// Returns the result of a check whose folder has another path now. `path` is the present one of a
 /// run file or a counterexample.
-pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String) -> Check {
+pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String, words: Words) -> Check {
     let mut found = Check { folder: folder.to_string(), ..found.clone() };
     for run in found.controllers.iter_mut().flat_map(|controller| &mut controller.runs) {
         run.run = path(&run.run);
     }
     for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
         violation.run = path(&violation.run);
-        let command = |file: &str| format!("mishandle replay {}", shell_quote(file));
+        let command = |file: &str| words(&Command::ReplayFile { file: file.to_string(), moved: Vec::new() });
         let file = violation.file.as_ref().map(|file| (command(file), path(file)));
         let replay = file.as_ref().and_then(|(then, now)| {
             Some(format!("{}{}", command(now), violation.replay.strip_prefix(then)?))
         });
         violation.replay = replay.unwrap_or_else(|| {
             let CheckCounterexample { trial, simulation, .. } = *violation;
-            replay_command(&found.target_kind, violation.run.as_ref(), trial, simulation)
+            words(&replay_command(&found.target_kind, violation.run.as_ref(), trial, simulation))
         });
         violation.file = file.map(|(_, now)| now);
     }

@@ -11,18 +11,17 @@ mod verify;
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use checker::{Asked, Checker};
+use column::Column;
+use folder::labels;
 use mishandle_requirements::RequirementFile;
 use mishandle_results as results;
-use mishandle_results::{Check, CheckedController, CheckedRequirement};
+use mishandle_results::{Check, CheckedController, CheckedRequirement, Words};
 use mishandle_rollout::Target;
 use mishandle_text::path_text;
 
 use crate::error::MishandleError;
 use crate::plan::{CheckSettings, Plan};
-
-use checker::{Asked, Checker};
-use column::Column;
-use folder::labels;
 
 pub use folder::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, file_digest, moved, to_json};
 pub use verify::{differences, verified};
@@ -45,6 +44,8 @@ pub struct Requirements<'a> {
     pub path: &'a Path,
     /// Text of the file.
     pub text: &'a str,
+    /// How the result names the commands that replay counterexamples.
+    pub words: Words,
 }
 
 /// Progress of a check.
@@ -80,7 +81,7 @@ pub fn check(
     let checkers: Result<Vec<Checker<'_>>, MishandleError> = subjects
         .iter()
         .zip(labels)
-        .map(|(subject, label)| Checker::new(subject, label, requirements.file, settings, folder))
+        .map(|(subject, label)| Checker::new(subject, label, requirements, settings, folder))
         .collect();
     let checkers = checkers?;
     let _lock = folder::open(folder, requirements.text)?;

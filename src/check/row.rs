@@ -4,15 +4,13 @@ use std::path::PathBuf;
 
 use mishandle_evaluation::clopper_pearson;
 use mishandle_results as results;
-use mishandle_results::{
-    CheckCell, CheckCounts, Estimate, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Number, VIOLATED,
-};
+use mishandle_results::{CheckCell, CheckCounts, CheckVerdict, Estimate, Number};
 use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::run::end_text;
-use crate::run::record::{REQUIREMENT, episode_end};
+use crate::run::rows::{REQUIREMENT, episode_end};
 
 /// Two one-sided 95 % bounds.
 const CONFIDENCE: f64 = 0.9;
@@ -93,12 +91,12 @@ impl Row {
         let (verdict, evidence) = if is_applicable {
             self.verdict(limit)
         } else {
-            (NOT_APPLICABLE, format!("the target has no signal {}", missing_signals.join(", ")))
+            (CheckVerdict::NotApplicable, format!("the target has no signal {}", missing_signals.join(", ")))
         };
         CheckCell {
             requirement: self.name.clone(),
             controller: controller.to_string(),
-            verdict: verdict.to_string(),
+            verdict,
             evidence,
             missing_signals: missing_signals.to_vec(),
             random: self.random,
@@ -111,21 +109,26 @@ impl Row {
     }
 
     /// Returns the verdict and its evidence in a sentence.
-    fn verdict(&self, limit: Option<f64>) -> (&'static str, String) {
+    fn verdict(&self, limit: Option<f64>) -> (CheckVerdict, String) {
         let (verdict, mut sentence) = match limit {
             _ if self.simulations() == 0 => {
                 let all = plural(self.without_verdict(), "simulation");
-                return (NO_VERDICT, format!("none of {all} has a verdict{}", self.why_unclear()));
+                return (
+                    CheckVerdict::NoVerdict,
+                    format!("none of {all} has a verdict{}", self.why_unclear()),
+                );
             }
             Some(limit) => self.verdict_of_rate(limit),
-            None if self.violated() > 0 => (VIOLATED, self.violations()),
+            None if self.violated() > 0 => (CheckVerdict::Violated, self.violations()),
             None => self.verdict_without_violation(),
         };
         if self.without_verdict() > 0 {
             let count = plural(self.without_verdict(), "simulation");
             sentence += &format!("; {count} without a verdict{}", self.why_unclear());
         }
-        if let (NOT_VIOLATED, true, Some(robustness)) = (verdict, self.is_constant(), self.minimum) {
+        if let (CheckVerdict::NotViolated, true, Some(robustness)) =
+            (verdict, self.is_constant(), self.minimum)
+        {
             sentence += &format!(
                 "; nothing was tested: the robustness is {} in all {}, which say nothing about the controller",
                 number_text(robustness.0),
@@ -139,7 +142,7 @@ impl Row {
         self.unclear.as_ref().map_or(String::new(), |why| format!(" ({why})"))
     }
 
-    fn verdict_of_rate(&self, limit: f64) -> (&'static str, String) {
+    fn verdict_of_rate(&self, limit: f64) -> (CheckVerdict, String) {
         let rate = self.failure_rate();
         let low = rate.low.unwrap_or(0.0);
         let high = rate.high.unwrap_or(1.0);
@@ -148,11 +151,14 @@ impl Row {
             format!("a failure rate from {} to {} (each bound with 95 %)", percent(low), percent(high));
         let limit_text = percent(limit);
         if low > limit {
-            (VIOLATED, format!("{of}: {between}, above the limit of {limit_text}"))
+            (CheckVerdict::Violated, format!("{of}: {between}, above the limit of {limit_text}"))
         } else if high <= limit {
-            (NOT_VIOLATED, format!("{of}: {between}, within the limit of {limit_text}"))
+            (CheckVerdict::NotViolated, format!("{of}: {between}, within the limit of {limit_text}"))
         } else {
-            (NO_VERDICT, format!("{of}: {between} does not decide about the limit of {limit_text}"))
+            (
+                CheckVerdict::NoVerdict,
+                format!("{of}: {between} does not decide about the limit of {limit_text}"),
+            )
         }
     }
 
@@ -175,7 +181,7 @@ impl Row {
     }
 
     /// A simulation without a verdict can hide a violation.
-    fn verdict_without_violation(&self) -> (&'static str, String) {
+    fn verdict_without_violation(&self) -> (CheckVerdict, String) {
         let searched = match self.searched.simulations {
             0 => String::new(),
             searched => format!(" and {searched} of searches"),
@@ -184,12 +190,15 @@ impl Row {
             format!("no violation in {}{searched}", plural(self.random.simulations, "random simulation"));
         if self.without_verdict() > 0 {
             return (
-                NO_VERDICT,
+                CheckVerdict::NoVerdict,
                 format!("{none}, but not all have a verdict and there is no max-failure-rate"),
             );
         }
         let high = percent(self.failure_rate().high.unwrap_or(1.0));
-        (NOT_VIOLATED, format!("{none}: a failure rate of at most {high} in random scenarios (95 %)"))
+        (
+            CheckVerdict::NotViolated,
+            format!("{none}: a failure rate of at most {high} in random scenarios (95 %)"),
+        )
     }
 }
 
@@ -261,19 +270,19 @@ mod tests {
         let found = row([299, 0, 0], [300, 0, 0]);
         // 299 simulations without a failure are the fewest that show a rate below 1 %.
         assert!(found.failure_rate().high.expect("simulated") < 0.01);
-        assert_eq!(found.verdict(None).0, NOT_VIOLATED);
-        assert_eq!(found.verdict(Some(0.01)).0, NOT_VIOLATED);
-        assert_eq!(row([298, 0, 0], [0; 3]).verdict(Some(0.01)).0, NO_VERDICT);
+        assert_eq!(found.verdict(None).0, CheckVerdict::NotViolated);
+        assert_eq!(found.verdict(Some(0.01)).0, CheckVerdict::NotViolated);
+        assert_eq!(row([298, 0, 0], [0; 3]).verdict(Some(0.01)).0, CheckVerdict::NoVerdict);
     }
 
     #[test]
     fn a_limit_is_violated_only_if_the_rate_is_surely_above_it() {
         // The upper bounds of 1 and 2 of 100 are 4.7 % and 6.2 %: the 95 % quantiles of the beta
         // distributions (2, 99) and (3, 98).
-        assert_eq!(row([100, 1, 0], [0; 3]).verdict(Some(0.05)).0, NOT_VIOLATED);
-        assert_eq!(row([100, 2, 0], [0; 3]).verdict(Some(0.05)).0, NO_VERDICT);
-        assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, VIOLATED);
-        assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, VIOLATED);
+        assert_eq!(row([100, 1, 0], [0; 3]).verdict(Some(0.05)).0, CheckVerdict::NotViolated);
+        assert_eq!(row([100, 2, 0], [0; 3]).verdict(Some(0.05)).0, CheckVerdict::NoVerdict);
+        assert_eq!(row([100, 50, 0], [0; 3]).verdict(Some(0.05)).0, CheckVerdict::Violated);
+        assert_eq!(row([100, 1, 0], [0; 3]).verdict(None).0, CheckVerdict::Violated);
     }
 
     #[test]
@@ -285,22 +294,22 @@ mod tests {
     fn a_simulation_without_a_verdict_never_helps() {
         let clean = row([1000, 0, 0], [0; 3]);
         let unclear = row([900, 0, 100], [0; 3]);
-        assert_eq!(clean.verdict(Some(0.05)).0, NOT_VIOLATED);
-        assert_eq!(unclear.verdict(Some(0.05)).0, NO_VERDICT);
+        assert_eq!(clean.verdict(Some(0.05)).0, CheckVerdict::NotViolated);
+        assert_eq!(unclear.verdict(Some(0.05)).0, CheckVerdict::NoVerdict);
         // Without a limit, one is enough, also of a search.
-        assert_eq!(clean.verdict(None).0, NOT_VIOLATED);
+        assert_eq!(clean.verdict(None).0, CheckVerdict::NotViolated);
         for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [5, 0, 1])] {
             let (verdict, evidence) = found.verdict(None);
-            assert_eq!(verdict, NO_VERDICT);
+            assert_eq!(verdict, CheckVerdict::NoVerdict);
             assert!(evidence.ends_with("; 1 simulation without a verdict"), "{evidence}");
         }
         // With a limit, it counts as a violation.
-        assert_eq!(row([999, 0, 1], [0; 3]).verdict(Some(0.05)).0, NOT_VIOLATED);
+        assert_eq!(row([999, 0, 1], [0; 3]).verdict(Some(0.05)).0, CheckVerdict::NotViolated);
         // It takes no violation away.
-        assert_eq!(row([900, 1, 100], [0; 3]).verdict(None).0, VIOLATED);
+        assert_eq!(row([900, 1, 100], [0; 3]).verdict(None).0, CheckVerdict::Violated);
         assert_eq!(
             row([0, 0, 10], [0, 0, 5]).verdict(None),
-            (NO_VERDICT, "none of 15 simulations has a verdict".into())
+            (CheckVerdict::NoVerdict, "none of 15 simulations has a verdict".into())
         );
     }
 }

@@ -6,23 +6,24 @@ use std::path::Path;
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_requirements::{RequirementFile, WrittenRequirement};
 use mishandle_results::{
-    Check, CheckCell, CheckCounterexample, CheckRun, CheckedController, CheckedRequirement,
+    Check, CheckCell, CheckCounterexample, CheckRun, CheckRunKind, CheckedController, CheckedRequirement,
+    Words,
 };
 use mishandle_stl::Formula;
 use mishandle_store::RunFile;
 
 use super::folder::{REQUIREMENTS, RESULT, file_digest, finished};
 use super::row::{self, Row};
-use crate::error::MishandleError;
-use crate::run::record::REQUIREMENT;
+use crate::error::{MishandleError, problem};
+use crate::run::rows::REQUIREMENT;
 
 /// Returns the result of the check in a folder, which follows from the requirements and the runs
 /// there; `None` if the folder has no result. Nothing is simulated.
 ///
 /// # Errors
 /// If a file cannot be read, or the result does not follow from the others.
-pub fn verified(folder: &Path) -> Result<Option<Check>, MishandleError> {
-    let Some(found) = finished(folder)? else { return Ok(None) };
+pub fn verified(folder: &Path, words: Words) -> Result<Option<Check>, MishandleError> {
+    let Some(found) = finished(folder, words)? else { return Ok(None) };
     let path = folder.join(REQUIREMENTS);
     let text = read_text_bounded(&path, limits::PLAN);
     let text = text.map_err(|source| MishandleError::File { path, source })?;
@@ -36,7 +37,11 @@ pub fn verified(folder: &Path) -> Result<Option<Check>, MishandleError> {
     if problems.is_empty() {
         Ok(Some(found))
     } else {
-        Err(MishandleError::ChangedCheck { path: folder.join(RESULT), problems })
+        Err(problem(format!(
+            "{} does not follow from the runs of the check: {}",
+            folder.join(RESULT).display(),
+            problems.join("; ")
+        )))
     }
 }
 
@@ -68,7 +73,7 @@ pub fn differences<'r>(
             let facts = facts(found, controller, named, file)?;
             differences.extend(facts.into_iter().map(|fact| format!("{}: another {fact}", named.run)));
             let found = crate::run::requirements(file)?.unwrap_or_default();
-            row::add(&mut rows, &found, file, named.kind == "random")?;
+            row::add(&mut rows, &found, file, named.kind == CheckRunKind::Random)?;
         }
         for (requirement, row) in found.requirements.iter().zip(&rows) {
             let name = &requirement.name;

@@ -4,11 +4,12 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle_falsification::{
-    Minimized, Repeated, axes_off_nominal, is_close, minimize, repeat, repeat_seeds,
+    FalsificationError, Minimized, PhysicsChecks, Repeated, Survivor, axes_off_nominal, is_close, minimize,
+    repeat, repeat_seeds,
 };
 use mishandle_results as results;
-use mishandle_results::{ExportedCounterexample, Exports, Repeats};
-use mishandle_rollout::{Request, Scenario, Seed, System};
+use mishandle_results::{CheckedFailure, ExportedCounterexample, Exports, PhysicsCheck};
+use mishandle_rollout::{Episode, Request, Scenario, Seed, System};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
@@ -31,18 +32,14 @@ pub struct Chosen {
     pub simulation: u32,
 }
 
-/// Moves counterexamples toward the nominal scenario while they still fail.
+/// How counterexamples are simulated before they are exported: their physics is checked, and they
+/// can be moved toward the nominal scenario while they still fail.
 #[derive(Clone, Copy)]
-pub struct Minimization<'a> {
+pub struct Preparation<'a> {
     /// The plan of the run.
     pub resolved: &'a ResolvedPlan,
-    /// Largest number of simulations for each counterexample.
-    pub budget: u64,
-}
-
-impl Minimization<'_> {
-    /// Default of `budget`.
-    pub const BUDGET: u64 = 300;
+    /// Largest number of simulations that move each counterexample; `None` leaves it as it is.
+    pub minimize: Option<u64>,
 }
 
 /// Counterexamples to write.
@@ -75,16 +72,18 @@ pub fn representatives(run: &RunFile, folder: &Path) -> Result<Vec<Chosen>, Mish
 }
 
 /// Makes counterexamples of simulations of a run. Several failure modes can have the same minimized
-/// scenario, which is in the files once.
+/// scenario, which is in the files once. Failures that depend on the solver of the physics are not
+/// in the files. Without a preparation, nothing is simulated and no physics is checked.
 ///
-/// `watch` gets the number of simulations of a minimization after each batch, and can end it.
+/// `watch` gets the number of simulations of each counterexample after each batch, and can end it.
 ///
 /// # Errors
-/// If a simulation does not fail, or cannot be read, run or explained.
+/// If a simulation does not fail, or cannot be read, run or explained, or if all depend on the
+/// solver.
 pub fn export(
     run: &RunFile,
     chosen: Vec<Chosen>,
-    minimization: Option<Minimization<'_>>,
+    preparation: Option<Preparation<'_>>,
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Exported, MishandleError> {
     let mut found = Exported {
@@ -104,28 +103,28 @@ pub fn export(
             break;
         }
         let recorded = Counterexample::from_run(run, trial, simulation)?;
-        let (known, shrunk) = match minimization {
-            Some(minimization) => {
-                let (minimized, shrunk) = shrink(minimization, &recorded, &mut watch)?;
-                (minimized, Some((minimization.resolved, shrunk)))
-            }
-            None => (recorded, None),
+        let Prepared { known, shrunk, simulations, is_interrupted } = match preparation {
+            Some(preparation) => prepare(preparation, recorded, &mut watch)?,
+            None => Prepared { known: recorded, shrunk: None, simulations: 0, is_interrupted: false },
         };
+        found.simulations += simulations;
+        found.is_interrupted = is_interrupted;
+        let depends_on_solver = known.physics.as_ref().is_some_and(|physics| physics.depends_on_solver);
         let mut same_as = None;
-        if let Some((resolved, shrunk)) = &shrunk {
-            found.simulations += shrunk.simulations();
-            found.is_interrupted = shrunk.is_interrupted;
-            if shrunk.repeats.is_none() {
-                let scenario = &shrunk.minimized.episode.request.scenario;
-                let is_same = |other: &&(PathBuf, Scenario)| is_close(&resolved.space, &other.1, scenario);
-                same_as = written.iter().find(is_same).map(|(path, _)| path.clone());
-                if same_as.is_none() {
-                    written.push((path.clone(), scenario.clone()));
-                }
+        if let (Some(shrunk), Some(Preparation { resolved, .. }), false) =
+            (&shrunk, preparation, depends_on_solver)
+            && shrunk.repeats.is_none()
+        {
+            let scenario = known.scenario_in(&resolved.space)?;
+            let is_same = |other: &&(PathBuf, Scenario)| is_close(&resolved.space, &other.1, &scenario);
+            same_as = written.iter().find(is_same).map(|(path, _)| path.clone());
+            if same_as.is_none() {
+                written.push((path.clone(), scenario));
             }
         }
+        let is_written = same_as.is_none() && !depends_on_solver;
         found.result.files.push(ExportedCounterexample {
-            file: same_as.is_none().then(|| path_text(&path)),
+            file: is_written.then(|| path_text(&path)),
             same_as: same_as.as_deref().map(path_text),
             mode: mode.map(|mode| mode as u64),
             trial: known.trial,
@@ -134,96 +133,151 @@ pub fn export(
             scenario: known.scenario.iter().map(|axis| (axis.axis.clone(), axis.value)).collect(),
             robustness: known.expected.robustness.into(),
             predicate: predicate(&known),
-            minimized: shrunk.map(|(resolved, shrunk)| shrunk.result(resolved)),
+            minimized: shrunk,
+            physics: known.physics.clone(),
         });
-        if same_as.is_none() {
+        if is_written {
             found.files.push((path, known));
         }
     }
-    Ok(found)
+    match &found.result.files[..] {
+        [ExportedCounterexample { trial, simulation, physics: Some(check), .. }, ..]
+            if found.files.is_empty() && check.depends_on_solver =>
+        {
+            let (trial, simulation, check) = (*trial, *simulation, check.clone());
+            Err(FalsificationError::DependsOnSolver { trial, simulation, check }.into())
+        }
+        _ => Ok(found),
+    }
 }
 
-/// How a counterexample was minimized.
-struct Shrunk {
-    minimized: Minimized,
-    has_same_predicate: bool,
-    repeats: Option<Repeats>,
+/// A counterexample that was simulated before its export.
+struct Prepared {
+    known: Counterexample,
+    shrunk: Option<results::Minimized>,
+    simulations: u64,
     is_interrupted: bool,
 }
 
-impl Shrunk {
-    fn simulations(&self) -> u64 {
-        self.minimized.simulations + self.repeats.as_ref().map_or(0, |repeats| repeats.simulations)
-    }
-
-    fn result(self, resolved: &ResolvedPlan) -> results::Minimized {
-        let Shrunk { minimized, has_same_predicate, repeats, is_interrupted } = self;
-        let recorded = &minimized.original.request.scenario;
-        let off = |scenario: &Scenario| axes_off_nominal(&resolved.space, scenario) as u64;
-        results::Minimized {
-            scenario: named_scenario(resolved.space.axes(), recorded.values()),
-            robustness: minimized.original.robustness().map(Into::into),
-            axes_off_nominal: [off(recorded), off(&minimized.episode.request.scenario)],
-            simulations: minimized.simulations,
-            complete: minimized.is_complete,
-            interrupted: is_interrupted,
-            fewest_axes: minimized.has_fewest_axes,
-            same_predicate: has_same_predicate,
-            repeats,
-        }
-    }
-}
-
-/// Minimizes a counterexample, and measures how often its scenario fails with other seeds.
-fn shrink(
-    Minimization { resolved, budget }: Minimization<'_>,
-    recorded: &Counterexample,
+/// Minimizes a counterexample if that is required, and measures how often its scenario fails with
+/// other seeds; checks its physics.
+fn prepare(
+    Preparation { resolved, minimize }: Preparation<'_>,
+    recorded: Counterexample,
     watch: &mut impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<(Counterexample, Shrunk), MishandleError> {
-    let mut system = resolved.system()?;
-    let request = recorded.request(&resolved.space)?;
+) -> Result<Prepared, MishandleError> {
     let mut is_interrupted = false;
     let mut watch = |done| {
         let flow = watch(done);
         is_interrupted |= flow.is_break();
         flow
     };
+    let mut checks = resolved.physics_checks()?;
+    let request = recorded.request(&resolved.space)?;
+    let Some(budget) = minimize else {
+        let check = checks.check(&[request], &mut watch)?.and_then(|mut found| found.pop());
+        let physics = check.filter(|_| checks.are_possible());
+        let known = Counterexample { physics, ..recorded };
+        return Ok(Prepared { known, shrunk: None, simulations: checks.simulations(), is_interrupted });
+    };
+    let mut system = resolved.system()?;
     let robustness = recorded.expected.robustness;
-    let (found, minimized) = smaller(resolved, &mut *system, (&request, robustness), budget, &mut watch)?;
-    let scenario = &minimized.episode.request.scenario;
-    let repeats = if depends_on_seed(resolved, scenario) && watch(minimized.simulations).is_continue() {
+    let smaller = smaller(resolved, &mut *system, &mut checks, &request, robustness, budget, &mut watch)?;
+    let Smaller { found, minimized, went_back, checked } = smaller;
+    let scenario = found.scenario_in(&resolved.space)?;
+    let done = minimized.simulations + checks.simulations();
+    let repeats = if depends_on_seed(resolved, &scenario) && watch(done).is_continue() {
         let seeds = repeat_seeds(Seed(recorded.seed), Repeated::Counterexample.simulations());
-        Some(repeat(&mut *system, scenario, seeds, |_| watch(minimized.simulations))?)
+        Some(repeat(&mut *system, &scenario, seeds, |_| watch(done))?)
     } else {
         None
     };
-    let has_same_predicate = predicate(&found) == predicate(recorded);
-    Ok((found, Shrunk { minimized, has_same_predicate, repeats, is_interrupted }))
+    let original = minimized.original();
+    let recorded_scenario = &original.request.scenario;
+    let off = |scenario: &Scenario| axes_off_nominal(&resolved.space, scenario) as u64;
+    let axes_off_nominal = [off(recorded_scenario), off(&scenario)];
+    let simulations = done + repeats.as_ref().map_or(0, |repeats| repeats.simulations);
+    let shrunk = results::Minimized {
+        scenario: named_scenario(resolved.space.axes(), recorded_scenario.values()),
+        robustness: original.robustness().map(Into::into),
+        axes_off_nominal,
+        simulations: minimized.simulations,
+        complete: minimized.is_complete,
+        interrupted: is_interrupted,
+        fewest_axes: minimized.has_fewest_axes && off(&minimized.episode.request.scenario) == off(&scenario),
+        same_predicate: predicate(&found) == predicate(&recorded),
+        repeats,
+        went_back,
+        checked,
+    };
+    Ok(Prepared { known: found, shrunk: Some(shrunk), simulations, is_interrupted })
 }
 
-/// Moves a failure toward the nominal scenario with at most `budget` simulations. Returns it as a
-/// counterexample that says where it comes from, and how it was found.
+/// A failure that was moved toward the nominal scenario.
+pub(crate) struct Smaller {
+    /// The failure, which says where it comes from.
+    pub found: Counterexample,
+    /// How it was moved.
+    minimized: Minimized,
+    /// Whether it went back, because nearer failures depend on the solver.
+    went_back: bool,
+    /// The failures whose physics was checked, in order.
+    checked: Vec<CheckedFailure>,
+}
+
+/// Moves a failure toward the nominal scenario with at most `budget` simulations, and checks the
+/// physics of the result, which goes back toward the failure until it survives. If the failure
+/// itself depends on the solver, the result is the nearest one, and its check says so.
 ///
-/// `watch` gets the number of simulations after each batch, and can end the minimization.
+/// `watch` gets the number of simulations after each batch, and can end the minimization and the
+/// checks. A failure whose checks were ended has none.
 ///
 /// # Errors
 /// If the request does not fail, or a simulation cannot be run.
 pub(crate) fn smaller(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
-    (request, robustness): (&Request, f64),
+    checks: &mut PhysicsChecks,
+    request: &Request,
+    robustness: f64,
     budget: u64,
-    watch: impl FnMut(u64) -> ControlFlow<()>,
-) -> Result<(Counterexample, Minimized), MishandleError> {
-    let minimized = minimize(system, request, budget, watch)?;
-    let mut found = Counterexample::from_episode(resolved, &minimized.episode)?;
-    found.minimized_from = Some(MinimizedFrom {
+    watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
+) -> Result<Smaller, MishandleError> {
+    let mut is_interrupted = false;
+    let minimized = minimize(system, request, budget, |done| {
+        let flow = watch(done);
+        is_interrupted |= flow.is_break();
+        flow
+    })?;
+    let failures: Vec<&Episode> =
+        std::iter::once(&minimized.episode).chain(minimized.path.iter().rev()).collect();
+    let requests: Vec<Request> = failures.iter().map(|failure| failure.request.clone()).collect();
+    let before = checks.simulations();
+    let survivor = if checks.are_possible() && !is_interrupted {
+        let mut watch = |done| watch(minimized.simulations + done - before);
+        checks.nearest_survivor(&requests, &mut watch)?
+    } else {
+        None
+    };
+    let (index, physics, checked) = match survivor {
+        Some(Survivor { index, physics, checked }) => (index, Some(physics), checked),
+        None => (0, None, Vec::new()),
+    };
+    let failure = |(index, physics): (usize, PhysicsCheck)| CheckedFailure {
+        scenario: named_scenario(resolved.space.axes(), failures[index].request.scenario.values()),
+        robustness: failures[index].robustness().unwrap_or_default().into(),
+        physics,
+    };
+    let checked = checked.into_iter().map(failure).collect();
+    let minimized_from = Some(MinimizedFrom {
         scenario: request.scenario.values().to_vec(),
         robustness,
         simulations: minimized.simulations,
         is_complete: minimized.is_complete,
     });
-    Ok((found, minimized))
+    let episode = Counterexample::from_episode(resolved, failures[index])?;
+    let found = Counterexample { minimized_from, physics, ..episode };
+    Ok(Smaller { found, minimized, went_back: index > 0, checked })
 }
 
 fn predicate(known: &Counterexample) -> Option<String> {

@@ -1,13 +1,15 @@
 //! The JSON of a counterexample.
 
-use mishandle_stl::is_satisfied;
 use std::collections::BTreeMap;
+use std::fmt::Display;
 
+use mishandle_results::{PhysicsCheck, SolverChange, SolverSimulation};
+use mishandle_stl::is_satisfied;
 use mishandle_store::{BuildRecord, ComponentRecord, SimulationEnd, TargetRecord};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{AxisValue, Counterexample, Decisive, Expected, MinimizedFrom};
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::plan::{FalsifyPlan, GuardPlan, Plan};
 use crate::portable::BESIDE;
 use crate::resolve::{command, command_target, is_path, is_target_file};
@@ -46,6 +48,9 @@ struct Document {
     simulation: u32,
     #[serde(deserialize_with = "present")]
     minimized_from: Option<Origin>,
+    /// `null` if the physics was not checked.
+    #[serde(deserialize_with = "present")]
+    physics: Option<Physics>,
     build: Build,
     versions: BTreeMap<String, String>,
 }
@@ -117,6 +122,23 @@ struct Origin {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+struct Physics {
+    depends_on_solver: bool,
+    simulations: Vec<Variant>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Variant {
+    change: SolverChange,
+    #[serde(deserialize_with = "present")]
+    robustness: Option<Number>,
+    #[serde(deserialize_with = "present")]
+    violated: Option<bool>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Build {
     program_version: String,
     git_commit: String,
@@ -149,25 +171,27 @@ impl Number {
             Number::Finite(value) => Ok(*value),
             Number::Text(text) if text == "inf" => Ok(f64::INFINITY),
             Number::Text(text) if text == "-inf" => Ok(f64::NEG_INFINITY),
-            Number::Text(text) => {
-                Err(invalid(format!("`{key}` is \"{text}\"; it must be a number, \"inf\" or \"-inf\"")))
-            }
+            Number::Text(text) => Err(no_counterexample(format!(
+                "`{key}` is \"{text}\"; it must be a number, \"inf\" or \"-inf\""
+            ))),
         }
     }
 }
 
-fn invalid(problem: String) -> MishandleError {
-    MishandleError::CounterexampleFile { problem }
+pub(super) fn no_counterexample(reason: impl Display) -> MishandleError {
+    problem(format!("not a counterexample file: {reason}"))
 }
 
 pub(super) fn read(text: &str) -> Result<Counterexample, MishandleError> {
-    let syntax = |error: serde_json::Error| invalid(error.to_string());
+    let syntax = |error: serde_json::Error| no_counterexample(error.to_string());
     let Version { counterexample_format: found } = serde_json::from_str(text).map_err(syntax)?;
     if found > FORMAT {
-        return Err(MishandleError::NewerCounterexample { found, known: FORMAT });
+        return Err(problem(format!(
+            "the counterexample has format {found}, this program reads formats up to {FORMAT}: use a newer Mishandle"
+        )));
     }
     if found < FORMAT {
-        return Err(invalid(format!("`counterexample_format` is {found}; it must be {FORMAT}")));
+        return Err(no_counterexample(format!("`counterexample_format` is {found}; it must be {FORMAT}")));
     }
     let document: Document = serde_json::from_str(text).map_err(syntax)?;
     document.counterexample()
@@ -237,6 +261,7 @@ impl Document {
                 simulations: known.simulations,
                 complete: known.is_complete,
             }),
+            physics: from.physics.as_ref().map(Physics::new),
             build: Build {
                 program_version: build.program_version.clone(),
                 git_commit: build.git_commit.clone(),
@@ -258,15 +283,20 @@ impl Document {
         }
         for (index, known) in self.scenario.iter().enumerate() {
             if self.scenario[..index].iter().any(|other| other.axis == known.axis) {
-                return Err(invalid(format!("`scenario` has the axis `{}` twice", known.axis)));
+                return Err(no_counterexample(format!("`scenario` has the axis `{}` twice", known.axis)));
             }
         }
         let seed = self.seed.parse().map_err(|_| {
-            invalid(format!("`seed` is \"{}\"; it must be a whole number from 0 to 2^64 - 1", self.seed))
+            no_counterexample(format!(
+                "`seed` is \"{}\"; it must be a whole number from 0 to 2^64 - 1",
+                self.seed
+            ))
         })?;
         let robustness = self.expected.robustness.value("expected.robustness")?;
         if is_satisfied(robustness) {
-            return Err(invalid(format!("`expected.robustness` is {robustness}; it must be negative")));
+            return Err(no_counterexample(format!(
+                "`expected.robustness` is {robustness}; it must be negative"
+            )));
         }
         let decisive = self.decisive.map(|known| {
             let [left, right] = &known.values;
@@ -331,7 +361,41 @@ impl Document {
             trial: self.trial,
             simulation: self.simulation,
             minimized_from: minimized_from.transpose()?,
+            physics: self.physics.map(Physics::check).transpose()?,
         })
+    }
+}
+
+impl Physics {
+    fn new(from: &PhysicsCheck) -> Physics {
+        let variant = |known: &SolverSimulation| Variant {
+            change: known.change,
+            robustness: known.robustness.map(|robustness| Number::new(robustness.0)),
+            violated: known.violated,
+        };
+        let simulations = from.simulations.iter().map(variant).collect();
+        Physics { depends_on_solver: from.depends_on_solver, simulations }
+    }
+
+    fn check(self) -> Result<PhysicsCheck, MishandleError> {
+        let simulation = |known: Variant| {
+            let robustness = known.robustness.map(|robustness| robustness.value("physics.robustness"));
+            Ok::<_, MishandleError>(SolverSimulation {
+                change: known.change,
+                robustness: robustness.transpose()?.map(Into::into),
+                violated: known.violated,
+            })
+        };
+        let simulations = self.simulations.into_iter().map(simulation).collect::<Result<_, _>>()?;
+        let check = PhysicsCheck::new(simulations);
+        if check.depends_on_solver == self.depends_on_solver {
+            Ok(check)
+        } else {
+            Err(no_counterexample(format!(
+                "`physics.depends_on_solver` is {}; its simulations say {}",
+                self.depends_on_solver, check.depends_on_solver
+            )))
+        }
     }
 }
 
@@ -355,7 +419,7 @@ fn check_controller(controller: &str) -> Result<(), MishandleError> {
     if is_beside(controller) || (!controller.starts_with(BESIDE) && !is_path(controller)) {
         return Ok(());
     }
-    Err(invalid(format!(
+    Err(no_counterexample(format!(
         "`controller` is \"{controller}\"; it must be the name of a shipped controller, or ./FILE for a file beside the \
          counterexample"
     )))
@@ -366,7 +430,7 @@ fn check_target_file(file: &str) -> Result<(), MishandleError> {
     if is_beside(file) && is_target_file(file) {
         return Ok(());
     }
-    Err(invalid(format!(
+    Err(no_counterexample(format!(
         "`target.file` is \"{file}\"; it must be ./NAME.toml for a file beside the counterexample"
     )))
 }
@@ -383,7 +447,7 @@ fn end(name: &str, step: Option<u32>) -> Result<SimulationEnd, MishandleError> {
         ("completed", None) => Ok(SimulationEnd::Completed),
         ("terminated", Some(step)) => Ok(SimulationEnd::Terminated { step }),
         ("stopped", Some(step)) => Ok(SimulationEnd::Stopped { step }),
-        _ => Err(invalid(format!(
+        _ => Err(no_counterexample(format!(
             "`expected.end` is \"{name}\" and `end_step` {step:?}; it must be \"completed\" without a step, or \"terminated\" or \
              \"stopped\" with one"
         ))),
@@ -392,10 +456,9 @@ fn end(name: &str, step: Option<u32>) -> Result<SimulationEnd, MishandleError> {
 
 fn digest(text: &str) -> Result<u128, MishandleError> {
     let is_digest = text.len() == 32 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
-    u128::from_str_radix(text, 16)
-        .ok()
-        .filter(|_| is_digest)
-        .ok_or_else(|| invalid(format!("`trace_digest` is \"{text}\"; it must be 32 hexadecimal digits")))
+    u128::from_str_radix(text, 16).ok().filter(|_| is_digest).ok_or_else(|| {
+        no_counterexample(format!("`trace_digest` is \"{text}\"; it must be 32 hexadecimal digits"))
+    })
 }
 
 #[cfg(test)]
@@ -452,6 +515,14 @@ mod tests {
                 simulations: 40,
                 is_complete: true,
             }),
+            physics: Some(PhysicsCheck::new(vec![
+                SolverSimulation {
+                    change: SolverChange::HalfStep,
+                    robustness: Some(f64::NEG_INFINITY.into()),
+                    violated: Some(true),
+                },
+                SolverSimulation { change: SolverChange::MovedStart, robustness: None, violated: None },
+            ])),
         }
     }
 
@@ -488,6 +559,8 @@ mod tests {
             ("18446744073709551615", "18446744073709551616", "`seed` is"),
             ("000000ab", "+00000ab", "32 hexadecimal digits"),
             ("\"trial\": 2", "\"trial\": -2", "invalid value"),
+            ("\"half step\"", "\"no step\"", "unknown variant `no step`"),
+            ("\"violated\": null", "\"violated\": true", "`physics.depends_on_solver` is true"),
             ("{", "[", "not a counterexample file"),
         ] {
             let error = error(from, to);

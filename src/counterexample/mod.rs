@@ -6,17 +6,19 @@ mod regress;
 mod result;
 mod suite;
 
-use mishandle_stl::is_violated;
 use std::fmt::Debug;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use mishandle_falsification::FalsificationError;
-use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
+use mishandle_results::PhysicsCheck;
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Space};
+use mishandle_stl::is_violated;
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
 };
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError, problem};
 use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
 use crate::portable;
@@ -24,7 +26,7 @@ use crate::resolve::{Moved, ResolvedPlan, controller_name, is_target_file, resol
 use crate::run::differences_of_builds;
 
 pub(crate) use export::smaller;
-pub use export::{Chosen, Exported, Minimization, export, representatives};
+pub use export::{Chosen, Exported, Preparation, export, representatives};
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
 
@@ -80,6 +82,8 @@ pub struct Counterexample {
     pub simulation: u32,
     /// The recorded counterexample, if the scenario was moved toward the nominal one.
     pub minimized_from: Option<MinimizedFrom>,
+    /// The check of its physics; `None` if it was not checked.
+    pub physics: Option<PhysicsCheck>,
 }
 
 /// Value of an axis in a counterexample.
@@ -184,7 +188,8 @@ impl Counterexample {
     /// # Errors
     /// If the simulation cannot be run, or its robustness is not negative.
     pub fn simulate(resolved: &ResolvedPlan, request: Request) -> Result<Counterexample, MishandleError> {
-        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        let episode =
+            resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
         Counterexample::from_episode(resolved, &episode)
     }
 
@@ -196,10 +201,9 @@ impl Counterexample {
     /// counterexample.
     pub fn read(path: &Path) -> Result<Counterexample, MishandleError> {
         let bytes = mishandle_files::read_bounded(path, mishandle_files::limits::COUNTEREXAMPLE)
-            .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
-        let text = String::from_utf8(bytes).map_err(|_| MishandleError::CounterexampleFile {
-            problem: "the file is not UTF-8 text".to_string(),
-        })?;
+            .map_err(MishandleError::file(path))?;
+        let text =
+            String::from_utf8(bytes).map_err(|_| file::no_counterexample("the file is not UTF-8 text"))?;
         Counterexample::from_json(&text)
     }
 
@@ -262,7 +266,7 @@ impl Counterexample {
         }
         ResolvedPlan::new(&plan).map_err(|error| match error {
             MishandleError::UnknownName { kind: "target", name, .. }
-            | MishandleError::NotATarget { name } => MishandleError::ForeignTarget { name },
+            | MishandleError::NotATarget { name } => MishandleError::Run(RunError::ForeignTarget { name }),
             error => error,
         })
     }
@@ -278,12 +282,13 @@ impl Counterexample {
         let Some(values) = values.filter(|values| values.len() == self.scenario.len()) else {
             let recorded: Vec<&str> = self.scenario.iter().map(|known| known.axis.as_str()).collect();
             let found: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
-            return Err(MishandleError::CounterexampleAxes {
-                target: self.target.name.clone(),
-                space: space.name().to_string(),
-                recorded: recorded.join(", "),
-                found: found.join(", "),
-            });
+            return Err(problem(format!(
+                "the counterexample has the axes {}; the space {} of {} has: {}",
+                recorded.join(", "),
+                space.name(),
+                self.target.name,
+                found.join(", ")
+            )));
         };
         let scenario = Scenario::new(values);
         space.check(&scenario)?;
@@ -299,19 +304,39 @@ impl Counterexample {
         Ok(Request { trial: self.trial, number: self.simulation, ..Request::new(scenario, Seed(self.seed)) })
     }
 
-    /// Simulates the scenario again and compares the result, bit for bit.
+    /// Returns the check of the physics of the scenario; `None` if its target has no changes to
+    /// check.
+    ///
+    /// # Errors
+    /// If the space has other axes, or the target cannot run the scenario.
+    pub fn check_physics(&self, resolved: &ResolvedPlan) -> Result<Option<PhysicsCheck>, MishandleError> {
+        let mut checks = resolved.physics_checks()?;
+        if !checks.are_possible() {
+            return Ok(None);
+        }
+        let request = self.request(&resolved.space)?;
+        let found = checks.check(&[request], &mut |_| ControlFlow::Continue(()))?;
+        Ok(found.and_then(|mut found| found.pop()))
+    }
+
+    /// Simulates the scenario again and compares the result, bit for bit. A recorded check of its
+    /// physics is made again, too.
     ///
     /// # Errors
     /// If the space has other axes, the target cannot run the scenario, or the simulation has no
     /// robustness.
     pub fn replay(&self, resolved: &ResolvedPlan) -> Result<CounterexampleReplay, MishandleError> {
         let request = self.request(&resolved.space)?;
-        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
+        let episode =
+            resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
         if episode.robustness().is_none() {
-            return Err(MishandleError::NoVerdict { end: episode.end });
+            return Err(no_verdict(episode.end));
         }
         let (header, explained) = explain_episode(resolved, &episode)?;
-        let again = describe(&header, &explained)?;
+        let mut again = describe(&header, &explained)?;
+        if self.physics.is_some() {
+            again.physics = self.check_physics(resolved)?;
+        }
         Ok(CounterexampleReplay {
             differences: self.differences(&again),
             build_differences: differences_of_builds(&self.build, &self.versions, resolved),
@@ -346,6 +371,7 @@ impl Counterexample {
         };
         compare("components", &components(self), &components(again));
         compare("decisive predicate", &self.decisive, &again.decisive);
+        compare("check of the physics", &self.physics, &again.physics);
         found
     }
 }
@@ -390,7 +416,11 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
     });
     let Simulation { trial, number, seed, end, steps, .. } = *recorded;
     let trace_digest = recorded.trace_digest.or_else(|| Some(recorded.trace.as_ref()?.digest()));
-    let trace_digest = trace_digest.ok_or(MishandleError::NoDigest { trial, number })?;
+    let trace_digest = trace_digest.ok_or_else(|| {
+        problem(format!(
+            "the run file was changed: simulation {number} of trial {trial} has no digest of its trace"
+        ))
+    })?;
     Ok(Counterexample {
         plan,
         target: header.target.clone(),
@@ -404,6 +434,7 @@ fn describe(header: &RunHeader, explained: &ExplainedSimulation) -> Result<Count
         trial,
         simulation: number,
         minimized_from: None,
+        physics: None,
     })
 }
 
@@ -413,4 +444,8 @@ fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {
         Some(rho) => Err(FalsificationError::NotACounterexample { robustness: rho.to_string() }.into()),
         None => Err(FalsificationError::NotACounterexample { robustness: "undecided".to_string() }.into()),
     }
+}
+
+fn no_verdict(end: EpisodeEnd) -> MishandleError {
+    problem(format!("the simulation has no verdict: it ended with {end:?}"))
 }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle_results as results;
-use mishandle_results::{BaselineTest, Number, RegressionTest, Repeats};
+use mishandle_results::{BaselineTest, Number, RegressionResult, RegressionTest, Repeats};
 use mishandle_rollout::{Episode, Target};
 use mishandle_text::{decimal, path_text, plural};
 
@@ -15,13 +15,6 @@ use crate::inspect::compared_values;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, is_onnx};
 use crate::run::failure_text;
-
-/// Results of tests.
-const PASSES: &str = "passes";
-const FIXED: &str = "fixed";
-const FAILS: &str = "still fails";
-const NEW_FAILURE: &str = "new failure";
-const ERROR: &str = "error";
 
 /// The system that a suite tests.
 #[derive(Clone, Copy)]
@@ -106,11 +99,11 @@ impl Suite<'_> {
         let found: Simulated = simulated(false);
         let baseline: Option<Simulated> = self.baseline().map(|_| simulated(true));
         let outcome = match (self.fails(&found), baseline.as_ref().map(|baseline| self.fails(baseline))) {
-            (None, _) | (_, Some(None)) => ERROR,
-            (Some(false), Some(Some(true))) => FIXED,
-            (Some(false), _) => PASSES,
-            (Some(true), Some(Some(false))) => NEW_FAILURE,
-            (Some(true), _) => FAILS,
+            (None, _) | (_, Some(None)) => RegressionResult::Error,
+            (Some(false), Some(Some(true))) => RegressionResult::Fixed,
+            (Some(false), _) => RegressionResult::Passes,
+            (Some(true), Some(Some(false))) => RegressionResult::NewFailure,
+            (Some(true), _) => RegressionResult::Fails,
         };
         let recorded = recorded.ok();
         let reason = || reason(&found, baseline.as_ref());
@@ -123,7 +116,7 @@ impl Suite<'_> {
         RegressionTest {
             file: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             target: recorded.as_ref().map(|recorded| recorded.target.name.clone()),
-            result: outcome.to_string(),
+            result: outcome,
             recorded_robustness: recorded.map(|recorded| recorded.expected.robustness.into()),
             robustness: robustness(&found),
             predicate: predicate.map(|predicate| predicate.text.clone()),
@@ -131,7 +124,7 @@ impl Suite<'_> {
             values: predicate.map(|predicate| predicate.values.map(Into::into)),
             same_target: found.as_ref().ok().and_then(|found| Some(!found.has_other_target?)),
             repeats: repeats(&found),
-            reason: (![PASSES, FIXED].contains(&outcome)).then(reason),
+            reason: (![RegressionResult::Passes, RegressionResult::Fixed].contains(&outcome)).then(reason),
             baseline: baseline
                 .as_ref()
                 .map(|found| BaselineTest { robustness: robustness(found), repeats: repeats(found) }),
@@ -140,8 +133,8 @@ impl Suite<'_> {
 
     /// Returns the result of all tests.
     pub fn result(&self, tests: Vec<RegressionTest>, is_complete: bool) -> results::Regression {
-        let number = |results: &[&str]| {
-            tests.iter().filter(|test| results.contains(&test.result.as_str())).count() as u64
+        let number = |results: &[RegressionResult]| {
+            tests.iter().filter(|test| results.contains(&test.result)).count() as u64
         };
         let with_baseline = |result| self.baseline().map(|_| number(&[result]));
         let controller = match self.tested {
@@ -152,11 +145,11 @@ impl Suite<'_> {
             folder: path_text(self.folder),
             controller,
             baseline: self.baseline().map(str::to_string),
-            passes: number(&[PASSES, FIXED]),
-            fails: number(&[FAILS, NEW_FAILURE]),
-            errors: number(&[ERROR]),
-            new_failures: with_baseline(NEW_FAILURE),
-            fixed: with_baseline(FIXED),
+            passes: number(&[RegressionResult::Passes, RegressionResult::Fixed]),
+            fails: number(&[RegressionResult::Fails, RegressionResult::NewFailure]),
+            errors: number(&[RegressionResult::Error]),
+            new_failures: with_baseline(RegressionResult::NewFailure),
+            fixed: with_baseline(RegressionResult::Fixed),
             is_complete,
             tests,
         }

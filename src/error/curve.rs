@@ -5,7 +5,7 @@
 #[non_exhaustive]
 pub enum CurveProblem {
     /// A column has the wrong name.
-    #[error("column {number} of the header is `{found}`, expected {expected}, as written by `train --csv`")]
+    #[error("column {number} of the header is `{found}`, expected {expected}, as a training writes it")]
     Columns {
         /// Column, counted from 1.
         number: usize,
@@ -72,7 +72,7 @@ pub enum CurveProblem {
     },
     /// The curve is that of a training run on other scenarios.
     #[error(
-        "it {} columns of validations on scenarios, unlike this training; choose another --csv",
+        "it {} columns of validations on scenarios, unlike this training",
         if *found { "has" } else { "lacks" }
     )]
     Scenarios {
@@ -81,7 +81,7 @@ pub enum CurveProblem {
     },
     /// The curve is that of a training run with or without a curriculum.
     #[error(
-        "it {} columns of a curriculum, unlike this training; choose another --csv",
+        "it {} columns of a curriculum, unlike this training",
         if *found { "has" } else { "lacks" }
     )]
     Curriculum {
@@ -97,9 +97,7 @@ pub enum CurveProblem {
         found: Vec<String>,
     },
     /// The curve ends before the checkpoint.
-    #[error(
-        "it has no row for iteration {iteration} of the checkpoint; choose another --csv for the remaining rows"
-    )]
+    #[error("it has no row for iteration {iteration} of the checkpoint, which the remaining rows follow")]
     MissingRow {
         /// Iteration of the checkpoint.
         iteration: u64,

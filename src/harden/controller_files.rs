@@ -46,10 +46,7 @@ impl ControllerFiles {
     /// # Errors
     /// If a file cannot be read.
     pub fn read(path: &Path) -> Result<ControllerFiles, MishandleError> {
-        let read = |path: &Path| {
-            read_bounded(path, limits::CONTROLLER)
-                .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })
-        };
+        let read = |path: &Path| read_bounded(path, limits::CONTROLLER).map_err(MishandleError::file(path));
         let bytes = read(path)?;
         if !is_onnx(path) {
             return Ok(ControllerFiles::of_network(bytes));

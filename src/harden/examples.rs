@@ -13,7 +13,7 @@ use super::minimized::{MinimizedFailure, minimized_failures};
 use super::search::search_files;
 use crate::archive::{ModeKey, mode_key};
 use crate::counterexample::Counterexample;
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError};
 use crate::inspect::{Failure, failure_modes};
 use crate::picture::ExampleSimulation;
 use crate::plan::HardenPlan;
@@ -113,7 +113,8 @@ impl ModeExamples {
             let source = ExampleSource::Minimized { round: *round, file: file.clone() };
             return Ok(ModeExample { source, simulated });
         }
-        let Worst { run, failure } = self.worst[failing].get(&key).ok_or(MishandleError::NoEpisode)?;
+        let Worst { run, failure } =
+            self.worst[failing].get(&key).ok_or(MishandleError::Run(RunError::NoEpisode))?;
         let request = Request::new(Scenario::new(failure.scenario.clone()), Seed(failure.seed));
         let fails = ExampleSimulation::new(&self.controllers[failing], &request)?;
         let trial = failure.trial;
@@ -152,7 +153,7 @@ impl ExampleSimulation {
         }
         let again = again.map_or("none".to_string(), |again| format!("{again:?}"));
         let difference = format!("robustness of {}: recorded {recorded:?}, simulated {again}", name());
-        Err(MishandleError::RunMismatch { differences: vec![difference] })
+        Err(MishandleError::differs(Compared::Plan, vec![difference]))
     }
 }
 
@@ -185,5 +186,5 @@ fn final_search(
             }
         }
     }
-    Ok((resolved.ok_or(MishandleError::NoEpisode)?, worst))
+    Ok((resolved.ok_or(MishandleError::Run(RunError::NoEpisode))?, worst))
 }

@@ -5,11 +5,11 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
-use mishandle_results::{Answer, Hardening, Versioned};
+use mishandle_results::{Answer, Hardening, Key, Remedy, Versioned};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, exists, problem};
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::{Engine, Opening, Progress, ask, continue_run};
@@ -72,7 +72,7 @@ impl Folder {
     ) -> Result<(), MishandleError> {
         let folder = Folder::with_extension(path, before.extension);
         if path.exists() {
-            return Err(MishandleError::Exists { path: path.to_path_buf(), flag: "--out" });
+            return Err(exists(path, Key::OUT));
         }
         before.write(&folder, &folder.before())?;
         if let Some(settings) = settings {
@@ -91,7 +91,7 @@ impl Folder {
         let text = refuse_link(&file).and_then(|()| read_text_bounded(&file, limits::PLAN));
         let text = text.map_err(|source| MishandleError::File { path: file, source })?;
         let plan = Plan::from_toml(&text)?;
-        refuse_links_in(path).map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+        refuse_links_in(path).map_err(MishandleError::file(path))?;
         Ok((Folder::at(path), plan))
     }
 
@@ -101,8 +101,7 @@ impl Folder {
     /// Those of [`open`](Self::open).
     pub fn resume(path: &Path, opening: Opening) -> Result<(Folder, Plan), MishandleError> {
         let (folder, plan) = Folder::open(path)?;
-        let absolute = std::path::absolute(path)
-            .map_err(|source| MishandleError::File { path: folder.given.clone(), source })?;
+        let absolute = std::path::absolute(path).map_err(MishandleError::file(&folder.given))?;
         Ok((Folder { path: absolute, opening, ..folder }, plan))
     }
 
@@ -116,10 +115,13 @@ impl Folder {
         if !path.exists() {
             return Ok(None);
         }
-        let text = read_text_bounded(&path, limits::RESULT)
-            .map_err(|source| MishandleError::File { path: path.clone(), source })?;
+        let text = read_text_bounded(&path, limits::RESULT).map_err(MishandleError::file(&path))?;
         let found: Hardening = serde_json::from_str(&text)
-            .map_err(|error| MishandleError::HardeningResult { path, problem: error.to_string() })?;
+            .map_err(|error| {
+                let text = format!("{} is not the result of a hardening of this version: {error}", path.display());
+                let again = "delete the file and resume the hardening, which makes it again from the recorded simulations";
+                problem(text).with(Remedy::Advice(again)).with(Remedy::Another(Key::OUT))
+            })?;
         let after = found.after.is_some().then(|| path_text(&self.accepted()));
         Ok(Some(Hardening { folder: path_text(&self.given), after, ..found }))
     }
@@ -214,8 +216,7 @@ impl Folder {
     /// Returns the run files in the folder, sorted.
     pub fn run_files(&self) -> Result<Vec<PathBuf>, MishandleError> {
         let mut runs = Vec::new();
-        list(&self.path, &mut runs)
-            .map_err(|source| MishandleError::File { path: self.path.clone(), source })?;
+        list(&self.path, &mut runs).map_err(MishandleError::file(&self.path))?;
         runs.sort();
         Ok(runs)
     }

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 
 use mishandle_results::Evaluation;
 use mishandle_rollout::Seed;
-use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
-use super::Watch;
 use super::decision::{CornerCounts, Measure, failure_bound};
-use super::folder::{Asked, Folder};
+use super::folder::Asked;
+use super::{Hardener, Watch};
 use crate::error::MishandleError;
 use crate::inspect::compare;
 use crate::plan::{EvaluatePlan, Plan};
@@ -34,13 +33,15 @@ pub(super) struct Measured {
 /// # Errors
 /// If a simulation cannot be run or stored.
 pub(super) fn measure(
-    folder: &Folder,
-    base: &Plan,
+    hardener: &Hardener<'_>,
     controller: &Path,
-    (prefix, seed, episodes): (&Path, Seed, u64),
+    prefix: &Path,
+    seed: Seed,
+    episodes: u64,
     phase: &str,
     watch: Watch<'_>,
 ) -> Result<Option<Measured>, MishandleError> {
+    let Hardener { plan: base, folder, .. } = *hardener;
     let plan = |space: &str, action_noise: f64| Plan {
         space: space.to_string(),
         axes: if space == base.space { base.axes.clone() } else { Default::default() },
@@ -114,10 +115,10 @@ impl Measured {
     /// # Errors
     /// If the run files cannot be read.
     pub fn compare(&self, other: &Measured) -> Result<(Vec<Measure>, Option<CornerCounts>), MishandleError> {
-        let open = |asked: &Asked| -> Result<RunFile, MishandleError> { asked.run() };
-        let space = compare(&open(&self.space)?, &open(&other.space)?)?;
-        let starts = compare(&open(&self.starts)?, &open(&other.starts)?)?;
-        let noise = compare(&open(&self.noise)?, &open(&other.noise)?)?;
+        let compared = |a: &Asked, b: &Asked| compare(&a.run()?, &b.run()?, |_| String::new());
+        let space = compared(&self.space, &other.space)?;
+        let starts = compared(&self.starts, &other.starts)?;
+        let noise = compared(&self.noise, &other.noise)?;
         let found = [
             ("space", Some(space.success)),
             ("success", Some(starts.success)),

@@ -86,9 +86,9 @@ pub(super) fn minimized_failures(
     Ok(present.map(|(key, file)| MinimizedFailure { key, round, file }).collect())
 }
 
-/// Moves the worst failure of each mode toward the nominal scenario while it still fails, writes it
-/// as a counterexample into `suite`, and returns these failures. Reads those that are there.
-/// Returns `None` if it was interrupted.
+/// Moves the worst failure of each mode toward the nominal scenario while it still fails and does
+/// not depend on the solver of the physics, writes it as a counterexample into `suite`, and returns
+/// these failures. Reads those that are there. Returns `None` if it was interrupted.
 ///
 /// # Errors
 /// If a simulation cannot be run, or a file cannot be read or written.
@@ -96,7 +96,8 @@ pub(super) fn minimized(
     folder: &Folder,
     resolved: &ResolvedPlan,
     suite: &Path,
-    (simulated, modes): (&[Simulated], &Modes),
+    simulated: &[Simulated],
+    modes: &Modes,
     phase: &str,
     watch: Watch<'_>,
 ) -> Result<Option<Vec<Simulated>>, MishandleError> {
@@ -104,6 +105,7 @@ pub(super) fn minimized(
     order.sort_by_key(|mode| std::cmp::Reverse(modes[*mode].1));
     order.truncate(MODES);
     let mut system = resolved.system()?;
+    let mut checks = resolved.physics_checks()?;
     let mut found = Vec::new();
     let mut written = Vec::new();
     for (done, mode) in order.iter().enumerate() {
@@ -118,7 +120,7 @@ pub(super) fn minimized(
                 continue;
             };
             let mut is_interrupted = false;
-            let watch = |simulations: u64| {
+            let mut watch = |simulations: u64| {
                 let flow = watch(&HardenProgress {
                     phase: phase.to_string(),
                     done: done as u64 * BUDGET + simulations.min(BUDGET),
@@ -129,8 +131,9 @@ pub(super) fn minimized(
                 flow
             };
             let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
-            let worst = (&request, worst.robustness);
-            let (smaller, _) = smaller(resolved, &mut *system, worst, BUDGET, watch)?;
+            let robustness = worst.robustness;
+            let smaller =
+                smaller(resolved, &mut *system, &mut checks, &request, robustness, BUDGET, &mut watch)?.found;
             if is_interrupted {
                 return Ok(None);
             }
@@ -177,7 +180,7 @@ mod tests {
                 simulations += progress.done;
                 ControlFlow::Continue(())
             };
-            let found = minimized(&folder, &resolved, &suite, (&simulated, &modes), "", &mut watch);
+            let found = minimized(&folder, &resolved, &suite, &simulated, &modes, "", &mut watch);
             (found.unwrap().unwrap(), simulations)
         };
         let (first, simulations) = run();

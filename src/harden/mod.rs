@@ -21,22 +21,22 @@ use std::fmt;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use controller_files::ControllerFiles;
+use decision::decide;
 use mishandle_controllers::ControllerFile;
 use mishandle_files::{limits, read_text_bounded};
-use mishandle_results::{Hardening, HardeningRound};
+use mishandle_results::{Choice, Hardening, HardeningRound, Key, Remedy};
 use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 use mishandle_training::AlgorithmSettings;
 
-use crate::error::MishandleError;
-use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan};
+use crate::error::{Compared, MishandleError, exists, invalid};
+use crate::plan::{EvaluatePlan, GPU, HardenPlan, Plan, key_values};
 use crate::resolve::{
     ResolvedPlan, STARTS, default_reward, has_scene, is_onnx, shipped_file, training_target,
 };
 use crate::run::{Device, Opening};
-use controller_files::ControllerFiles;
-use decision::decide;
 pub use examples::{ExampleSource, ModeExample, ModeExamples};
 use folder::Folder;
 use measure::measure;
@@ -118,10 +118,10 @@ pub fn harden(
             ONNX_EXTENSION => "a name that ends in .onnx, as that of the controller before",
             _ => "a name that ends in .safetensors",
         };
-        return Err(MishandleError::InvalidValue { what, value, expected });
+        return Err(invalid(what, value, expected));
     }
     if out.exists() {
-        return Err(MishandleError::Exists { path: out.to_path_buf(), flag: "--out" });
+        return Err(exists(out, Key::OUT));
     }
     let folder = harden_folder(out);
     checked.create(&folder)?;
@@ -156,9 +156,10 @@ impl CheckedHardening<'_> {
         if is_onnx(shipped_file(plan)?.path()) {
             let what = "the controller of a hardening";
             let value = plan.controller.clone();
-            let expected = "a network of this program; an ONNX model needs a trainer of yours: --trainer \
-                            'python train.py' (docs/guide/harden.md#with-your-own-trainer)";
-            return Err(MishandleError::InvalidValue { what, value, expected });
+            let expected = "a network of this program; an ONNX model needs a trainer of yours \
+                            (docs/guide/harden.md#with-your-own-trainer)";
+            let trainer = Remedy::set(Key::TRAINER, Choice::Text("python train.py".to_string()));
+            return Err(invalid(what, value, expected).with(trainer));
         }
         let target = training_target(&plan.target, &table.device)?;
         let before = target.start_controller(&plan.controller)?;
@@ -231,7 +232,11 @@ pub fn check_plan(folder: &Path, plan: &Plan) -> Result<(), MishandleError> {
     let [recorded, given] =
         [&recorded, &plan].map(|plan| toml::Table::try_from(plan.with_absolute_paths()).unwrap_or_default());
     let differences = differences(&recorded, &given);
-    if differences.is_empty() { Ok(()) } else { Err(MishandleError::OtherSettings { differences }) }
+    if differences.is_empty() {
+        Ok(())
+    } else {
+        Err(MishandleError::differs(Compared::Settings, differences))
+    }
 }
 
 /// Lists the differences between the builds that made the runs of an unfinished hardening and the
@@ -260,22 +265,13 @@ pub fn build_differences(folder: &Path) -> Result<Vec<String>, MishandleError> {
 
 /// Lists the settings that differ, each with the recorded and the given value.
 fn differences(recorded: &toml::Table, given: &toml::Table) -> Vec<String> {
-    let names: BTreeSet<&String> = recorded.keys().chain(given.keys()).collect();
-    let mut found = Vec::new();
-    for name in names {
-        match (recorded.get(name), given.get(name)) {
-            (then, now) if then == now => {}
-            (Some(toml::Value::Table(then)), Some(toml::Value::Table(now))) => {
-                found.extend(differences(then, now).into_iter().map(|text| format!("{name}.{text}")));
-            }
-            (then, now) => {
-                let text =
-                    |value: Option<&toml::Value>| value.map_or("none".to_string(), ToString::to_string);
-                found.push(format!("{name}: recorded {}, given {}", text(then), text(now)));
-            }
-        }
-    }
-    found
+    let [then, now] = [recorded, given].map(key_values);
+    let names: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    let text = |value: Option<&String>| value.map_or("none", String::as_str).to_string();
+    let differing = names.into_iter().filter(|name| then.get(*name) != now.get(*name));
+    let sentence =
+        |name: &String| format!("{name}: recorded {}, given {}", text(then.get(name)), text(now.get(name)));
+    differing.map(sentence).collect()
 }
 
 /// Starts or continues the hardening of a folder, or reads the result of a finished one, without a
@@ -357,7 +353,7 @@ fn check_target(plan: &Plan) -> Result<(), MishandleError> {
     };
     let what = "the target of a hardening";
     let value = plan.target.clone();
-    Err(MishandleError::InvalidValue { what, value, expected })
+    Err(invalid(what, value, expected))
 }
 
 /// Returns a plan with the names of a hardening's plan, which can be resolved.
@@ -381,8 +377,7 @@ fn given_settings(table: &HardenPlan, before: &ControllerFile) -> Result<Algorit
 
 /// Reads a file of training settings for a controller.
 fn settings(path: &Path, before: &ControllerFile) -> Result<AlgorithmSettings, MishandleError> {
-    let text = read_text_bounded(path, limits::SETTINGS)
-        .map_err(|source| MishandleError::File { path: path.to_path_buf(), source })?;
+    let text = read_text_bounded(path, limits::SETTINGS).map_err(MishandleError::file(path))?;
     settings_of(before, &text, path)
 }
 
@@ -397,7 +392,7 @@ fn settings_of(
         known: mishandle_training::ALGORITHMS.iter().map(|entry| entry.name.to_string()).collect(),
     };
     let settings = AlgorithmSettings::from_toml(&before.header.algorithm, text).ok_or_else(unknown)?;
-    settings.map_err(|source| MishandleError::Settings { path: path.to_path_buf(), source: Box::new(source) })
+    settings.map_err(|error| MishandleError::from(error).of(path_text(path)))
 }
 
 /// Checks what all phases need, before the first one.
@@ -409,7 +404,7 @@ fn check(
     if plan.screening.is_some() {
         let what = "the question of a screening";
         let value = "harden".to_string();
-        return Err(MishandleError::InvalidValue { what, value, expected: "evaluate, falsify or risk" });
+        return Err(invalid(what, value, "evaluate, falsify or risk"));
     }
     for name in &table.searches {
         crate::resolve::search_entry(name)?;
@@ -437,8 +432,7 @@ impl Hardener<'_> {
         let mut rounds = Vec::new();
         let mut accepted = None;
         for number in 1..=self.table.rounds {
-            let parts = (self.plan, self.table);
-            let end = run_round(self.folder, parts, self.training, (number, &current), &mut *watch)?;
+            let end = run_round(self, number, &current, &mut *watch)?;
             let bound = validated.bound()?;
             let round = |failures, environment_steps, accepted, reason| HardeningRound {
                 number,
@@ -493,8 +487,7 @@ impl Hardener<'_> {
     ) -> Result<Option<measure::Measured>, MishandleError> {
         let prefix = self.folder.of_round(round, "validation");
         let seed = Seed(self.plan.seed).child(VALIDATION);
-        let numbers = (prefix.as_path(), seed, self.table.validation);
         let phase = format!("round {round}: validation");
-        measure(self.folder, self.plan, controller, numbers, &phase, watch)
+        measure(self, controller, &prefix, seed, self.table.validation, &phase, watch)
     }
 }

@@ -69,7 +69,7 @@ impl Hardener<'_> {
             after: after.map(|_| path_text(out)),
             folder: path_text(&self.folder.given),
             commit: first.measured.commit()?,
-            verdict: verdict(is_judged, (&measures, &worse), &first, &rounds),
+            verdict: verdict(is_judged, &measures, &worse, &first, &rounds),
             worse: worse.into_iter().map(String::from).collect(),
             measures: hardened_measures(&measures, is_judged),
             corners: corners.map(|corners| HardenedCorners {
@@ -103,8 +103,8 @@ impl Hardener<'_> {
         let prefix = self.folder.of_final(name);
         let phase = format!("final, {name}");
         let seed = Seed(self.plan.seed).child(FINAL);
-        let numbers = (prefix.as_path(), seed, self.table.episodes);
-        let Some(measured) = measure(self.folder, self.plan, controller, numbers, &phase, &mut *watch)?
+        let Some(measured) =
+            measure(self, controller, &prefix, seed, self.table.episodes, &phase, &mut *watch)?
         else {
             return Ok(None);
         };
@@ -138,9 +138,7 @@ impl Hardener<'_> {
             None
         };
         let prefix = self.folder.of_final(&format!("{name}-search"));
-        let parts = (self.plan, self.table);
-        let seeds = (prefix.as_path(), seed.child(3));
-        let Some(searched) = search(self.folder, parts, controller, seeds, &phase, watch)? else {
+        let Some(searched) = search(self, controller, &prefix, seed.child(3), &phase, watch)? else {
             return Ok(None);
         };
         let (simulated, modes) = searched.simulated()?;
@@ -242,7 +240,8 @@ fn modes(before: &[(ModeKey, u64)], after: &[(ModeKey, u64)]) -> Vec<HardenedMod
 /// Returns the result in a sentence. What got worse comes first.
 fn verdict(
     is_judged: bool,
-    (measures, worse): (&[Measure], &[&str]),
+    measures: &[Measure],
+    worse: &[&str],
     before: &Judged,
     rounds: &[HardeningRound],
 ) -> String {

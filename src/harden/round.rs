@@ -13,7 +13,7 @@ use super::folder::Folder;
 use super::minimized::{minimized, suite_of, write_keys};
 use super::search::search;
 use super::trainer::Trainer;
-use super::{HardenProgress, HardenUnit, Watch};
+use super::{HardenProgress, HardenUnit, Hardener, Watch};
 use crate::archive::{Simulated, TABLE, csv, shows_nan, weighted};
 use crate::error::MishandleError;
 use crate::plan::{HardenPlan, Plan, TrainPlan};
@@ -59,17 +59,17 @@ pub(super) enum RoundEnd {
 /// # Errors
 /// If a simulation or the training cannot be run, or a file cannot be written.
 pub(super) fn run_round(
-    folder: &Folder,
-    (base, table): (&Plan, &HardenPlan),
-    training: &Training<'_>,
-    (round, controller): (u32, &Path),
+    hardener: &Hardener<'_>,
+    round: u32,
+    controller: &Path,
     watch: Watch<'_>,
 ) -> Result<RoundEnd, MishandleError> {
+    let Hardener { plan: base, table, training, folder } = *hardener;
     let seed = Seed(base.seed);
     let phase = format!("round {round}: search");
     let prefix = folder.of_round(round, "search");
-    let seeds = (prefix.as_path(), seed.child(SEARCHES + u64::from(round)));
-    let Some(searched) = search(folder, (base, table), controller, seeds, &phase, &mut *watch)? else {
+    let seed_of_searches = seed.child(SEARCHES + u64::from(round));
+    let Some(searched) = search(hardener, controller, &prefix, seed_of_searches, &phase, &mut *watch)? else {
         return Ok(RoundEnd::Interrupted);
     };
     let (mut simulated, modes) = searched.simulated()?;
@@ -85,9 +85,8 @@ pub(super) fn run_round(
         ControllerFiles::read(controller)?.write(folder, &suite.join(name))?;
     }
     let phase = format!("round {round}: minimization");
-    let found = (simulated.as_slice(), &modes);
     write_keys(folder, round, &modes)?;
-    let Some(smaller) = minimized(folder, &resolved, &suite, found, &phase, &mut *watch)? else {
+    let Some(smaller) = minimized(folder, &resolved, &suite, &simulated, &modes, &phase, &mut *watch)? else {
         return Ok(RoundEnd::Interrupted);
     };
     simulated.extend(smaller);

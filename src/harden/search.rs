@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use mishandle_rollout::Seed;
 use mishandle_text::path_text;
 
-use super::Watch;
-use super::folder::{Asked, Folder};
+use super::folder::Asked;
 use super::measure::path_of;
+use super::{Hardener, Watch};
 use crate::archive::{Modes, Simulated, simulated};
 use crate::error::MishandleError;
 use crate::plan::{EvaluatePlan, FalsifyPlan, HardenPlan, Plan};
@@ -26,13 +26,14 @@ pub(super) struct Searched {
 /// # Errors
 /// If a search is unknown, or a simulation cannot be run or stored.
 pub(super) fn search(
-    folder: &Folder,
-    (base, table): (&Plan, &HardenPlan),
+    hardener: &Hardener<'_>,
     controller: &Path,
-    (prefix, seed): (&Path, Seed),
+    prefix: &Path,
+    seed: Seed,
     phase: &str,
     watch: Watch<'_>,
 ) -> Result<Option<Searched>, MishandleError> {
+    let Hardener { plan: base, table, folder, .. } = *hardener;
     let plan =
         |seed: Seed| Plan { controller: path_text(controller), seed: seed.0, harden: None, ..base.clone() };
     let evaluate = EvaluatePlan { episodes: table.budget.into(), control: false, ..EvaluatePlan::default() };

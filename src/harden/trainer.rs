@@ -9,13 +9,12 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use mishandle_files::refuse_link;
-use mishandle_rollout::Interval;
 use mishandle_simulators::process::{Job, Program};
 use mishandle_text::path_text;
 
 use super::round::Session;
 use super::{HardenProgress, HardenUnit, Watch};
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{AxisSetting, HardenPlan, Plan};
 use crate::resolve::{ResolvedPlan, check_allowed};
 
@@ -71,11 +70,11 @@ impl Trainer {
         if is_found {
             Ok(())
         } else {
-            Err(MishandleError::InvalidValue {
-                what: "the trainer",
-                value: self.command.clone(),
-                expected: "a command whose first word is a program: a path, or a name that PATH finds",
-            })
+            Err(invalid(
+                "the trainer",
+                &self.command,
+                "a command whose first word is a program: a path, or a name that PATH finds",
+            ))
         }
     }
 
@@ -91,18 +90,18 @@ impl Trainer {
     ) -> Result<ControlFlow<()>, MishandleError> {
         let out = session.folder.candidate(session.round);
         let log = session.folder.of_round(session.round, LOG);
-        let write = |source| MishandleError::Write { what: "file", path: log.clone(), source };
+        let write = MishandleError::write("file", &log);
         let file = File::options().create(true).append(true).open(&log).map_err(write)?;
         // An earlier call of the trainer may have written to it.
         let begin = file.metadata().map_err(write)?.len();
-        let failed = |problem: String| MishandleError::Trainer {
-            command: self.command.clone(),
-            problem,
-            log: log.clone(),
-            end: match end(&log, begin, END).unwrap_or_default().trim() {
-                "" => "nothing".to_string(),
-                text => text.to_string(),
-            },
+        let failed = |failure: String| {
+            let end = end(&log, begin, END).unwrap_or_default();
+            problem(format!(
+                "the trainer `{}` {failure}; what is recorded remains, and a resumed hardening calls it again; the end of {}: {}",
+                self.command,
+                log.display(),
+                if end.trim().is_empty() { "nothing" } else { end.trim() }
+            ))
         };
         let streams = [Stdio::null(), Stdio::from(file.try_clone().map_err(write)?), Stdio::from(file)];
         let program = self.program_of(session, archive, &out);
@@ -139,7 +138,7 @@ impl Trainer {
             ("--archive", path_text(archive)),
             ("--space", plan.space.clone()),
         ];
-        arguments.extend(plan.axes.iter().map(|(name, setting)| axis_argument(name, setting)));
+        arguments.extend(plan.axes.iter().map(|(name, setting)| ("--axis", axis_text(name, setting))));
         arguments.extend([
             // Every library takes a seed of 31 bits.
             ("--seed", (seed.0 >> 33).to_string()),
@@ -154,12 +153,11 @@ impl Trainer {
 }
 
 /// Returns the setting of an axis as commands of this program read it.
-fn axis_argument(name: &str, setting: &AxisSetting) -> (&'static str, String) {
+fn axis_text(name: &str, setting: &AxisSetting) -> String {
     match setting {
-        AxisSetting::Range([low, high]) => ("--axis", format!("{name}={low}:{high}")),
-        AxisSetting::Value(value) => ("--set", format!("{name}={value}")),
-        AxisSetting::Text(text) if text.parse::<Interval>().is_ok() => ("--axis", format!("{name}={text}")),
-        AxisSetting::Text(text) => ("--set", format!("{name}={text}")),
+        AxisSetting::Range([low, high]) => format!("{name}={low}:{high}"),
+        AxisSetting::Value(value) => format!("{name}={value}"),
+        AxisSetting::Text(text) => format!("{name}={text}"),
     }
 }
 
@@ -227,13 +225,13 @@ mod tests {
 
     #[test]
     fn axes_are_given_as_they_are_typed() {
-        for (setting, flag, text) in [
-            (AxisSetting::Range([0.0, 2.5]), "--axis", "a=0:2.5"),
-            (AxisSetting::Value(-1e-7), "--set", "a=-0.0000001"),
-            (AxisSetting::Text("[0, 1)".to_string()), "--axis", "a=[0, 1)"),
-            (AxisSetting::Text("pause".to_string()), "--set", "a=pause"),
+        for (setting, text) in [
+            (AxisSetting::Range([0.0, 2.5]), "a=0:2.5"),
+            (AxisSetting::Value(-1e-7), "a=-0.0000001"),
+            (AxisSetting::Text("[0, 1)".to_string()), "a=[0, 1)"),
+            (AxisSetting::Text("pause".to_string()), "a=pause"),
         ] {
-            assert_eq!(axis_argument("a", &setting), (flag, text.to_string()));
+            assert_eq!(axis_text("a", &setting), text);
         }
     }
 }

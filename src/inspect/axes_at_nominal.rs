@@ -10,10 +10,10 @@ use mishandle_stl::is_violated;
 use mishandle_store::{RunFile, RunHeader, Simulation, SimulationEnd};
 use mishandle_text::decimal;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError};
 use crate::inspect::ExplainedSimulation;
 use crate::resolve::ResolvedPlan;
-use crate::run::{record, recorded_axis, system_of};
+use crate::run::{recorded_axis, rows, system_of};
 
 /// Number of simulations per batch.
 const BATCH: usize = 8;
@@ -38,7 +38,8 @@ struct Tried {
 /// # Errors
 /// If the run cannot be read or a simulation cannot be run.
 pub fn axes_at_nominal(
-    (run, header): (Option<&RunFile>, &RunHeader),
+    run: Option<&RunFile>,
+    header: &RunHeader,
     explained: &ExplainedSimulation,
     resolve: impl FnOnce() -> Result<ResolvedPlan, String>,
     limit: u64,
@@ -119,11 +120,14 @@ fn simulate(
 ) -> Result<ControlFlow<(), Option<String>>, MishandleError> {
     let recorded = &explained.recorded;
     let (mut system, _) = system_of(resolved, recorded.trial)?;
-    let failure = Request { stop_threshold: None, ..record::request(recorded, false) };
+    let failure = Request { stop_threshold: None, ..rows::request(recorded, false) };
     let mut missing: Vec<&mut Tried> = tried.iter_mut().filter(|tried| tried.outcome.is_none()).collect();
     let mut done = 1;
     let total = 1 + missing.len() as u64;
-    let again = system.rollout(std::slice::from_ref(&failure))?.pop().ok_or(MishandleError::NoEpisode)?;
+    let again = system
+        .rollout(std::slice::from_ref(&failure))?
+        .pop()
+        .ok_or(MishandleError::Run(RunError::NoEpisode))?;
     let recorded_robustness = explained.explanation.diagnosis.robustness();
     let is_whole = !matches!(recorded.end, SimulationEnd::Stopped { .. });
     match again.robustness() {

@@ -1,6 +1,7 @@
 //! Comparison of two evaluations on the same scenarios and seeds.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 
 use mishandle_evaluation::{
     Corners, DifferenceSequence, EndCounts, PairedCounts, count_end, decides_careful_success,
@@ -8,18 +9,20 @@ use mishandle_evaluation::{
     sign_test,
 };
 use mishandle_results as results;
-use mishandle_results::{ComparedRun, Comparison, PairedMeans, PairedRates, Sequential};
+use mishandle_results::{
+    Command, ComparedRun, Comparison, PairedMeans, PairedRates, Remedy, Sequential, Words,
+};
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{AxisRecord, ComponentRecord, RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation};
+use mishandle_text::{p_value_phrase, path_text, plural};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::plan::{ComparePlan, Plan};
 use crate::replay::replay_command;
 use crate::resolve::guard::{guard_facts, recorded_guard};
 use crate::resolve::is_python;
-use crate::run::{PairRule, record, recorded_axes, recorded_scenario, unfinished};
-use mishandle_text::{p_value_phrase, plural, shell_quote};
+use crate::run::{PairRule, recorded_axes, recorded_scenario, rows, unfinished};
 
 /// Level below which a p-value counts as a difference.
 const SIGNIFICANT: f64 = 0.05;
@@ -179,7 +182,7 @@ impl Counted {
 struct Changes([(Vec<results::ComparedPair>, u64); 2]);
 
 impl Changes {
-    fn add(&mut self, pair: &Pair, runs: [&RunFile; 2]) {
+    fn add(&mut self, pair: &Pair, runs: [&RunFile; 2], words: Words) {
         let [a, b] = &pair.rows;
         let (listed, failing) = match pair.episodes.each_ref().map(Episode::is_success) {
             [true, false] => (&mut self.0[0], runs[1]),
@@ -198,9 +201,14 @@ impl Changes {
             scenario: recorded_scenario(axes, &a.scenario),
             first_robustness: a.robustness.map(Into::into),
             second_robustness: b.robustness.map(Into::into),
-            replay: replay_command(&target.kind, failing.path(), a.trial, a.number),
+            replay: words(&replay_command(&target.kind, failing.path(), a.trial, a.number)),
         });
     }
+}
+
+/// Returns the error of two runs that cannot be compared pair by pair.
+pub(super) fn not_comparable(reason: impl Display) -> MishandleError {
+    problem(format!("the runs cannot be compared: {reason}"))
 }
 
 /// Compares two evaluations pair by pair: simulation i of both has the same target, space, formula,
@@ -208,30 +216,26 @@ impl Changes {
 /// nowhere. A pair takes 48 bytes, a failure that is listed about 500.
 ///
 /// # Errors
-/// [`NotComparable`](MishandleError::NotComparable) if a run is not an evaluation or not complete,
+/// If a run is not an evaluation or not complete,
 /// or the runs differ in anything but the controller, the build and the hash of the target; an
 /// error of a run file.
-pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, MishandleError> {
+pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Comparison, MishandleError> {
     let a = first.header();
     let b = second.header();
-    if let Some(problem) = problem(a, b) {
-        return Err(MishandleError::NotComparable { problem });
+    if let Some(obstacle) = obstacle(a, b) {
+        return Err(not_comparable(obstacle));
     }
     for (name, run) in [("A", first), ("B", second)] {
         if let Some(missing) = unfinished(run)? {
-            let path = run.path().to_string_lossy();
             let is_pair = Plan::from_toml(&run.header().plan).is_ok_and(|plan| plan.compare.is_some());
             let is_python = is_python(&run.header().target.kind);
-            let command = match (is_python, is_pair) {
-                (true, true) => "the same call of `mishandle.compare` in Python".to_string(),
-                (true, false) => {
-                    "the same call of `mishandle.evaluate` in Python with `resume=True`".to_string()
-                }
-                (false, true) => "mishandle compare --resume A B".to_string(),
-                (false, false) => format!("mishandle evaluate --resume {}", shell_quote(&path)),
+            let resume = if is_pair {
+                Command::ResumeComparison { is_python }
+            } else {
+                Command::ResumeEvaluation { run: path_text(run.path()), is_python }
             };
-            let problem = format!("{name} is not complete: {missing}; complete it with: {command}");
-            return Err(MishandleError::NotComparable { problem });
+            let text = format!("{name} is not complete: {missing}; complete it first");
+            return Err(not_comparable(text).with(Remedy::Run(resume)));
         }
     }
     let plan = Plan::from_toml(&a.plan)?;
@@ -250,7 +254,7 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
         }
         if pair.counts() {
             counted.add(&pair, bounds);
-            changes.add(&pair, [first, second]);
+            changes.add(&pair, [first, second], words);
         }
     }
     let mut differences = differences(a, b);
@@ -261,7 +265,7 @@ pub fn compare(first: &RunFile, second: &RunFile) -> Result<Comparison, Mishandl
     }
     match corner_pairs(first, second)? {
         Some(corners) => {
-            corners.iter().filter(|pair| pair.counts()).for_each(|pair| changes.add(pair, [first, second]));
+            corners.iter().filter(|pair| pair.counts()).for_each(|pair| changes.add(pair, [first, second], words));
         }
         None => differences.push(
             "corners: A and B simulate them with other seeds or other numbers of simulations, so they are not compared".to_string(),
@@ -328,9 +332,9 @@ fn random_pairs<'a>(
     // A rule can end one of them earlier. The first simulations of both are pairs.
     let has_rule = [first, second].iter().any(|run| stops_by_itself(run.header()));
     if a != b && !has_rule {
-        let problem =
-            format!("A has {a} random simulations and B has {b}; evaluate both with the same --episodes");
-        return Err(MishandleError::NotComparable { problem });
+        return Err(not_comparable(format!(
+            "A has {a} random simulations and B has {b}; evaluate both with the same number of episodes"
+        )));
     }
     let rows = first.trial_simulations(RANDOM_TRIAL).zip(second.trial_simulations(RANDOM_TRIAL));
     Ok(rows.map(|(a, b)| pair(a?, b?)))
@@ -403,8 +407,8 @@ fn pair(a: Simulation, b: Simulation) -> Result<Pair, MishandleError> {
     let bits = |row: &Simulation| -> Vec<Option<u64>> {
         row.scenario.iter().map(|value| value.map(f64::to_bits)).collect()
     };
-    let different = |what: String| MishandleError::NotComparable {
-        problem: format!("{what}; evaluate both with the same seed, space and number of episodes"),
+    let different = |what: String| {
+        not_comparable(format!("{what}; evaluate both with the same seed, space and number of episodes"))
     };
     let place = |row: &Simulation| format!("simulation {} of trial {}", row.number, row.trial);
     if (a.trial, a.number) != (b.trial, b.number) {
@@ -416,12 +420,12 @@ fn pair(a: Simulation, b: Simulation) -> Result<Pair, MishandleError> {
     if bits(&a) != bits(&b) {
         return Err(different(format!("{} has different scenarios in A and B", place(&a))));
     }
-    let episodes = [record::recorded_episode(&a), record::recorded_episode(&b)];
+    let episodes = [rows::recorded_episode(&a), rows::recorded_episode(&b)];
     Ok(Pair { rows: [a, b], episodes })
 }
 
 /// Returns the reason why two runs cannot be compared; `None` if they can.
-fn problem(a: &RunHeader, b: &RunHeader) -> Option<String> {
+fn obstacle(a: &RunHeader, b: &RunHeader) -> Option<String> {
     let is_other = |(_, header): &&(&str, &RunHeader)| header.kind != RunKind::Evaluate;
     if let Some((name, header)) = [("A", a), ("B", b)].iter().find(is_other) {
         return Some(format!("{name} is a run of `{}`; compare runs of `evaluate`", header.kind.name()));

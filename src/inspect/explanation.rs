@@ -1,15 +1,17 @@
 //! Explanations of recorded simulations: when and where a formula is violated, and by which
 //! predicate.
 
+use mishandle_results::Remedy;
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
 use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace, is_satisfied, is_violated};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError, problem};
+use crate::inspect::failure_modes::nothing_to_explain;
 use crate::replay::replay_command;
 use crate::resolve::{Moved, ResolvedPlan, is_python, recorded_plan};
 use crate::run::violation::{MAX_SUBFORMULAS, decided};
-use crate::run::{record, system_of};
+use crate::run::{header, rows, system_of};
 
 /// Largest number of conjuncts that are evaluated alone, and of predicates that are listed.
 const MAX_PARTS: usize = 100;
@@ -91,7 +93,9 @@ pub(crate) enum OperatorEvent {
 pub fn explain_trace(formula: &Formula, trace: &Trace, clock: Clock) -> Result<Explanation, MishandleError> {
     let subformulas = formula.subformulas().len();
     if subformulas > MAX_SUBFORMULAS {
-        return Err(MishandleError::LongFormula { subformulas, limit: MAX_SUBFORMULAS });
+        return Err(problem(format!(
+            "the formula has {subformulas} sub-formulas; one with more than {MAX_SUBFORMULAS} cannot be explained"
+        )));
     }
     let monitor_error = |source| RolloutError::Monitor { formula: formula.to_string(), source };
     let diagnosis = formula.diagnose(trace, &clock).map_err(monitor_error)?;
@@ -217,17 +221,18 @@ pub fn explain<'a>(
 ) -> Result<ExplainedSimulation, MishandleError> {
     let recorded = run.simulation(trial, number)?;
     if recorded.robustness.is_none() {
-        return Err(MishandleError::NothingToExplain { trial, number, reason: recorded.reason });
+        return Err(nothing_to_explain(&recorded));
     }
     let trace = match &recorded.trace {
         Some(stored) => trace(run.header(), stored),
         None if is_python(&run.header().target.kind) => {
-            return Err(MishandleError::TraceNotStored {
-                trial,
-                number,
-                run_has_counterexamples: run.counts()?.falsified > 0,
-                replay: replay_command(&run.header().target.kind, run.path(), trial, number),
-            });
+            let others = if run.counts()?.falsified > 0 { "" } else { ", and the run has none" };
+            let text = format!(
+                "simulation {number} of trial {trial} has no recorded trace, because it is no counterexample{others}. The \
+                 system of the run is Python code, so replay it there"
+            );
+            let replay = replay_command(&run.header().target.kind, run.path(), trial, number);
+            return Err(problem(text).with(Remedy::Run(replay)));
         }
         None => replayed_trace(&recorded, &recorded_plan(run.header(), moved)?)?,
     };
@@ -278,31 +283,32 @@ pub fn explain_episode(
     resolved: &ResolvedPlan,
     episode: &Episode,
 ) -> Result<(RunHeader, ExplainedSimulation), MishandleError> {
-    let header = record::header(resolved);
-    let recorded = record::record(episode, resolved);
+    let header = header::header(resolved);
+    let recorded = rows::row(episode, resolved);
     let explained = explain_recorded(&header, recorded, episode.trace.clone())?;
     Ok((header, explained))
 }
 
 /// Returns a recorded trace with the names of the run's signals.
 pub(crate) fn trace(header: &RunHeader, stored: &StoredTrace) -> Trace {
-    record::trace(header.signals.iter().map(|signal| signal.name.clone()).collect(), stored)
+    rows::trace(header.signals.iter().map(|signal| signal.name.clone()).collect(), stored)
 }
 
 /// Simulates a recorded simulation again and returns its trace, which must be the recorded one, or
 /// the whole episode if the simulation was stopped early.
 fn replayed_trace(recorded: &Simulation, resolved: &ResolvedPlan) -> Result<Trace, MishandleError> {
-    let request: Request = record::request(recorded, resolved.stored_parts > 0);
+    let request: Request = rows::request(recorded, resolved.stored_parts > 0);
     let (mut system, _) = system_of(resolved, recorded.trial)?;
     let whole = Request { stop_threshold: None, ..request.clone() };
-    let mut simulate = |request| system.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode);
+    let mut simulate =
+        |request| system.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode));
     let episode = simulate(request)?;
-    let again = record::record(&episode, resolved);
+    let again = rows::row(&episode, resolved);
     if again.trace_digest != recorded.trace_digest {
         let trial = recorded.trial;
         let number = recorded.number;
         let difference = format!("trace of simulation {number} of trial {trial}");
-        return Err(MishandleError::RunMismatch { differences: vec![difference] });
+        return Err(MishandleError::differs(Compared::Plan, vec![difference]));
     }
     match episode.end {
         EpisodeEnd::Stopped { .. } => Ok(simulate(whole)?.trace),

@@ -10,7 +10,7 @@ use mishandle_falsification::{
 use mishandle_rollout::{Axis, Scenario};
 use mishandle_store::{RunFile, RunHeader, Simulation};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::inspect::explanation::trace;
 use crate::run::violation::{Violation, violation};
 use crate::run::{FailureCause, Isolation, has_random_rows, isolation, recorded_axis};
@@ -159,11 +159,18 @@ fn caused_point(failure: &Failure) -> FailurePoint {
     FailurePoint { point: Vec::new(), signature: Signature { predicate, sample: failure.sample } }
 }
 
+/// Returns the error of a simulation without a robustness.
+pub(crate) fn nothing_to_explain(simulation: &Simulation) -> MishandleError {
+    let Simulation { trial, number, reason, .. } = simulation;
+    let reason = if reason.is_empty() { String::new() } else { format!("\nit ended because: {reason}") };
+    let text = "has no robustness, so there is nothing to explain; choose another one";
+    problem(format!("simulation {number} of trial {trial} {text}{reason}"))
+}
+
 fn failure(header: &RunHeader, axes: &[Axis], simulation: Simulation) -> Result<Failure, MishandleError> {
     let trace = simulation.trace.as_ref().map(|stored| trace(header, stored));
     let Some(trace) = trace else {
-        let Simulation { trial, number, reason, .. } = simulation;
-        return Err(MishandleError::NothingToExplain { trial, number, reason });
+        return Err(nothing_to_explain(&simulation));
     };
     let Simulation { trial, number, seed, scenario, robustness, .. } = simulation;
     let Violation { robustness: evaluated, signature } = violation(header, &trace)?;

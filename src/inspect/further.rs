@@ -6,15 +6,29 @@ use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
 use crate::inspect::mode_survey;
+use crate::inspect::physics::check_physics;
 use crate::inspect::smooth_region::smooth_region_of;
 use crate::resolve::ResolvedPlan;
 use crate::run::counterexample_repeats;
 
+/// A part of the simulations of [`further`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FurtherPart {
+    /// The checks of the physics of the counterexamples.
+    Physics,
+    /// The repeats of the counterexamples with other seeds.
+    Repeats,
+    /// The samples of the smooth region again.
+    Region,
+}
+
 /// Adds to the answer of a falsification what takes its rows or further simulations: the failure
-/// modes of one that keeps going, and of a complete one the repeats of its counterexamples and the
-/// smooth region. Other answers stay as they are.
+/// modes of one that keeps going, and of a complete one the checks of the physics of its
+/// counterexamples, their repeats and the smooth region. Other answers stay as they are.
 ///
-/// The run file must be closed. `repeats` and `watch` are those of [`counterexample_repeats`].
+/// The run file must be closed. `repeats` is that of [`counterexample_repeats`]. `watch` gets the
+/// number of finished simulations of a part and of all, and can end them. It gets the largest
+/// number of simulations that check the physics before the first of them.
 ///
 /// # Errors
 /// If a simulation cannot be run, or the run file cannot be read.
@@ -22,21 +36,24 @@ pub fn further(
     resolved: &ResolvedPlan,
     answer: &mut Answer,
     repeats: Option<u64>,
-    mut watch: impl FnMut(u64, u64) -> ControlFlow<()>,
+    mut watch: impl FnMut(FurtherPart, u64, u64) -> ControlFlow<()>,
 ) -> Result<(), MishandleError> {
     let Answer::Falsification(found) = answer else { return Ok(()) };
     let Some(path) = found.run.clone() else { return Ok(()) };
+    let run = RunFile::open_unchecked(&path)?;
     if resolved.plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going) {
-        let run = RunFile::open_unchecked(&path)?;
         found.modes = Some(mode_survey(&run)?.result(run.header()));
     }
     if found.is_complete {
-        let mut repeated = counterexample_repeats(resolved, found, repeats, &mut watch)?;
+        check_physics(resolved, found, &run, &mut |done, all| watch(FurtherPart::Physics, done, all))?;
+        let watch_repeats = |done, all| watch(FurtherPart::Repeats, done, all);
+        let mut repeated = counterexample_repeats(resolved, found, repeats, watch_repeats)?;
         for trial in &mut found.trials {
             trial.repeats = repeated.remove(&trial.trial);
         }
         if found.screening.is_none() {
-            found.smooth_region = smooth_region_of(resolved, found, Path::new(&path), &mut watch)?;
+            let watch = |done, all| watch(FurtherPart::Region, done, all);
+            found.smooth_region = smooth_region_of(resolved, found, Path::new(&path), watch)?;
         }
     }
     Ok(())

@@ -10,6 +10,7 @@ mod failure_modes;
 mod further;
 mod masking;
 mod mode_survey;
+mod physics;
 mod result;
 mod run_difference;
 mod sample_size;
@@ -27,7 +28,7 @@ pub use explanation::{
 };
 pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};
-pub use further::further;
+pub use further::{FurtherPart, further};
 pub use masking::masking;
 pub use mode_survey::{ModeSurvey, mode_survey, unseen_modes};
 pub use result::{counterexamples_result, run_facts};

@@ -7,11 +7,10 @@ use mishandle_results::{
     RunDifference, Seed,
 };
 use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError};
-use toml::Value;
 
 use crate::error::MishandleError;
 use crate::inspect::run_facts;
-use crate::plan::Plan;
+use crate::plan::{Plan, key_values};
 use crate::run::{recorded_answer, recorded_axes, recorded_scenario, stops_by_itself};
 
 /// Largest number of changed verdicts that are listed.
@@ -104,28 +103,14 @@ fn facts(header: &RunHeader) -> BTreeMap<String, String> {
         facts.insert(format!("axis {}", axis.name), format!("{}, {}, {range}", axis.kind, axis.values));
     }
     match header.plan.parse::<toml::Table>() {
-        Ok(plan) => plan_facts("plan", &plan, &mut facts),
+        Ok(plan) => {
+            facts.extend(key_values(&plan).into_iter().map(|(key, value)| (format!("plan {key}"), value)));
+        }
         Err(_) => {
             facts.insert("plan".to_string(), header.plan.clone());
         }
     }
     facts
-}
-
-/// Adds the keys of a plan, those of tables with the names of the tables.
-fn plan_facts(prefix: &str, table: &toml::Table, facts: &mut BTreeMap<String, String>) {
-    for (key, value) in table {
-        let name = match prefix {
-            "plan" => format!("plan {key}"),
-            prefix => format!("{prefix}.{key}"),
-        };
-        match value {
-            Value::Table(table) => plan_facts(&name, table, facts),
-            value => {
-                facts.insert(name, value.to_string());
-            }
-        }
-    }
 }
 
 fn differing(mut a: BTreeMap<String, String>, mut b: BTreeMap<String, String>) -> Vec<DifferingFact> {
@@ -285,9 +270,8 @@ mod tests {
     #[test]
     fn facts_of_tables_have_the_names_of_the_tables() {
         let plan = |text: &str| {
-            let mut facts = BTreeMap::new();
-            plan_facts("plan", &text.parse().expect("the text is TOML"), &mut facts);
-            facts
+            let values = key_values(&text.parse().expect("the text is TOML"));
+            values.into_iter().map(|(key, value)| (format!("plan {key}"), value)).collect()
         };
         let a = plan("seed = 1\nspace = \"all\"\n[evaluate]\nepisodes = 10\n[axes.x]\nlow = 1\n");
         let b = plan("seed = 1\n[evaluate]\nepisodes = 20\n[axes.x]\nlow = 1\n");

@@ -4,8 +4,8 @@ use mishandle_evaluation::{SizeSettings, Sizes, StopRule, pair_size, rate_size};
 use mishandle_results::{Evaluation, ExpectedPairs, SampleSize, Seed as ResultSeed};
 use mishandle_store::{RunFile, RunKind};
 
-use crate::error::MishandleError;
-use crate::inspect::compare;
+use crate::error::{MishandleError, invalid};
+use crate::inspect::comparison::{compare, not_comparable};
 use crate::plan::{ComparePlan, EvaluatePlan, Plan, Until};
 use crate::resolve::{check_compare, check_evaluate};
 use crate::run::recorded_answer;
@@ -39,7 +39,7 @@ impl Expected {
             }
             Expected::Rate(_) | Expected::Pairs(_) => return None,
         };
-        Some(format!("the numbers are for {certain}, which no pilot run shows; state a rate with --expect"))
+        Some(format!("the numbers are for {certain}, which no pilot run shows; state a rate instead"))
     }
 
     /// Returns the success rate of an evaluation.
@@ -47,13 +47,14 @@ impl Expected {
     /// # Errors
     /// If the run is not an evaluation, has no verdict, or cannot be read.
     pub fn of_run(run: &RunFile) -> Result<Expected, MishandleError> {
-        let problem = |problem: String| MishandleError::NotComparable { problem };
         if run.header().kind != RunKind::Evaluate {
             let kind = run.header().kind.name();
-            return Err(problem(format!("the pilot is a run of `{kind}`; expected one of `evaluate`")));
+            return Err(not_comparable(format!(
+                "the pilot is a run of `{kind}`; expected one of `evaluate`"
+            )));
         }
         let found: Evaluation = recorded_answer(run, None)?.try_into()?;
-        let no_verdict = || problem("no simulation of the pilot has a verdict".to_string());
+        let no_verdict = || not_comparable("no simulation of the pilot has a verdict");
         found.metrics.success_rate.value.map(Expected::Rate).ok_or_else(no_verdict)
     }
 
@@ -62,10 +63,9 @@ impl Expected {
     /// # Errors
     /// Those of [`compare`], or if no simulation has a verdict.
     pub fn of_pairs(first: &RunFile, second: &RunFile) -> Result<Expected, MishandleError> {
-        let found = compare(first, second)?;
+        let found = compare(first, second, |_| String::new())?;
         if !found.has_verdicts() || found.pairs == 0 {
-            let problem = "the pilots have no verdicts".to_string();
-            return Err(MishandleError::NotComparable { problem });
+            return Err(not_comparable("the pilots have no verdicts"));
         }
         let share = |count: u64| count as f64 / found.pairs as f64;
         let first_only = share(found.success.first_only);
@@ -95,7 +95,6 @@ pub struct SizeQuestion {
 /// If a number is out of its range.
 pub fn sample_size(question: &SizeQuestion, settings: SizeSettings) -> Result<SampleSize, MishandleError> {
     let SizeQuestion { expected, until, rate, margin } = *question;
-    let invalid = |what, value: String, expected| MishandleError::InvalidValue { what, value, expected };
     if !(1..=SizeSettings::LARGEST).contains(&settings.max) {
         return Err(invalid("the largest number", settings.max.to_string(), "from 1 to 100000"));
     }

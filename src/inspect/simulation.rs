@@ -8,7 +8,7 @@ use mishandle_store::RunHeader;
 use crate::error::MishandleError;
 use crate::inspect::explain_episode;
 use crate::resolve::ResolvedPlan;
-use crate::run::{record, simulation_result};
+use crate::run::{header, simulation_result};
 
 /// A simulation that is in no run file.
 #[derive(Debug)]
@@ -46,7 +46,7 @@ pub fn simulated(resolved: &ResolvedPlan, episode: Episode) -> Result<Simulated,
             let explanation = explained.result(&header, None);
             (header, Some(explanation))
         }
-        None => (record::header(resolved), None),
+        None => (header::header(resolved), None),
     };
     let mut result = simulation_result(resolved, &episode, explanation);
     // Repeats have seeds of their own.

@@ -10,7 +10,7 @@ use mishandle_store::{RunFile, RunKind, Simulation};
 use crate::error::MishandleError;
 use crate::inspect::explanation::trace;
 use crate::resolve::ResolvedPlan;
-use crate::run::{has_random_rows, record};
+use crate::run::{has_random_rows, rows};
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;
@@ -86,7 +86,7 @@ pub(crate) fn each_trace(
     let mut system = resolved.system()?;
     for batch in chosen.chunks(BATCH) {
         // The whole episode, also of a simulation that was stopped early.
-        let whole = |simulation| Request { stop_threshold: None, ..record::request(simulation, false) };
+        let whole = |simulation| Request { stop_threshold: None, ..rows::request(simulation, false) };
         let requests: Vec<_> = batch.iter().map(whole).collect();
         for (simulation, episode) in batch.iter().zip(system.rollout(&requests)?) {
             if each(simulation, &episode.trace)?.is_break() {

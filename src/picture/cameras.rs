@@ -6,7 +6,7 @@ use mishandle_camera::sight::{Feed, Frame, Sight, Sighting, View};
 use mishandle_camera::{Camera, CameraError, Output, PoseReader, Poses, Scene, Size, StateShot, Studio};
 use mishandle_rollout::{Image, RolloutError, Scenario, Seed, Space};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::resolve::{TargetSight, target_sight};
 
 /// Cameras of a target.
@@ -68,17 +68,17 @@ impl TargetCameras {
         let mut names = settings.names.clone();
         names.sort_unstable();
         if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-            return Err(MishandleError::InvalidValue {
-                what: "the list of cameras",
-                value: format!("one with {} twice", pair[0]),
-                expected: "a list with each camera once",
-            });
+            return Err(invalid(
+                "the list of cameras",
+                format!("one with {} twice", pair[0]),
+                "a list with each camera once",
+            ));
         }
         let [width, height] = settings.size;
         let size = Size::new(width.into(), height.into()).map_err(|error: CameraError| {
             let what = "the size of the images";
             let expected = "a size that the cameras can draw";
-            MishandleError::InvalidValue { what, value: error.to_string(), expected }
+            invalid(what, error, expected)
         })?;
         let TargetSight { sight, model, view } = target_sight(target, size)?;
         let index = |name: &String| {
@@ -166,12 +166,7 @@ impl TargetCameras {
     ///
     /// # Panics
     /// If the camera is not one of [`names`](Self::names), or `states` are not those of the start.
-    pub fn image(
-        &mut self,
-        seen: &SeenEpisode,
-        states: &[Vec<f64>],
-        (camera, step): (usize, usize),
-    ) -> Vec<u8> {
+    pub fn image(&mut self, seen: &SeenEpisode, states: &[Vec<f64>], camera: usize, step: usize) -> Vec<u8> {
         let SeenEpisode { view, frames, seed } = seen;
         let frame = frames[camera][step];
         let camera = &view.cameras[frame.camera];
@@ -186,7 +181,8 @@ impl TargetCameras {
     pub(crate) fn show(
         &mut self,
         states: &[Vec<f64>],
-        (scenario, seed): (&Scenario, Seed),
+        scenario: &Scenario,
+        seed: Seed,
         saw: &[u8],
     ) -> Result<Shown, RolloutError> {
         let Some(seen) = self.start(states, scenario, seed)? else {
@@ -200,11 +196,11 @@ impl TargetCameras {
             None => Vec::new(),
         };
         let mut images: Vec<Vec<u8>> = (0..shots.len()).map(image_of).collect();
-        let segments = self.draw((&view.scene, &view.cameras), states, &shots, seed, Some(&mut images));
+        let segments = self.draw(&view.scene, &view.cameras, states, &shots, seed, Some(&mut images));
         if !view.has_object() {
             return Ok(Shown { images, sightings: Vec::new() });
         }
-        let alone = self.draw((&view.object_alone(), &view.cameras), states, &shots, seed, None);
+        let alone = self.draw(&view.object_alone(), &view.cameras, states, &shots, seed, None);
         let sighting = |shot: usize| {
             let width = view.cameras[shots[shot].camera].size.width();
             let found = Sighting::new(&view, width, &images[shot], &segments[shot], &alone[shot]);
@@ -219,7 +215,8 @@ impl TargetCameras {
     /// Draws shots and returns their segments. Fills those of `images` that are empty.
     fn draw(
         &mut self,
-        (scene, cameras): (&Scene, &[Camera]),
+        scene: &Scene,
+        cameras: &[Camera],
         states: &[Vec<f64>],
         shots: &[Frame],
         seed: Seed,

@@ -32,6 +32,7 @@ pub struct FrameCaptions {
     predicate: Option<CaptionPredicate>,
     /// Bar without the position.
     spans: Vec<([f64; 2], Color)>,
+    marks_contacts: bool,
 }
 
 /// The decisive predicate as captions show it.
@@ -65,7 +66,15 @@ impl FrameCaptions {
             mark_color: if fails { FAIL } else { PASS },
             predicate: explanation.and_then(|explanation| predicate(signals, explanation)),
             spans: history.map_or(Vec::new(), |history| spans(history, last)),
+            marks_contacts: false,
         }
+    }
+
+    /// Returns the captions with the largest force at a contact point. Views of the scene then have
+    /// an arrow at each contact point.
+    #[must_use]
+    pub fn marking_contacts(self) -> FrameCaptions {
+        FrameCaptions { marks_contacts: true, ..self }
     }
 
     /// Returns the caption of a sample with the largest force at a contact point, N, if a view
@@ -206,7 +215,7 @@ impl SeenStates {
     /// # Panics
     /// If there is no such camera or state.
     pub fn image(&mut self, camera: usize, step: usize) -> Vec<u8> {
-        self.cameras.image(&self.episode, &self.states, (camera, step))
+        self.cameras.image(&self.episode, &self.states, camera, step)
     }
 }
 
@@ -268,11 +277,13 @@ impl FrameRenderer {
         model: &PictureModel,
         size: Size,
         drawing: Drawing,
-        (cameras, seen): (&[&str], Option<SeenStates>),
+        cameras: &[&str],
+        seen: Option<SeenStates>,
         captions: Option<FrameCaptions>,
     ) -> Result<FrameRenderer, MishandleError> {
         let seen_index = |camera: &str| seen.as_ref()?.cameras.names().position(|name| name == camera);
-        let marks_contacts = cameras.iter().any(|camera| seen_index(camera).is_none());
+        let shows_scene = cameras.iter().any(|camera| seen_index(camera).is_none());
+        let marks_contacts = shows_scene && captions.as_ref().is_some_and(|captions| captions.marks_contacts);
         let width = cameras.len() * size.width() as usize;
         let height = size.height() as usize;
         let captions = captions.and_then(|captions| {
@@ -292,7 +303,7 @@ impl FrameRenderer {
                     View::OpenGl(Box::new(Renderer::new(model, scene, quality, camera)?))
                 }
             };
-            if let (Some(stage), Some(_)) = (view.stage(), &captions) {
+            if let (Some(stage), Some(_), true) = (view.stage(), &captions, marks_contacts) {
                 stage.mark_contacts();
             }
             Ok(view)
@@ -342,7 +353,8 @@ impl FrameRenderer {
         if let Some((captions, layout)) = &self.captions {
             let stages = self.views.iter_mut().filter_map(View::stage);
             let contacts = stages.map(|stage| stage.largest_contact());
-            layout.draw(&captions.with_contact(sample, contacts.reduce(f64::max)), &mut frame);
+            let largest = contacts.reduce(f64::max).filter(|_| captions.marks_contacts);
+            layout.draw(&captions.with_contact(sample, largest), &mut frame);
         }
         Ok(frame)
     }

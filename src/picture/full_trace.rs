@@ -6,7 +6,7 @@ use std::sync::Arc;
 use mishandle_rollout::{Episode, System};
 use mishandle_store::TraceColumn;
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError};
 use crate::picture::recording::{Recording, RecordingEnvironment};
 use crate::resolve::{ResolvedPlan, scene_target};
 
@@ -33,7 +33,7 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
     let (recorder, recording) = RecordingEnvironment::new(environment.clone());
     let mut system = target.system_in(Arc::new(recorder), &resolved.space, &resolved.specification)?;
     let again = system.rollout(std::slice::from_ref(&episode.request))?.pop();
-    let again = again.ok_or(MishandleError::NoEpisode)?;
+    let again = again.ok_or(MishandleError::Run(RunError::NoEpisode))?;
     // The signals on request stand between others.
     let recorded = episode.trace.names();
     let bits = |episode: &Episode| -> Vec<Option<Vec<u64>>> {
@@ -41,7 +41,7 @@ pub fn full_trace(resolved: &ResolvedPlan, episode: &Episode) -> Result<Vec<Trac
         recorded.iter().map(|name| episode.trace.signal(name).map(bits)).collect()
     };
     if bits(&again) != bits(episode) {
-        return Err(MishandleError::RunMismatch { differences: vec!["trace of the full recording".into()] });
+        return Err(MishandleError::differs(Compared::Plan, vec!["trace of the full recording".into()]));
     }
     let Recording { states, actions, .. } = recording.only();
     let mut full_state = environment.full_state()?;

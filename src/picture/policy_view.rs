@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mishandle_rollout::{Controller, Environment, Episode, Image, Request, Space, System};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError};
 use crate::picture::{Decisions, RecordedController, SharedDecisions};
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, is_target_file, scene_target, task_target};
@@ -81,8 +81,11 @@ fn policy_view(
     let mut system = target
         .system_in(environment, space, &resolved.specification)?
         .map_controller(|controller| Arc::new(RecordedController::new(controller, shared.clone(), true)));
-    let episode = system.rollout(std::slice::from_ref(request))?.pop().ok_or(MishandleError::NoEpisode)?;
-    let decisions = shared.take().pop().ok_or(MishandleError::NoEpisode)?;
+    let episode = system
+        .rollout(std::slice::from_ref(request))?
+        .pop()
+        .ok_or(MishandleError::Run(RunError::NoEpisode))?;
+    let decisions = shared.take().pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
     // A guard would answer with the action of its fallback.
     let unguarded = Plan { guard: None, ..resolved.plan.clone() };
     let policy = Arc::clone(task_target(&unguarded)?.controller());

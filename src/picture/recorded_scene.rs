@@ -7,7 +7,7 @@ use mishandle_store::RunFile;
 use mishandle_world::PictureModel;
 
 use crate::counterexample::Counterexample;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError};
 use crate::picture::trajectory::{Recorded, simulate_states};
 use crate::replay::{build_differences, replay_in, select_simulation};
 use crate::resolve::{Moved, ResolvedPlan, picture_model, recorded_plan};
@@ -44,16 +44,14 @@ pub struct SceneEpisode {
 /// If the target has no scene or is not available, or the file has no such simulation.
 pub fn recorded_scene(
     path: &Path,
-    (trial, number): (Option<u32>, Option<u32>),
+    trial: Option<u32>,
+    number: Option<u32>,
     moved: Moved<'_>,
     with_nominal: bool,
 ) -> Result<RecordedScene, MishandleError> {
     let is_counterexample = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("json"));
-    let mut scene = if is_counterexample {
-        of_counterexample(path, moved)?
-    } else {
-        of_run(path, (trial, number), moved)?
-    };
+    let mut scene =
+        if is_counterexample { of_counterexample(path, moved)? } else { of_run(path, trial, number, moved)? };
     if let (true, Some(first)) = (with_nominal, scene.episodes.first()) {
         let nominal = Request::new(scene.resolved.space.nominal(), first.episode.request.seed);
         let (episode, trajectory) = simulate_states(&scene.resolved, &nominal)?;
@@ -64,19 +62,21 @@ pub fn recorded_scene(
 
 fn of_run(
     path: &Path,
-    (trial, number): (Option<u32>, Option<u32>),
+    trial: Option<u32>,
+    number: Option<u32>,
     moved: Moved<'_>,
 ) -> Result<RecordedScene, MishandleError> {
     let run = RunFile::open(path)?;
     let resolved = recorded_plan(run.header(), moved)?;
-    let place = select_simulation(&run, trial, number)?.ok_or(MishandleError::NoEpisode)?;
+    let (trial, number) =
+        select_simulation(&run, trial, number)?.ok_or(MishandleError::Run(RunError::NoEpisode))?;
     let mut recorded = Recorded::new(&resolved)?;
     let space = recorded.system.space().clone();
-    let replayed = replay_in(&run, place, &resolved, (&mut *recorded.system, &space))?;
+    let replayed = replay_in(&run, trial, number, &resolved, &mut *recorded.system, &space)?;
     let states = recorded.states();
     Ok(RecordedScene {
         model: picture_model(&resolved.plan.target)?,
-        place,
+        place: (trial, number),
         episodes: vec![SceneEpisode { episode: replayed.episode, states }],
         differences: replayed.differences,
         build_differences: build_differences(run.header(), &resolved),

@@ -3,7 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mishandle_rollout::{
-    Environment, EnvironmentWorker, Eyes, Image, RolloutError, Sample, Scenario, Seed, Space, StepStatus,
+    Environment, EnvironmentFacts, EnvironmentWorker, Eyes, Image, RolloutError, Sample, Scenario, Seed,
+    StepStatus,
 };
 
 use crate::resolve::SceneEnvironment;
@@ -45,6 +46,7 @@ impl SharedRecordings {
 /// recording.
 pub(crate) struct RecordingEnvironment {
     environment: Arc<dyn SceneEnvironment>,
+    facts: EnvironmentFacts,
     recordings: SharedRecordings,
 }
 
@@ -52,49 +54,15 @@ impl RecordingEnvironment {
     /// Makes the environment and its recordings.
     pub(crate) fn new(environment: Arc<dyn SceneEnvironment>) -> (RecordingEnvironment, SharedRecordings) {
         let recordings = SharedRecordings::default();
-        (RecordingEnvironment { environment, recordings: recordings.clone() }, recordings)
+        let state_size = environment.state_size() + 1;
+        let facts = EnvironmentFacts { state_size, ..environment.facts().clone() };
+        (RecordingEnvironment { environment, facts, recordings: recordings.clone() }, recordings)
     }
 }
 
 impl Environment for RecordingEnvironment {
-    fn name(&self) -> &str {
-        self.environment.name()
-    }
-
-    fn space(&self) -> &Space {
-        self.environment.space()
-    }
-
-    fn signals(&self) -> &Arc<[String]> {
-        self.environment.signals()
-    }
-
-    fn reward_terms(&self) -> &[String] {
-        self.environment.reward_terms()
-    }
-
-    fn observation_size(&self) -> usize {
-        self.environment.observation_size()
-    }
-
-    fn action_size(&self) -> usize {
-        self.environment.action_size()
-    }
-
-    fn action_limit(&self) -> f64 {
-        self.environment.action_limit()
-    }
-
-    fn state_size(&self) -> usize {
-        self.environment.state_size() + 1
-    }
-
-    fn control_dt(&self) -> f64 {
-        self.environment.control_dt()
-    }
-
-    fn episode_steps(&self) -> usize {
-        self.environment.episode_steps()
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
 
     fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {

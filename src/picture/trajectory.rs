@@ -5,7 +5,7 @@ use std::sync::Arc;
 use mishandle_rollout::{Episode, Request, Sample, Scenario, Seed, Space, StepStatus, System};
 use mishandle_store::RunFile;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError, invalid};
 use crate::inspect::{Event, EventKind};
 use crate::picture::cameras::{CameraSettings, TargetCameras};
 use crate::picture::frames::SeenStates;
@@ -85,11 +85,11 @@ pub fn initial_state(target: &str, x0: Option<&[f64]>) -> Result<StateTrajectory
     let mut rewards = vec![0.0; environment.reward_terms().len()];
     let sample = Sample { observation: &mut observation, signals: &mut signals, rewards: &mut rewards };
     if environment.worker().reset(&scenario, Seed(0), &mut state, sample) == StepStatus::Diverged {
-        return Err(MishandleError::InvalidValue {
-            what: "the initial state",
-            value: "one whose physics diverges".to_string(),
-            expected: "one that settles: change `start` of the target file",
-        });
+        return Err(invalid(
+            "the initial state",
+            "one whose physics diverges",
+            "one that settles: change `start` of the target file",
+        ));
     }
     Ok(StateTrajectory {
         states: vec![state],
@@ -109,13 +109,13 @@ pub fn initial_state(target: &str, x0: Option<&[f64]>) -> Result<StateTrajectory
 /// # Example
 /// ```
 /// use mishandle::picture::strip_samples;
-/// assert_eq!(strip_samples(None, 90, (0, 300)), [0, 30, 60, 90, 195, 300]);
-/// assert_eq!(strip_samples(None, 300, (0, 300)), [0, 100, 200, 300]);
-/// assert_eq!(strip_samples(Some(240), 290, (0, 300)), [0, 120, 240, 265, 290, 300]);
-/// assert_eq!(strip_samples(Some(40), 50, (0, 300)), [0, 20, 40, 50, 175, 300]);
-/// assert_eq!(strip_samples(Some(10), 250, (220, 280)), [220, 230, 240, 250, 265, 280]);
+/// assert_eq!(strip_samples(None, 90, 0, 300), [0, 30, 60, 90, 195, 300]);
+/// assert_eq!(strip_samples(None, 300, 0, 300), [0, 100, 200, 300]);
+/// assert_eq!(strip_samples(Some(240), 290, 0, 300), [0, 120, 240, 265, 290, 300]);
+/// assert_eq!(strip_samples(Some(40), 50, 0, 300), [0, 20, 40, 50, 175, 300]);
+/// assert_eq!(strip_samples(Some(10), 250, 220, 280), [220, 230, 240, 250, 265, 280]);
 /// ```
-pub fn strip_samples(start: Option<usize>, decisive: usize, (first, last): (usize, usize)) -> Vec<usize> {
+pub fn strip_samples(start: Option<usize>, decisive: usize, first: usize, last: usize) -> Vec<usize> {
     let decisive = decisive.clamp(first, last);
     let mut samples = match start.filter(|start| (first..decisive).contains(start)) {
         None => {
@@ -151,7 +151,7 @@ pub fn replay_states(
     let resolved = recorded_plan(run.header(), controller)?;
     let mut recorded = Recorded::new(&resolved)?;
     let space = recorded.system.space().clone();
-    let replayed = replay_in(run, (trial, number), &resolved, (&mut *recorded.system, &space))?;
+    let replayed = replay_in(run, trial, number, &resolved, &mut *recorded.system, &space)?;
     let trajectory = recorded.trajectory(&resolved, &replayed.episode.request);
     Ok((replayed, trajectory))
 }
@@ -166,7 +166,7 @@ pub fn simulate_states(
 ) -> Result<(Episode, StateTrajectory), MishandleError> {
     let mut recorded = Recorded::new(resolved)?;
     let episode = recorded.system.rollout(std::slice::from_ref(request))?.pop();
-    Ok((episode.ok_or(MishandleError::NoEpisode)?, recorded.trajectory(resolved, request)))
+    Ok((episode.ok_or(MishandleError::Run(RunError::NoEpisode))?, recorded.trajectory(resolved, request)))
 }
 
 /// A system that records the states of its only simulation.

@@ -9,13 +9,13 @@ use super::{DEFAULT_BATCH_SIZE, FalsifyPlan};
 plan_table! {
     /// How the requirements of a file are checked: the table `[check]`.
     pub struct CheckSettings in "check" {
-        /// Number of random scenarios. `None`: that of the requirement, or 100.
+        /// Number of random scenarios. `None`: as the requirement says, or 100.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub episodes: Option<u64> = None, keys::EPISODES => Within<1, 1_000_000_000>;
-        /// Number of searches for each requirement. `None`: that of the requirement, or 1.
+        /// Number of searches for each requirement. `None`: as the requirement says, or 1.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub trials: Option<u32> = None, keys::BUDGET => Within<1, 1_000_000>;
-        /// Largest number of simulations of a search. `None`: that of the requirement, or 300.
+        /// Largest number of simulations of a search. `None`: as the requirement says, or 300.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub budget: Option<u32> = None, keys::BUDGET => Within<1, 1_000_000>;
         /// Name of the search.

@@ -1,6 +1,9 @@
 //! Edits of plans: one key gets one value, from the words of a command line or from a program.
 
+use std::collections::BTreeMap;
+
 use mishandle_rollout::Interval;
+use mishandle_search::OptionValue;
 use serde::Deserialize;
 use toml::de::{DeTable, DeValue, ValueDeserializer};
 use toml::{Spanned, Table, Value};
@@ -9,7 +12,7 @@ use super::keys::{
     AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, RESOLUTION, TOPICS, find, keys,
 };
 use super::read::{CHANGE, HOLDS, may_be_list};
-use super::search_options::{TomlValue, search_option_value};
+use super::search_options::search_option_value;
 use super::{AxisSetting, FalsifyPlan, Plan};
 use crate::error::MishandleError;
 
@@ -53,8 +56,7 @@ pub fn set(table: &mut Table, key: &str, text: &str, values: Values) -> Result<(
             let falsify = table.get("falsify").and_then(|falsify| falsify.get("search"));
             let default = FalsifyPlan::default().search;
             let search = falsify.and_then(Value::as_str).unwrap_or(&default);
-            let value = TomlValue::from(search_option_value(search, name, text));
-            Value::try_from(value).ok()
+            Value::try_from(search_option_value(search, name, text)).ok()
         }
         Some((RESOLUTION, _)) => text.trim().parse().ok().map(Value::Float),
         Some(_) => Some(Value::String(text.to_string())),
@@ -78,7 +80,8 @@ pub fn set_value(table: &mut Table, key: &str, value: Value) -> Result<(), Misha
     let is_right = match place.entry() {
         None => reads(place.key, &text),
         Some((AXES, _)) => AxisSetting::deserialize(value.clone()).is_ok(),
-        Some((OPTIONS, _)) => TomlValue::deserialize(value.clone()).is_ok(),
+        Some((OPTIONS, _)) => OptionValue::deserialize(value.clone()).is_ok(),
+        Some((RESOLUTION, _)) => f64::deserialize(value.clone()).is_ok(),
         Some(_) => value.is_str(),
     };
     if is_right { place.write(table, value) } else { Err(place.wrong(&text)) }
@@ -124,7 +127,12 @@ fn set_within(
             }
             value if is_table => {
                 let found = super::read::shortened(&value.to_string());
-                return Err(MishandleError::KeyValue { key, found, expected: "a table of keys".to_string() });
+                return Err(MishandleError::KeyValue {
+                    line: None,
+                    key,
+                    found,
+                    expected: "a table of keys".to_string(),
+                });
             }
             value => {
                 set_value(table, &key, value)?;
@@ -162,7 +170,7 @@ impl<'a> Place<'a> {
         };
         let found = super::read::shortened(found);
         let key = self.name.to_string();
-        MishandleError::KeyValue { key, found, expected: expected.to_string() }
+        MishandleError::KeyValue { line: None, key, found, expected: expected.to_string() }
     }
 
     fn write(&self, table: &mut Table, value: Value) -> Result<(), MishandleError> {
@@ -185,7 +193,7 @@ impl<'a> Place<'a> {
 fn place(name: &str) -> Result<Place<'_>, MishandleError> {
     let unknown = || {
         let known = keys().iter().map(|key| key.name.as_str()).collect();
-        MishandleError::UnknownKey { key: name.to_string(), known }
+        MishandleError::UnknownKey { line: None, key: name.to_string(), known }
     };
     let entry = MAPS.iter().find_map(|map| Some((*map, name.strip_prefix(map)?.strip_prefix('.')?)));
     let Some((map, entry)) = entry.filter(|(_, entry)| !entry.is_empty()) else {
@@ -304,6 +312,24 @@ fn add_assignments(within: &str, table: &Table, from: &Table, found: &mut Vec<(S
         };
         found.push((name, text));
     }
+}
+
+/// Returns the values of a plan by key, as text. A key of a table has the name of the table before
+/// a dot.
+pub(crate) fn key_values(table: &Table) -> BTreeMap<String, String> {
+    let mut found = BTreeMap::new();
+    for (key, value) in table {
+        match value {
+            Value::Table(table) => {
+                let inner = key_values(table).into_iter();
+                found.extend(inner.map(|(name, value)| (format!("{key}.{name}"), value)));
+            }
+            value => {
+                found.insert(key.clone(), value.to_string());
+            }
+        }
+    }
+    found
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use toml::{Table, Value};
 use super::keys::keys;
 use super::read::{may_be_list, table};
 use super::{Plan, Settings, Values};
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 
 /// Table of a hardening, which is not a question of a run file.
 const HARDEN: &str = "harden";
@@ -80,18 +80,14 @@ pub fn grid(table: &Table) -> Result<Vec<GridRun>, MishandleError> {
     if let Some(twice) = runs.iter().find(|run| !names.insert(run.name.as_str())) {
         let what = "the name of two runs of the campaign";
         let expected = "given by different values";
-        return Err(MishandleError::InvalidValue { what, value: twice.name.clone(), expected });
+        return Err(invalid(what, &twice.name, expected));
     }
     if runs.is_empty() {
         return Err(MishandleError::MissingPlanTable { table: "falsify" });
     }
     if runs.iter().any(|run| run.plan.target.is_empty()) {
         let expected = "the name of a target, or a list of names";
-        return Err(MishandleError::InvalidValue {
-            what: "the target",
-            value: "missing".to_string(),
-            expected,
-        });
+        return Err(invalid("the target", "missing", expected));
     }
     Ok(runs)
 }
@@ -101,11 +97,14 @@ fn combinations(table: Table) -> Result<Vec<(Vec<Value>, Table)>, MishandleError
     let mut found = vec![(Vec::new(), table)];
     for name in keys().iter().map(|key| key.name.as_str()).filter(|name| may_be_list(name)) {
         let Some(Value::Array(list)) = entry(&mut found[0].1, name).cloned() else { continue };
+        if list.is_empty() {
+            return Err(invalid(name, "[]", "a value, or a list of values"));
+        }
         if found.len() * list.len() > MAX_RUNS {
             let value = format!("at least {}", found.len() * list.len());
             let what = "the number of runs of the campaign";
             let expected = "at most 10000";
-            return Err(MishandleError::InvalidValue { what, value, expected });
+            return Err(invalid(what, value, expected));
         }
         let with = |(values, table): &(Vec<Value>, Table), value: &Value| {
             let mut values = values.clone();

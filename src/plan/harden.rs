@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use super::declare::plan_table;
 use super::keys;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::plan::{CPU, DEVICES, Plan, RiskPlan};
 
 plan_table! {
@@ -68,8 +68,6 @@ impl HardenPlan {
     /// # Errors
     /// If a number is out of its range, a name is unknown, or the shares exceed the whole.
     pub fn check(&self) -> Result<(), MishandleError> {
-        let invalid =
-            |what, value: String, expected| Err(MishandleError::InvalidValue { what, value, expected });
         for (what, value, allowed, expected) in [
             ("harden.rounds", self.rounds.into(), HardenPlan::ROUNDS, "an integer from 1 to 1000"),
             ("harden.steps", self.steps, HardenPlan::STEPS, "an integer from 1 to 10^12"),
@@ -80,7 +78,7 @@ impl HardenPlan {
             ("harden.margin", self.margin, Plan::BUDGET, "an integer from 1 to 1000000"),
         ] {
             if !allowed.contains(&value) {
-                return invalid(what, value.to_string(), expected);
+                return Err(invalid(what, value.to_string(), expected));
             }
         }
         for (what, share) in [
@@ -89,14 +87,14 @@ impl HardenPlan {
             ("harden.archive", self.archive),
         ] {
             if !(0.0..=1.0).contains(&share) {
-                return invalid(what, share.to_string(), "a number from 0 to 1");
+                return Err(invalid(what, share.to_string(), "a number from 0 to 1"));
             }
         }
         let shares = self.nominal + self.corners + self.archive;
         // The sum of shares that a user writes as decimal numbers may be rounded up.
         if shares > 1.0 + 1e-9 {
             let expected = "at most 1 together with `harden.nominal` and `harden.corners`";
-            return invalid("harden.archive", self.archive.to_string(), expected);
+            return Err(invalid("harden.archive", self.archive.to_string(), expected));
         }
         if !DEVICES.contains(&self.device.as_str()) {
             let known = DEVICES.map(String::from).to_vec();
@@ -104,7 +102,7 @@ impl HardenPlan {
         }
         self.check_trainer()?;
         if self.searches.is_empty() {
-            return invalid("harden.searches", "empty".to_string(), "the name of at least one search");
+            return Err(invalid("harden.searches", "empty".to_string(), "the name of at least one search"));
         }
         if let Some(name) = self.allow.iter().find(|name| !HardenPlan::MEASURES.contains(&name.as_str())) {
             let known = HardenPlan::MEASURES.map(String::from).to_vec();
@@ -118,7 +116,7 @@ impl HardenPlan {
             let what = "harden.trainer";
             let value = "empty".to_string();
             let expected = "a command, such as python train.py";
-            return Err(MishandleError::InvalidValue { what, value, expected });
+            return Err(invalid(what, value, expected));
         }
         let default = HardenPlan::default();
         let shares = [
@@ -135,11 +133,11 @@ impl HardenPlan {
         };
         let mut given = given.into_iter().chain(shares.map(changed));
         match given.find_map(|(what, value)| Some((what, value?))) {
-            Some((what, value)) if self.trainer.is_some() => Err(MishandleError::InvalidValue {
+            Some((what, value)) if self.trainer.is_some() => Err(invalid(
                 what,
                 value,
-                expected: "left out with a trainer, which has settings, device and scenarios of its own",
-            }),
+                "left out with a trainer, which has settings, device and scenarios of its own",
+            )),
             _ => Ok(()),
         }
     }

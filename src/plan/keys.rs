@@ -176,7 +176,7 @@ pub(super) fn find(name: &str) -> Option<&'static Key> {
 /// Returns the error of a value that a key does not allow.
 pub(super) fn wrong(name: &str, found: &str) -> MishandleError {
     let expected = find(name).map_or("", |key| key.allowed).to_string();
-    MishandleError::KeyValue { key: name.to_string(), found: found.to_string(), expected }
+    MishandleError::KeyValue { line: None, key: name.to_string(), found: found.to_string(), expected }
 }
 
 /// Returns the keys of a plan outside of its tables.

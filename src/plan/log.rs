@@ -153,7 +153,12 @@ impl LogSettings {
             (Some(_), Some(_)) => {
                 let found = "set".to_string();
                 let expected = EXCLUDED.to_string();
-                return Err(MishandleError::KeyValue { key: "log.dense".to_string(), found, expected });
+                return Err(MishandleError::KeyValue {
+                    line: None,
+                    key: "log.dense".to_string(),
+                    found,
+                    expected,
+                });
             }
             (Some(interpolation), None) => Sampling::Resampled(interpolation),
             (None, Some(interpolation)) => Sampling::Dense(interpolation),

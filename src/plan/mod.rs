@@ -31,6 +31,7 @@ use crate::error::MishandleError;
 use declare::plan_table;
 
 pub use check::CheckSettings;
+pub(crate) use edit::key_values;
 pub use edit::{Values, assignments, axis_setting, set, set_tables, set_value};
 pub use grid::{GridRun, grid, read_grid};
 pub use guard::{GuardPlan, TuneSettings};
@@ -38,18 +39,18 @@ pub use harden::HardenPlan;
 pub use keys::{Key, keys};
 pub use log::{DecimalMark, FormulaSettings, LogSettings, MonitorSettings};
 pub use metamorphic::{MetamorphicPlan, RelationPlan};
-pub use mishandle_results::StartRegion;
+pub use mishandle_results::{Measure, StartRegion};
 pub use mishandle_training::AxisSetting;
 pub use read::table;
 pub use record::RecordSettings;
 pub use risk::RiskPlan;
 pub use search_options::search_option_value;
 pub use settings::{
-    CenterEvent, EngineSettings, EvidenceSettings, ImportSettings, RegressSettings, RenderSettings,
-    ReportSettings, Settings, SimulateSettings, SizePlan, TraceColumns, TraceSettings,
+    CenterEvent, EngineChoice, EngineSettings, EvidenceSettings, ImportSettings, RegressSettings,
+    RenderSettings, ReportSettings, Settings, SimulateSettings, SizePlan, TraceColumns, TraceSettings,
 };
 pub use train::TrainPlan;
-pub use until::{ComparePlan, Measure, Until};
+pub use until::{ComparePlan, Until};
 
 /// Device of a plan that every front end has.
 pub const CPU: &str = "cpu";
@@ -98,7 +99,7 @@ pub struct Plan {
     #[serde(default)]
     pub space: String,
     /// Axes with a narrower range or a fixed value, by name. Axes that the space lacks are added to
-    /// it: the table `[axes]`, and the flags `--axis` and `--set`.
+    /// it: the table `[axes]`, and the flag `--axis`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub axes: BTreeMap<String, AxisSetting>,
     /// Task preset: the initial boxes and formulas of the benchmark's `paper` or of its `code`.
@@ -185,6 +186,13 @@ plan_table! {
         /// Probability, from 0 to 1, with which a simulation that is not flagged is confirmed: the
         /// audit sample.
         pub confirm: f64 = 0.1, keys::SHARE;
+    }
+}
+
+impl ScreeningPlan {
+    /// Returns the default batch size of a screened falsification, which fills the worlds.
+    pub fn batch(&self) -> u32 {
+        self.rows.min(*Plan::BATCH.end() as u32)
     }
 }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use mishandle_falsification::Margin;
 use mishandle_files::limits;
+use mishandle_search::OptionValue;
 use mishandle_store::RunKind;
 use serde::Deserialize;
 use toml::Spanned;
@@ -13,8 +14,7 @@ use toml::de::{DeTable, DeValue, ValueDeserializer};
 use super::keys::{AXES, DISTRIBUTIONS, Key, OPTIONS, RELATIONS, REQUIREMENTS, find, keys, plan_keys, reads};
 use super::settings::OF_PERSONS;
 use super::{FORMAT, Plan, Values};
-use crate::error::MishandleError;
-use crate::plan::search_options::TomlValue;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{AxisSetting, GuardPlan};
 
 /// Largest number of characters of a value that an error repeats.
@@ -95,6 +95,7 @@ pub fn table(text: &str, values: Values) -> Result<toml::Table, MishandleError> 
     if let Some(key) = OF_PERSONS.into_iter().find(|key| has(key)) {
         let expected = "typed by a person, because it weakens checks or starts a program".to_string();
         return Err(MishandleError::KeyValue {
+            line: None,
             key: key.to_string(),
             found: "in a file".to_string(),
             expected,
@@ -128,18 +129,18 @@ fn parse<'t>(
     if text.len() as u64 > limits::PLAN {
         let what = "the size of the plan in bytes";
         let expected = "at most 131072";
-        return Err(MishandleError::InvalidValue { what, value: text.len().to_string(), expected });
+        return Err(invalid(what, text.len(), expected));
     }
     let stated = DeTable::parse(text).map_err(|error| not_toml(text, &error))?;
     let reader = Reader { text, values, known };
     // Checked first: another format can have unknown keys, and the format is the more useful error.
     if let Some((key, value)) = stated.get_ref().get_key_value("format") {
         match u32::deserialize(ValueDeserializer::from(value.clone())) {
-            Ok(found) if found > FORMAT => {
-                return Err(MishandleError::NewerPlan { found, known: FORMAT });
-            }
+            Ok(found) if found > FORMAT => return Err(other_format(found, "use a newer Mishandle")),
             Ok(FORMAT) => {}
-            Ok(found @ 1..) => return Err(MishandleError::OlderPlan { found, known: FORMAT }),
+            Ok(found @ 1..) => {
+                return Err(other_format(found, "write it again with the keys of docs/reference/plans.md"));
+            }
             _ => {
                 return Err(reader.wrong("format", key, value, find("format").map_or("", |key| key.allowed)));
             }
@@ -147,6 +148,10 @@ fn parse<'t>(
     }
     reader.check("", stated.get_ref())?;
     Ok(stated)
+}
+
+fn other_format(found: u32, way_out: &str) -> MishandleError {
+    problem(format!("the plan has format {found}, this program reads format {FORMAT}: {way_out}"))
 }
 
 struct Reader<'t> {
@@ -191,7 +196,7 @@ impl Reader<'_> {
                 }
                 (None, _) if !self.known.iter().any(|known| known.name.starts_with(&as_table)) => {
                     let known = self.known.iter().map(|key| key.name.as_str()).collect();
-                    return Err(MishandleError::UnknownPlanKey { line: self.line(key), key: name, known });
+                    return Err(MishandleError::UnknownKey { line: Some(self.line(key)), key: name, known });
                 }
                 (None, DeValue::Table(table)) => self.check(&as_table, table)?,
                 (None, _) => {
@@ -257,9 +262,9 @@ impl Reader<'_> {
                 ("holds", _) if reads::<String>(value) => {}
                 ("holds", _) => return Err(self.wrong(&name, key, value, HOLDS)),
                 (unknown, _) => {
-                    let line = self.line(key);
+                    let line = Some(self.line(key));
                     let known = RELATION_KEYS.into();
-                    return Err(MishandleError::UnknownPlanKey { line, key: unknown.to_string(), known });
+                    return Err(MishandleError::UnknownKey { line, key: unknown.to_string(), known });
                 }
             }
         }
@@ -274,7 +279,7 @@ impl Reader<'_> {
             if !earlier.insert(key.get_ref().replace('_', "-")) {
                 return Err(self.wrong(&name, key, value, "left out: the option is set twice"));
             }
-            if !reads::<TomlValue>(value) {
+            if !reads::<OptionValue>(value) {
                 return Err(self.wrong(&name, key, value, OPTION));
             }
         }
@@ -293,8 +298,8 @@ impl Reader<'_> {
             DeValue::Table(_) => "a table".to_string(),
             _ => shortened(&self.text[value.span()]),
         };
-        MishandleError::PlanValue {
-            line: self.line(key),
+        MishandleError::KeyValue {
+            line: Some(self.line(key)),
             key: name.to_string(),
             found,
             expected: expected.to_string(),
@@ -322,6 +327,8 @@ fn line_at(text: &str, offset: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use mishandle_results::Remedy;
+
     use super::*;
 
     #[track_caller]
@@ -423,7 +430,7 @@ mod tests {
                 "{message}"
             );
             assert!(message.contains(known), "{message}");
-            assert_eq!(error.hint().unwrap_or_default(), hint, "{text}");
+            assert_eq!(error.remedies(), [Remedy::Hint(hint.to_string())], "{text}");
         }
     }
 

@@ -2,61 +2,23 @@
 
 use mishandle_search::{OptionType, OptionValue, SearchOptions, find_search};
 use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-/// An [`OptionValue`] in TOML.
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-pub(crate) enum TomlValue {
-    Boolean(bool),
-    Integer(i64),
-    Float(f64),
-    Text(String),
-    Point(Vec<f64>),
-    Points(Vec<Vec<f64>>),
-}
-
-impl From<TomlValue> for OptionValue {
-    fn from(value: TomlValue) -> OptionValue {
-        match value {
-            TomlValue::Boolean(value) => OptionValue::Boolean(value),
-            TomlValue::Integer(value) => OptionValue::Integer(value),
-            TomlValue::Float(value) => OptionValue::Float(value),
-            TomlValue::Text(value) => OptionValue::Text(value),
-            TomlValue::Point(value) => OptionValue::Point(value),
-            TomlValue::Points(value) => OptionValue::Points(value),
-        }
-    }
-}
-
-impl From<OptionValue> for TomlValue {
-    fn from(value: OptionValue) -> TomlValue {
-        match value {
-            OptionValue::Boolean(value) => TomlValue::Boolean(value),
-            OptionValue::Integer(value) => TomlValue::Integer(value),
-            OptionValue::Float(value) => TomlValue::Float(value),
-            OptionValue::Text(value) => TomlValue::Text(value),
-            OptionValue::Point(value) => TomlValue::Point(value),
-            OptionValue::Points(value) => TomlValue::Points(value),
-        }
-    }
-}
+use serde::{Deserialize, Deserializer, Serializer};
 
 /// Serializes options as a table, for `#[serde(with)]`.
 pub(crate) fn serialize<S: Serializer>(options: &SearchOptions, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(options.iter().map(|(name, value)| (name, TomlValue::from(value.clone()))))
+    serializer.collect_map(options.iter())
 }
 
 /// Deserializes a table of options, for `#[serde(with)]`.
 pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<SearchOptions, D::Error> {
-    let table = std::collections::BTreeMap::<String, TomlValue>::deserialize(deserializer)?;
+    let table = std::collections::BTreeMap::<String, OptionValue>::deserialize(deserializer)?;
     let mut options = SearchOptions::new();
     for (name, value) in table {
         // `max_iterations` and `max-iterations` are the same option.
         if options.get(&name).is_some() {
             return Err(D::Error::custom(format!("option `{name}` is set twice")));
         }
-        options.set(&name, OptionValue::from(value));
+        options.set(&name, value);
     }
     Ok(options)
 }
@@ -81,13 +43,13 @@ pub fn search_option_value(search: &str, name: &str, text: &str) -> OptionValue 
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Document {
-        value: TomlValue,
+        value: OptionValue,
     }
     let specs = find_search(search).map(|entry| (entry.options)()).unwrap_or_default();
     let is_text =
         specs.iter().any(|spec| spec.name == name.replace('_', "-") && spec.kind == OptionType::Text);
     let read = if is_text { None } else { toml::from_str::<Document>(&format!("value = {text}")).ok() };
-    read.map_or_else(|| OptionValue::Text(text.to_string()), |document| document.value.into())
+    read.map_or_else(|| OptionValue::Text(text.to_string()), |document| document.value)
 }
 
 #[cfg(test)]

@@ -78,6 +78,11 @@ plan_table! {
         /// Number of runs at the same time. Several keep all cores busy when searches propose few
         /// simulations at a time.
         pub jobs: u32 = 1, "an integer from 1 to 1024" => Within<1, 1024>;
+        /// Measure a device and MuJoCo C on the first simulations of an `evaluate`, `falsify` or
+        /// `risk`, and use the faster one: the plan in the run file then has the table `screening`
+        /// or lacks it, so a run that is resumed or repeated by it measures nothing.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub screening: Option<EngineChoice> = None, "\"auto\"";
         /// New path of a run's controller, if the file was moved.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub controller: Option<String> = None, "a string: the path of the file";
@@ -85,6 +90,14 @@ plan_table! {
         #[serde(skip_serializing_if = "Option::is_none")]
         pub target: Option<String> = None, "a string: the path of the file";
     }
+}
+
+/// How the engine of a question is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EngineChoice {
+    /// By a measurement.
+    Auto,
 }
 
 plan_table! {
@@ -122,6 +135,8 @@ plan_table! {
         /// Draw hard shadows and rougher edges, about four times as fast on a machine without a
         /// graphics card.
         pub fast: bool = false, keys::BOOLEAN;
+        /// Mark each contact point with arrows along its force, and name the largest force.
+        pub contacts: bool = false, keys::BOOLEAN;
         /// Python interpreter with the package `mujoco`, whose viewer opens a simulation.
         pub python: String = "python3".to_string(), "a string: the name or path of a program";
     }

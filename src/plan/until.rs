@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use mishandle_results::Measure;
 use serde::{Deserialize, Serialize};
 
 use super::declare::plan_table;
@@ -63,17 +64,6 @@ impl From<Until> for String {
     fn from(until: Until) -> String {
         until.to_string()
     }
-}
-
-/// Quantity that the rule of a comparison watches.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Measure {
-    /// The difference of the success rates.
-    #[default]
-    Success,
-    /// The mean difference of the robustness, clipped to bounds.
-    Robustness,
 }
 
 plan_table! {

@@ -8,7 +8,7 @@ use mishandle_files::{NewFolders, limits, read_bounded, write_atomically};
 use mishandle_store::{ComponentRecord, RunHeader};
 use mishandle_text::path_text;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::plan::{GuardPlan, Plan};
 use crate::resolve::{
     Moved, ONNX_SIDES, ResolvedPlan, command, controller_name, files_of, is_onnx, is_path, is_target_file,
@@ -119,7 +119,9 @@ pub(crate) fn resolve_plan_in(
     let plan = plan_in(&plan, folder);
     check_target(&plan)?;
     if starts_program(&plan)? {
-        return Err(MishandleError::ForeignProgram);
+        return Err(problem(
+            "its simulator or its policy is a program, and no program is started from a file of others",
+        ));
     }
     resolve_recorded(plan, components, Moved::default())
 }
@@ -165,7 +167,12 @@ fn target_files(plan: &Plan) -> Result<Option<Vec<Copied>>, MishandleError> {
     for path in files.iter().flat_map(|path| with_sides(path)) {
         let path = path.canonicalize().map_err(|source| file_error(&path, source))?;
         let Ok(relative) = path.strip_prefix(&home) else {
-            return Err(MishandleError::OutsideTargetFolder { path, folder: home });
+            return Err(problem(format!(
+                "{} is outside the folder of the target file, {}; only files in it can stand beside a counterexample: move the \
+                 file there",
+                path.display(),
+                home.display()
+            )));
         };
         copies.push((relative.to_path_buf(), read(&path)?));
     }
@@ -203,12 +210,15 @@ fn write(folder: &Path, copies: Vec<Copied>) -> Result<Vec<PathBuf>, MishandleEr
         match known {
             Ok(known) if known == *bytes => {}
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => contents.push((to, bytes)),
-            _ => return Err(MishandleError::OtherContent { path: to }),
+            _ => {
+                let text = "exists already and has another content; choose another folder";
+                return Err(problem(format!("{} {text}", to.display())));
+            }
         }
     }
     let mut folders = NewFolders::default();
     for (to, bytes) in &contents {
-        let write = |source| MishandleError::Write { what: "file", path: to.clone(), source };
+        let write = MishandleError::write("file", to);
         if let Some(parent) = to.parent().filter(|parent| !parent.as_os_str().is_empty()) {
             folders.create(parent).map_err(write)?;
         }

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_rollout::{Controller, Seed};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, is_target_file, scene_target};
 use crate::shipped::EXPERT;
@@ -13,22 +14,20 @@ use crate::shipped::EXPERT;
 pub(super) fn labeler(resolved: &ResolvedPlan, name: &str) -> Result<Arc<dyn Controller>, MishandleError> {
     let plan = &resolved.plan;
     if is_target_file(&plan.target) && name == EXPERT {
-        return Err(MishandleError::InvalidValue {
-            what: "the controller of the labels",
-            value: name.to_string(),
-            expected: "the path of a controller, because only tasks have an expert",
-        });
+        let expected = "the path of a controller, because only tasks have an expert";
+        return Err(invalid("the controller of the labels", name, expected)
+            .with(Remedy::set(Key::RELABEL, Choice::FILE)));
     }
     let plan = Plan { controller: name.to_string(), guard: None, stochastic: false, ..plan.clone() };
     let controller = scene_target(&ResolvedPlan::new(&plan)?)?.controller().clone();
     if controller.sees().is_empty() {
         Ok(controller)
     } else {
-        Err(MishandleError::InvalidValue {
-            what: "the controller of the labels",
-            value: name.to_string(),
-            expected: "one that sees no images: a label is a function of the state",
-        })
+        Err(invalid(
+            "the controller of the labels",
+            name,
+            "one that sees no images: a label is a function of the state",
+        ))
     }
 }
 
@@ -47,11 +46,11 @@ pub(super) fn labels(
     let mut actions = vec![0.0; rows * controller.action_size()];
     worker.act(rows, observations, &mut states, &mut actions);
     match (0..rows).find_map(|row| worker.failure(row)) {
-        Some(failure) => Err(MishandleError::InvalidValue {
-            what: "the controller of the labels",
-            value: failure.reason.clone(),
-            expected: "one that has an action in each state",
-        }),
+        Some(failure) => Err(invalid(
+            "the controller of the labels",
+            &failure.reason,
+            "one that has an action in each state",
+        )),
         None => Ok(actions),
     }
 }

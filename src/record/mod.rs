@@ -15,16 +15,16 @@ use std::sync::Arc;
 
 use mishandle_dataset::{Contents, Fact, Format, ImageColumn, VectorColumn, Writer, frames_per_second};
 use mishandle_files::AtomicFolder;
-use mishandle_results::Demonstrations;
+use mishandle_results::{Choice, Demonstrations, Key, Remedy};
 use mishandle_rollout::{
     Controller, Environment, Episode, Request, Scenario, Seed, System, TrainingScenarios,
 };
 use mishandle_store::RANDOM_TRIAL;
-use mishandle_text::path_text;
+use mishandle_text::{path_text, plural};
 use mishandle_training::{ScenarioDraw, ScenarioOrigin, ScenarioSettings};
 
 use crate::archive::given_scenarios;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError, invalid, problem};
 use crate::picture::{
     CameraSettings, Decisions, RecordedController, Recording, RecordingEnvironment, SharedDecisions,
     SharedRecordings, TargetCameras,
@@ -32,7 +32,7 @@ use crate::picture::{
 use crate::plan::{CPU, RecordSettings};
 use crate::resolve::{ResolvedPlan, SceneTarget, has_scene, scene_target, training_target};
 use crate::run::end_text;
-use crate::run::evaluate::with_requests;
+use crate::run::evaluation::with_requests;
 
 use self::labels::{labeler, labels};
 
@@ -42,9 +42,7 @@ const KEPT_BYTES: usize = 1 << 28;
 /// Returns how scenarios are drawn from the failures in the archive `path`.
 fn draw(path: &Path, share: f64, resolved: &ResolvedPlan) -> Result<ScenarioDraw, MishandleError> {
     if !(0.0..=1.0).contains(&share) {
-        let what = "record.archive-share";
-        let value = share.to_string();
-        return Err(MishandleError::InvalidValue { what, value, expected: "a number from 0 to 1" });
+        return Err(invalid("record.archive-share", share, "a number from 0 to 1"));
     }
     // A robot whose file has no rewards cannot be trained, so only its axes are compared.
     let target = training_target(&resolved.plan.target, CPU).ok();
@@ -84,6 +82,13 @@ pub fn record(
     let target = recordable(resolved)?;
     check_rate(resolved, format)?;
     let labeler = settings.relabel.as_deref().map(|name| labeler(resolved, name)).transpose()?;
+    let (target, labeler) = match labeler {
+        Some(labeler) => {
+            let (target, labeler) = target.beside(labeler)?;
+            (target, Some(labeler))
+        }
+        None => (target, None),
+    };
     let archive = settings.archive.as_deref().map(|path| draw(path, settings.archive_share, resolved));
     let archive = archive.transpose()?;
     let named = CameraSettings { names: settings.camera.clone(), size: settings.size };
@@ -92,17 +97,16 @@ pub fn record(
     let mut cameras = named.transpose()?.map(|cameras| cameras.seen_by(target.controller().sees()));
     let kept_bytes = cameras.as_ref().and_then(TargetCameras::kept_bytes);
     let failed = |source: std::io::Error| match source.kind() {
-        ErrorKind::AlreadyExists => MishandleError::InvalidValue {
-            what: "the folder of the data set",
-            value: path_text(out),
-            expected: "a path where nothing exists: choose another --out",
-        },
+        ErrorKind::AlreadyExists => {
+            invalid("the folder of the data set", path_text(out), "a path where nothing exists")
+                .with(Remedy::Another(Key::OUT))
+        }
         _ => MishandleError::Write { what: "data set", path: out.to_path_buf(), source },
     };
     let folder = AtomicFolder::create_new(out).map_err(failed)?;
     let contents = contents(resolved, &target, cameras.as_ref(), labeler.is_some());
     let mut writer = format.writer(contents, folder.path()).map_err(failed)?;
-    let mut recorder = Recorder::new(resolved, &target, labeler, (cameras.is_some(), kept_bytes.is_some()))?;
+    let mut recorder = Recorder::new(resolved, &target, labeler, cameras.is_some(), kept_bytes.is_some())?;
     let mut found = Demonstrations {
         subject: resolved.subject(),
         folder: path_text(out),
@@ -160,7 +164,9 @@ pub fn record(
         }
     }
     if found.episodes == 0 {
-        return Err(MishandleError::NoDemonstrations { simulations: found.simulations });
+        let none = plural(found.simulations, "simulation");
+        let error = problem(format!("none of {none} is in the data set, so nothing is written"));
+        return Err(error.with(Remedy::Unset(Key::RECORD_SUCCESSFUL)));
     }
     writer.finish().map_err(failed)?;
     std::fs::write(folder.path().join("plan.toml"), resolved.plan.to_toml()).map_err(failed)?;
@@ -174,11 +180,11 @@ fn recordable(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
     if has_scene(&resolved.target.identity.kind) {
         scene_target(resolved)
     } else {
-        Err(MishandleError::InvalidValue {
-            what: "the target of demonstrations",
-            value: resolved.plan.target.clone(),
-            expected: "a task or a target file, because this program runs no controller of other targets",
-        })
+        Err(invalid(
+            "the target of demonstrations",
+            &resolved.plan.target,
+            "a task or a target file, because this program runs no controller of other targets",
+        ))
     }
 }
 
@@ -186,11 +192,9 @@ fn recordable(resolved: &ResolvedPlan) -> Result<SceneTarget, MishandleError> {
 fn check_rate(resolved: &ResolvedPlan, format: Format) -> Result<(), MishandleError> {
     let dt = resolved.target.control_dt;
     if format == Format::LeRobot && frames_per_second(dt).is_none() {
-        Err(MishandleError::InvalidValue {
-            what: "the control step of the target",
-            value: format!("{dt} s"),
-            expected: "a whole number of steps per second for the format lerobot: set `record.format` to npz",
-        })
+        let expected = "a whole number of steps per second for the format lerobot";
+        let npz = Remedy::set(Key::RECORD_FORMAT, Choice::OneOf(&["npz"]));
+        Err(invalid("the control step of the target", format!("{dt} s"), expected).with(npz))
     } else {
         Ok(())
     }
@@ -245,7 +249,8 @@ impl<'a> Recorder<'a> {
         resolved: &'a ResolvedPlan,
         target: &SceneTarget,
         labeler: Option<Arc<dyn Controller>>,
-        (is_drawn, keeps_images): (bool, bool),
+        is_drawn: bool,
+        keeps_images: bool,
     ) -> Result<Recorder<'a>, MishandleError> {
         let space = &resolved.space;
         let specification = &resolved.specification;
@@ -287,7 +292,7 @@ impl<'a> Recorder<'a> {
             recordings.into_iter().map(|recording| (recording.seed, recording)).collect();
         let recorded = |episode: &Episode| {
             let seed = episode.request.seed;
-            let decisions = decisions.remove(&seed).ok_or(MishandleError::NoEpisode)?;
+            let decisions = decisions.remove(&seed).ok_or(MishandleError::Run(RunError::NoEpisode))?;
             self.recorded(episode, decisions, recordings.remove(&seed))
         };
         episodes.iter().map(recorded).collect()
@@ -357,7 +362,7 @@ impl Recorded {
     /// Draws what the cameras show, adds what it shows of the object, and returns the images.
     fn show(&mut self, cameras: Option<&mut TargetCameras>) -> Result<Vec<Vec<u8>>, MishandleError> {
         let Some(cameras) = cameras else { return Ok(Vec::new()) };
-        let shown = cameras.show(&self.states, (&self.scenario, self.seed), &self.images)?;
+        let shown = cameras.show(&self.states, &self.scenario, self.seed, &self.images)?;
         self.vectors.extend(shown.sightings);
         Ok(shown.images)
     }

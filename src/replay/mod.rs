@@ -11,10 +11,10 @@ use mishandle_rollout::{Episode, Scenario, Space, System};
 use mishandle_stl::is_violated;
 use mishandle_store::{RunFile, RunKind, Simulation, SimulationEnd};
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError};
 use crate::resolve::{Moved, ResolvedPlan, recorded_plan};
 use crate::run::journal::keeps_all_traces;
-use crate::run::{header, record, recorded_axis, system_of};
+use crate::run::{recorded_axis, rows, same_plan, system_of};
 
 pub use crate::run::build_differences;
 pub use command::replay_command;
@@ -67,31 +67,33 @@ pub fn replay_with(
     resolved: &ResolvedPlan,
 ) -> Result<ReplayResult, MishandleError> {
     let (mut system, space) = system_of(resolved, trial)?;
-    replay_in(run, (trial, number), resolved, (&mut *system, &space))
+    replay_in(run, trial, number, resolved, &mut *system, &space)
 }
 
 /// Replays a simulation as [`replay`] does, in a given system of the run's target and space.
 pub(crate) fn replay_in(
     run: &RunFile,
-    (trial, number): (u32, u32),
+    trial: u32,
+    number: u32,
     resolved: &ResolvedPlan,
-    (system, space): (&mut dyn System, &Space),
+    system: &mut dyn System,
+    space: &Space,
 ) -> Result<ReplayResult, MishandleError> {
     let recorded = run.simulation(trial, number)?;
-    let mut differences = header::differences(run.header(), resolved)?;
+    let mut differences = same_plan::differences(run.header(), resolved)?;
     differences.extend(trial::differences(run, &recorded, resolved)?);
     let scenario = Scenario::new(recorded.scenario.clone());
     if let Err(error) = space.check(&scenario) {
         differences.push(format!("scenario of simulation {number} of trial {trial}: {error}"));
-        return Err(MishandleError::RunMismatch { differences });
+        return Err(MishandleError::differs(Compared::Plan, differences));
     }
-    let mut episodes = system.rollout(&[record::request(&recorded, resolved.stored_parts > 0)])?;
-    let episode = episodes.pop().ok_or(MishandleError::NoEpisode)?;
-    let mut again = record::record(&episode, resolved);
+    let mut episodes = system.rollout(&[rows::request(&recorded, resolved.stored_parts > 0)])?;
+    let episode = episodes.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
+    let mut again = rows::row(&episode, resolved);
     if !keeps_all_traces(resolved) && recorded.trace.is_none() {
         again.trace = None;
     }
-    let names = record::verdict_names(resolved);
+    let names = rows::verdict_names(resolved);
     differences.extend(simulation::differences(&recorded, &run.header().verdicts, &again, &names));
     Ok(ReplayResult {
         differences,
@@ -110,17 +112,18 @@ pub(crate) fn replay_in(
 /// # Errors
 /// If the run is of another plan, cannot be read, or the simulation cannot be run.
 pub fn replay_first(run: &RunFile, resolved: &ResolvedPlan) -> Result<Option<Vec<String>>, MishandleError> {
-    header::check(run.header(), resolved)?;
+    same_plan::check(run.header(), resolved)?;
     for recorded in run.simulations() {
         let recorded = recorded?;
         if matches!(recorded.end, SimulationEnd::TimedOut { .. }) {
             continue;
         }
         resolved.space.check(&Scenario::new(recorded.scenario.clone()))?;
-        let request = record::request(&recorded, resolved.stored_parts > 0);
-        let episode = resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::NoEpisode)?;
-        let again = Simulation { trace: None, ..record::record(&episode, resolved) };
-        let names = record::verdict_names(resolved);
+        let request = rows::request(&recorded, resolved.stored_parts > 0);
+        let episode =
+            resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
+        let again = Simulation { trace: None, ..rows::row(&episode, resolved) };
+        let names = rows::verdict_names(resolved);
         return Ok(Some(simulation::differences(&recorded, &run.header().verdicts, &again, &names)));
     }
     Ok(None)

@@ -21,7 +21,7 @@ impl ReplayResult {
             axes: header.axes.iter().map(|axis| axis.name.clone()).collect(),
             trial: recorded.trial,
             simulation: recorded.number,
-            point: box_point(header, recorded.trial, &recorded.scenario).map(str::to_string),
+            point: box_point(header, recorded.trial, &recorded.scenario),
             initial_configuration: recorded.scenario.clone(),
             scenario: recorded_scenario(&header.axes, &recorded.scenario),
             seed: Seed(recorded.seed),

@@ -8,7 +8,7 @@ use mishandle_store::{MAX_TRIALS, RunFile, RunKind, Simulation, TrialRecord, Tri
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 use crate::run::journal::with_needed_trace;
-use crate::run::{asked, evaluate, falsify, record};
+use crate::run::{asked, evaluation, falsification, rows};
 
 /// Lists the differences between the rows of the simulation's trial and those that the plan
 /// implies.
@@ -59,9 +59,9 @@ fn of_evaluation(
     recorded: &Simulation,
     resolved: &ResolvedPlan,
 ) -> Result<Vec<String>, MishandleError> {
-    let mut found = evaluate::trial_differences(resolved, run)?;
+    let mut found = evaluation::trial_differences(resolved, run)?;
     let Simulation { trial, number, .. } = *recorded;
-    match evaluate::evaluation_request(resolved, trial, number)? {
+    match evaluation::evaluation_request(resolved, trial, number)? {
         Some(expected) => found.extend(request_differences(recorded, &expected)),
         None => found.push(format!("simulation {number} of trial {trial}: the plan has no such simulation")),
     }
@@ -76,7 +76,7 @@ fn of_falsification(
 ) -> Result<Vec<String>, MishandleError> {
     let number = recorded.number;
     if number > MAX_TRIALS {
-        let expected = falsify::derived_request(resolved, run, number, simulation.number)?;
+        let expected = falsification::derived_request(resolved, run, number, simulation.number)?;
         return Ok(match expected {
             Some(expected) => request_differences(simulation, &expected),
             None => vec![format!(
@@ -86,7 +86,7 @@ fn of_falsification(
         });
     }
     let plan = resolved.plan.falsify.clone().unwrap_or_default();
-    let Some(mut trial) = falsify::new_trial(resolved, number)? else {
+    let Some(mut trial) = falsification::new_trial(resolved, number)? else {
         return Ok(vec![format!("trial {number}: the plan has no trial of this number")]);
     };
     let mut found = Vec::new();
@@ -98,7 +98,7 @@ fn of_falsification(
             .filter(|number| !(1..=planned).contains(number))
             .map(|number| format!("trial {number}: the plan has no trial of this number")),
     );
-    found.extend(falsify::seed_difference(resolved, recorded));
+    found.extend(falsification::seed_difference(resolved, recorded));
     for simulation in run.trial_simulations(number) {
         let simulation = simulation?;
         let Some(expected) = trial.ask(1)?.pop() else {
@@ -115,7 +115,7 @@ fn of_falsification(
             return Ok(found);
         }
         let simulation = with_needed_trace(run, simulation, plan.keep_going)?;
-        let episode = match record::episode(&simulation, resolved) {
+        let episode = match rows::episode(&simulation, resolved) {
             Ok(episode) => episode,
             Err(error) => {
                 found.push(error.to_string());
@@ -141,7 +141,7 @@ fn status_difference(
         // A search that has ended proposes no point.
         trial.ask(1)?;
     }
-    let expected = falsify::status(trial.outcome());
+    let expected = falsification::status(trial.outcome());
     let is_same = recorded.status == expected || recorded.status == TrialStatus::Running;
     Ok((!is_same).then(|| {
         format!("status of trial {}: recorded {:?}, expected {expected:?}", recorded.number, recorded.status)
@@ -151,7 +151,7 @@ fn status_difference(
 /// Compares the numbers that identify a simulation with those of the expected request.
 fn request_differences(recorded: &Simulation, expected: &Request) -> Vec<String> {
     let Simulation { trial, number, .. } = *recorded;
-    let recorded = record::request(recorded, expected.needs_parts);
+    let recorded = rows::request(recorded, expected.needs_parts);
     if (trial, number) != (expected.trial, expected.number) {
         let Request { trial: expected_trial, number: expected_number, .. } = expected;
         return vec![format!(

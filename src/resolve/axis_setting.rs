@@ -1,11 +1,13 @@
 //! Changes of single axes of a scenario space: a narrower range, or a fixed value.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 
-use crate::error::MishandleError;
-use crate::plan::AxisSetting;
-use mishandle_rollout::{Axis, AxisKind, AxisValues, Interval, RolloutError, Space};
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution, Interval, RolloutError, Space};
 use mishandle_text::number_text;
+
+use crate::error::{MishandleError, invalid, problem};
+use crate::plan::AxisSetting;
 
 /// Returns a space with these settings. A set axis that the space lacks is added.
 ///
@@ -41,7 +43,7 @@ pub fn with_settings(
     if space.axes().iter().all(Axis::is_fixed) {
         let what = "the number of axes without a fixed value";
         let expected = "at least 1";
-        return Err(MishandleError::InvalidValue { what, value: "0".to_string(), expected });
+        return Err(invalid(what, "0", expected));
     }
     Ok(space)
 }
@@ -56,7 +58,11 @@ fn without_idle(space: Space, settings: &BTreeMap<String, AxisSetting>) -> Resul
     if let Some(axis) = idle.iter().map(|index| &axes[*index]).find(|axis| settings.contains_key(&axis.name))
     {
         let needed: Vec<String> = axis.conditions.iter().map(|needed| needed.axis.clone()).collect();
-        return Err(MishandleError::IdleAxis { axis: axis.name.clone(), needed });
+        return Err(problem(format!(
+            "the axis {} has no effect: set {} so that it has one",
+            axis.name,
+            needed.join(" and ")
+        )));
     }
     let kept = axes.iter().enumerate().filter(|(index, _)| !idle.contains(index));
     Ok(Space::new(space.name(), kept.map(|(_, axis)| axis.clone()).collect())?)
@@ -84,11 +90,7 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
     }
     let outside = [low, high].into_iter().find(|value| !axis.accepts(*value));
     if let Some(value) = outside {
-        return Err(MishandleError::AxisSetting {
-            axis: axis.name.clone(),
-            setting: number_text(value),
-            expected: values_text(axis),
-        });
+        return Err(not_of(axis, number_text(value), &values_text(axis)));
     }
     let nominal = axis.nominal.map(|nominal| match axis.kind {
         AxisKind::Start if !(low..=high).contains(&nominal) => f64::midpoint(low, high),
@@ -103,7 +105,12 @@ fn restricted(axis: &Axis, setting: &AxisSetting) -> Result<Axis, MishandleError
         }
         other => other.clone(),
     };
-    Ok(Axis { low, high, nominal, values, ..axis.clone() })
+    // The part of the former bounds that was drawn is another part of these.
+    let distribution = match axis.distribution {
+        Distribution::Upper(_) => Distribution::Uniform,
+        other => other,
+    };
+    Ok(Axis { low, high, nominal, values, distribution, ..axis.clone() })
 }
 
 /// Returns the bounds of an interval with an open end, for an axis of real numbers.
@@ -115,8 +122,11 @@ fn interval(axis: &Axis, text: &str) -> Result<[f64; 2], MishandleError> {
         (_, Ok(found)) if found.is_finite() => format!(", written {number}"),
         _ => String::new(),
     };
-    let (axis, setting, expected) = (axis.name.clone(), text.to_string(), values_text(axis) + &written);
-    Err(MishandleError::AxisSetting { axis, setting, expected })
+    Err(not_of(axis, text, &(values_text(axis) + &written)))
+}
+
+fn not_of(axis: &Axis, setting: impl Display, expected: &str) -> MishandleError {
+    problem(format!("the axis {} cannot be {setting}: expected {expected}", axis.name))
 }
 
 /// Describes the values that an axis may be set to.
@@ -172,7 +182,7 @@ mod tests {
             ("surface", 1.0, 1.0, Some(1.0)),
         ];
         assert_eq!(found, expected);
-        assert_eq!((space.name(), space.free_dimension()), ("starts", 1));
+        assert_eq!(space.name(), "starts");
         let AxisValues::Categorical(names) = &space.axes()[3].values else { panic!("no category") };
         assert_eq!(names[..], ["ice"], "the first name is that of the lower bound");
         // The start may be outside of its box; the midpoint stays nominal if it is inside.

@@ -2,10 +2,11 @@
 
 use std::ops::RangeInclusive;
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_risk::Scenarios;
 use mishandle_rollout::{Axis, AxisKind, Seed, Space, Target};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, unsupported};
 use crate::plan::{
     ComparePlan, EvaluatePlan, FalsifyPlan, Measure, MetamorphicPlan, Plan, RiskPlan, StartRegion, Until,
 };
@@ -20,17 +21,12 @@ pub(super) fn check_evaluate_in(
 ) -> Result<(), MishandleError> {
     check_evaluate(evaluate)?;
     if evaluate.starts == StartRegion::Reachable {
-        let unsupported =
-            |option| MishandleError::UnsupportedOption { target: target.identity.name.clone(), option };
-        target.reachable.as_ref().ok_or_else(|| unsupported("`evaluate.box = \"reachable\"`"))?;
+        let option = "`evaluate.box = \"reachable\"`";
+        target.reachable.as_ref().ok_or_else(|| unsupported(&target.identity.name, option))?;
         if space.axes().iter().all(|axis| axis.kind != AxisKind::Start) {
             let expected =
                 "a space that contains `starts`, because the box `reachable` restricts the initial state";
-            return Err(MishandleError::InvalidValue {
-                what: "the space",
-                value: space.name().to_string(),
-                expected,
-            });
+            return Err(invalid("the space", space.name(), expected));
         }
     }
     Ok(())
@@ -48,14 +44,17 @@ pub fn check_evaluate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
     }
     let what = "the number of episodes";
     let expected = "from 1 to 1000000000";
-    Err(MishandleError::InvalidValue { what, value: evaluate.episodes.to_string(), expected })
+    Err(invalid(what, evaluate.episodes, expected))
 }
 
 /// Checks the rule that ends an evaluation.
 fn check_rate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
     let expected = match (evaluate.until, evaluate.rate) {
         (Some(Until::Decided), None) => {
-            "a number above 0 and below 1 (--rate 0.95), because `decided` decides on which side of it the success rate is"
+            let expected = "a number above 0 and below 1, because `decided` decides on which side of it the success rate is";
+            return Err(
+                invalid("the rate", "missing", expected).with(Remedy::set(Key::RATE, Choice::Shape("0.95")))
+            );
         }
         (Some(Until::Decided), Some(rate)) if rate <= 0.0 || rate >= 1.0 || rate.is_nan() => {
             "a number above 0 and below 1"
@@ -65,16 +64,12 @@ fn check_rate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
         }
         (Some(Until::Width(width)), None) if width >= 1.0 => {
             let expected = "below 1, because a rate is from 0 to 1";
-            return Err(MishandleError::InvalidValue {
-                what: "the width",
-                value: width.to_string(),
-                expected,
-            });
+            return Err(invalid("the width", width, expected));
         }
         _ => return Ok(()),
     };
     let value = evaluate.rate.map_or("missing".to_string(), |rate| rate.to_string());
-    Err(MishandleError::InvalidValue { what: "the rate", value, expected })
+    Err(invalid("the rate", value, expected))
 }
 
 /// Checks the settings of a comparison that stops by itself.
@@ -82,49 +77,48 @@ fn check_rate(evaluate: &EvaluatePlan) -> Result<(), MishandleError> {
 /// # Errors
 /// If the margin or the bounds of the robustness are missing, superfluous or not possible.
 pub fn check_compare(compare: &ComparePlan) -> Result<(), MishandleError> {
-    let invalid = |what, value, expected| Err(MishandleError::InvalidValue { what, value, expected });
-    let missing = || "missing".to_string();
+    let refused = |what, value, expected: &'static str| Err(invalid(what, value, expected));
     if let Some([low, high]) = compare.robustness_bounds {
         let value = format!("{low}:{high}");
         if compare.measure == Measure::Success {
             let expected =
                 "left out, because the rule watches the success rates (`compare.measure = \"robustness\"`)";
-            return invalid("the setting robustness-bounds", value, expected);
+            return refused("the setting robustness-bounds", value, expected);
         }
         if !low.is_finite() || !high.is_finite() || low >= high {
-            return invalid(
+            return refused(
                 "the setting robustness-bounds",
                 value,
                 "two finite numbers, the smaller one first",
             );
         }
         if !(2.0 * (high - low)).is_finite() {
-            return invalid("the setting robustness-bounds", value, "a range whose double is finite");
+            return refused("the setting robustness-bounds", value, "a range whose double is finite");
         }
         if let Until::Width(width) = compare.until
             && width >= 2.0 * (high - low)
         {
             let expected = "below twice the range of the robustness bounds, which is the widest interval";
-            return invalid("the width", width.to_string(), expected);
+            return refused("the width", width.to_string(), expected);
         }
     } else if compare.measure == Measure::Robustness {
         let expected = "given (`compare.robustness-bounds = [LOW, HIGH]`; values beyond count as the bound), because without bounds \
                         no interval of a mean holds at any time: a rare value can move the mean anywhere";
-        return invalid("the setting robustness-bounds", missing(), expected);
+        return refused("the setting robustness-bounds", "missing".to_string(), expected);
     }
     match (compare.margin, compare.until) {
         (None, Until::Width(width)) if compare.measure == Measure::Success && width >= 2.0 => {
-            invalid("the width", width.to_string(), "below 2, because a difference of rates is from -1 to 1")
+            refused("the width", width.to_string(), "below 2, because a difference of rates is from -1 to 1")
         }
         (Some(margin), Until::Width(_)) => {
             let expected = "left out, because only `decided` needs it";
-            invalid("the margin", margin.to_string(), expected)
+            refused("the margin", margin.to_string(), expected)
         }
         (Some(margin), _) if !(margin > 0.0 && margin.is_finite()) => {
-            invalid("the margin", margin.to_string(), "a number above 0")
+            refused("the margin", margin.to_string(), "a number above 0")
         }
         (Some(margin), _) if compare.measure == Measure::Success && margin >= 1.0 => {
-            invalid("the margin", margin.to_string(), "below 1, because it is a difference of rates")
+            refused("the margin", margin.to_string(), "below 1, because it is a difference of rates")
         }
         _ => Ok(()),
     }
@@ -137,7 +131,7 @@ fn check_batch(batch: u32) -> Result<(), MishandleError> {
     }
     let what = "the batch size";
     let expected = "from 1 to 65536";
-    Err(MishandleError::InvalidValue { what, value: batch.to_string(), expected })
+    Err(invalid(what, batch, expected))
 }
 
 /// Checks the falsification settings of a plan against its space.
@@ -153,16 +147,12 @@ pub fn check_falsify(falsify: &FalsifyPlan, space: &Space) -> Result<(), Mishand
     let is_outside = |(_, value, range): &(_, u32, RangeInclusive<u64>)| !range.contains(&(*value).into());
     if let Some((what, value, _)) = numbers.into_iter().find(is_outside) {
         let expected = "from 1 to 1000000";
-        return Err(MishandleError::InvalidValue { what, value: value.to_string(), expected });
+        return Err(invalid(what, value, expected));
     }
     if !(0.0..1.0).contains(&falsify.new_mode_rate) {
         let what = "the rate of new failure modes";
         let expected = "from 0 to less than 1";
-        return Err(MishandleError::InvalidValue {
-            what,
-            value: falsify.new_mode_rate.to_string(),
-            expected,
-        });
+        return Err(invalid(what, falsify.new_mode_rate, expected));
     }
     search_entry(&falsify.search)?;
     new_search(falsify, &coordinates(space))(0)?;
@@ -194,7 +184,7 @@ pub fn check_risk(risk: &RiskPlan, space: &Space) -> Result<(), MishandleError> 
     if !RiskPlan::SIMULATIONS.contains(&risk.simulations) {
         let what = "the number of simulations";
         let expected = "from 100 to 1000000000";
-        return Err(MishandleError::InvalidValue { what, value: risk.simulations.to_string(), expected });
+        return Err(invalid(what, risk.simulations, expected));
     }
     Scenarios::new(space, &risk.marginals(1.0)?, true)?;
     Ok(())

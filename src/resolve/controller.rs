@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle_tasks::Definition;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::plan::Plan;
 use crate::resolve::training::not_a_start;
 use crate::resolve::{is_target_file, task};
@@ -52,7 +52,7 @@ pub(crate) fn shipped_file(plan: &Plan) -> Result<ShippedFile, MishandleError> {
         let what = "the controller";
         let value = "missing".to_string();
         let expected = "a name or a path: the policy of a target file is no file of its own";
-        return Err(MishandleError::InvalidValue { what, value, expected });
+        return Err(invalid(what, value, expected));
     }
     if is_target_file(&plan.target) {
         return Ok(ShippedFile::Path((&plan.controller).into()));
@@ -86,7 +86,7 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
         return match name.split_once('/') {
             // A misspelled task, or a missing file.
             Some((task_name, _)) if path.extension().is_none() && !path.exists() => match task(task_name) {
-                Err(error) if error.hint().is_some() => Err(error),
+                Err(error) if !error.remedies().is_empty() => Err(error),
                 _ => Err(no_controller(name)),
             },
             _ if is_path(name) => Ok(ShippedFile::Path(path.into())),
@@ -98,11 +98,11 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
     }
     check_home(CONTROLLERS)?;
     if own_name == EXPERT {
-        return Err(MishandleError::InvalidValue {
-            what: "the controller",
-            value: name.to_string(),
-            expected: "a trained controller; the expert is part of the task and has no file",
-        });
+        return Err(invalid(
+            "the controller",
+            name,
+            "a trained controller; the expert is part of the task and has no file",
+        ));
     }
     let known = shipped_controllers(definition).into_iter().filter(|known| known != EXPERT).collect();
     Err(MishandleError::UnknownName { kind: "controller file", name: own_name.to_string(), known })
@@ -111,7 +111,7 @@ pub fn find_controller(name: &str) -> Result<ShippedFile, MishandleError> {
 fn no_controller(name: &str) -> MishandleError {
     let expected =
         "a file that exists, such as ./FILE, or a shipped controller TASK/NAME such as point-reaching/ppo";
-    MishandleError::InvalidValue { what: "the controller", value: name.to_string(), expected }
+    invalid("the controller", name, expected)
 }
 
 /// Returns the name of a controller. The name of a path is its file name without extension.

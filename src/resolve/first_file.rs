@@ -7,7 +7,7 @@ use mishandle_interchange::{OnnxSummary, OnnxTensor};
 use mishandle_robots::{FirstFile, Paths, PolicySizes, RobotError};
 use mishandle_robots::{first_file, isaac_facts, mjlab_facts};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::resolve::is_onnx;
 
 /// Names by which exporters call the output with the action.
@@ -34,11 +34,7 @@ pub fn first_target_file(
     allow_outside: bool,
 ) -> Result<FirstFile, MishandleError> {
     if !is_onnx(policy) {
-        return Err(MishandleError::InvalidValue {
-            what: "the policy",
-            value: policy.display().to_string(),
-            expected: "an ONNX model, FILE.onnx",
-        });
+        return Err(invalid("the policy", policy.display(), "an ONNX model, FILE.onnx"));
     }
     let summary = OnnxSummary::read(policy)?;
     let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -1,14 +1,16 @@
 //! Guards of plans: formula, thresholds and fallback.
 
-use mishandle_controllers::guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Switch, Watch};
-use mishandle_controllers::{Entry, Layout, bytes_hash};
-use mishandle_results::{GuardFacts, Number};
-use mishandle_rollout::Component;
-use mishandle_stl::{Formula, MonitorError};
-use mishandle_store::RunHeader;
 use std::sync::Arc;
 
-use crate::error::MishandleError;
+use mishandle_controllers::guard::{Fallback, Guard, GuardError, Guarded, Meaning, Motion, Switch, Watch};
+use mishandle_controllers::{Entry, Fitted, Layout, bytes_hash};
+use mishandle_results::{GuardFacts, Number};
+use mishandle_rollout::{Component, Controller};
+use mishandle_stl::{Formula, MonitorError};
+use mishandle_store::RunHeader;
+use mishandle_tasks::Definition;
+
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{GuardPlan, Plan};
 use crate::resolve::policy::Identified;
 
@@ -29,7 +31,10 @@ const MAX_RETREAT: f64 = 60.0;
 
 /// The loop that a guard is in.
 pub(crate) struct GuardedLoop {
+    /// The layout of the controller.
     pub layout: Layout,
+    /// The task, whose further parts of the observation a fallback may read, too.
+    pub task: Option<&'static Definition>,
     /// Names of the target's signals, for privileged guards.
     pub signals: Vec<String>,
     /// Duration of a control step, s.
@@ -56,54 +61,67 @@ pub(crate) fn quantities(layout: &Layout) -> Vec<String> {
 /// or path.
 pub(crate) fn guarded(
     plan: &Plan,
-    (controller, mut components): Identified,
-    guarded_loop: &GuardedLoop,
+    unguarded: Identified,
+    mut guarded_loop: GuardedLoop,
     load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
 ) -> Result<Identified, MishandleError> {
-    let Some(settings) = &plan.guard else { return Ok((controller, components)) };
-    let (guard, parts) = guard(settings, guarded_loop, load)?;
+    let Some(settings) = &plan.guard else { return Ok(unguarded) };
+    let (controller, mut components) = unguarded;
+    let (guard, parts) = guard(settings, &mut guarded_loop, load)?;
     components.extend(parts);
+    let controller = guarded_loop.select(controller);
     Ok((Arc::new(Guarded::new(controller, guard)), components))
+}
+
+impl GuardedLoop {
+    /// Adds the further parts of the observation that a controller reads.
+    fn add_parts_of(&mut self, controller: &dyn Controller) {
+        if let Some(task) = self.task {
+            let own = task.further_parts_of(&self.layout);
+            self.layout = task.layout_with(&[&own, controller.further_parts()].concat());
+        }
+    }
+
+    /// Returns a controller that gets the observation of the loop.
+    fn select(&self, controller: Arc<dyn Controller>) -> Arc<dyn Controller> {
+        let further_parts = self.task.map_or_else(Vec::new, |task| task.further_parts_of(&self.layout));
+        Fitted::of_layout(controller, &self.layout, &further_parts)
+    }
 }
 
 /// Makes the guard of a loop, with its components: the guard itself, and a fallback that is a
 /// controller.
 pub(crate) fn guard(
     settings: &GuardPlan,
-    guarded_loop: &GuardedLoop,
+    guarded_loop: &mut GuardedLoop,
     load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
 ) -> Result<(Guard, Vec<Component>), MishandleError> {
-    let GuardedLoop { layout, control_dt, episode_steps, .. } = guarded_loop;
-    let control_dt = *control_dt;
-    let episode_steps = *episode_steps;
+    let GuardedLoop { control_dt, episode_steps, .. } = *guarded_loop;
     if settings.fallback.trim().is_empty() {
         return Err(missing("fallback", "`hold`, `retreat`, or a controller such as `expert`"));
     }
-    let names = if settings.privileged { guarded_loop.signals.clone() } else { quantities(layout) };
-    let (watch, switch) = monitor(settings, &names, control_dt, episode_steps)?;
     let retreat = steps("retreat", settings.retreat, MAX_RETREAT, control_dt)?;
-    let motion = || motion(settings, guarded_loop);
     let (fallback, component) = match settings.fallback.as_str() {
-        HOLD => (Fallback::Hold(motion()?), None),
-        RETREAT => (Fallback::Retreat(motion()?, retreat), None),
+        HOLD => (Fallback::Hold(motion(settings, guarded_loop)?), None),
+        RETREAT => (Fallback::Retreat(motion(settings, guarded_loop)?, retreat), None),
         name => {
             let (controller, mut components) = load(name).map_err(|mut source| {
                 if let MishandleError::UnknownName { known, .. } = &mut source {
                     known.extend([HOLD, RETREAT].map(String::from));
                 }
-                MishandleError::Fallback { fallback: name.to_string(), source: Box::new(source) }
+                source.of(format!("the fallback of the guard, `{name}`"))
             })?;
             if !controller.sees().is_empty() {
-                return Err(MishandleError::InvalidValue {
-                    what: "the fallback",
-                    value: name.to_string(),
-                    expected: "a controller that sees no images",
-                });
+                return Err(invalid("the fallback", name, "a controller that sees no images"));
             }
             let component = (!components.is_empty()).then(|| components.swap_remove(0));
-            (Fallback::Controller(controller), component)
+            guarded_loop.add_parts_of(&*controller);
+            (Fallback::Controller(guarded_loop.select(controller)), component)
         }
     };
+    let names =
+        if settings.privileged { guarded_loop.signals.clone() } else { quantities(&guarded_loop.layout) };
+    let (watch, switch) = monitor(settings, &names, control_dt, episode_steps)?;
     let own = GuardPlan {
         // The fallback has a component of its own, which does not depend on its path.
         fallback: if component.is_some() { String::new() } else { settings.fallback.clone() },
@@ -117,8 +135,8 @@ pub(crate) fn guard(
         file_hash: String::new(),
     };
     let fallback_of = |component| Component { role: "fallback".to_string(), ..component };
-    let observation_size = layout.observation_size();
-    let action_size = layout.action_size();
+    let observation_size = guarded_loop.layout.observation_size();
+    let action_size = guarded_loop.layout.action_size();
     let components: Vec<Component> = std::iter::once(own).chain(component.map(fallback_of)).collect();
     let identity = Component::joint_hash(&components);
     let guard =
@@ -164,17 +182,33 @@ pub fn monitor(
 /// As for the guard of a plan, and if it is privileged: training episodes have no signals.
 pub(crate) fn training_guard(
     settings: &GuardPlan,
-    guarded_loop: &GuardedLoop,
+    mut guarded_loop: GuardedLoop,
     load: impl FnOnce(&str) -> Result<Identified, MishandleError>,
 ) -> Result<Guard, MishandleError> {
     if settings.privileged {
-        Err(MishandleError::InvalidValue {
-            what: "`privileged` of the guard",
-            value: "true".to_string(),
-            expected: "false, because training computes no signals of the target",
-        })
+        Err(invalid(
+            "`privileged` of the guard",
+            "true",
+            "false, because training computes no signals of the target",
+        ))
     } else {
-        Ok(guard(settings, guarded_loop, load)?.0)
+        let layout = guarded_loop.layout.clone();
+        let (guard, _) = guard(settings, &mut guarded_loop, load)?;
+        if guarded_loop.layout == layout {
+            return Ok(guard);
+        }
+        let parts: Vec<&str> = guarded_loop.layout.observation[layout.observation.len()..]
+            .iter()
+            .map(|entry| entry.name.as_str())
+            .collect();
+        Err(invalid(
+            "the fallback of the guard",
+            &settings.fallback,
+            format!(
+                "one that reads only what the policy reads; or let the policy read {}, too, with `episodes.further_parts` of the training settings",
+                parts.join(", ")
+            ),
+        ))
     }
 }
 
@@ -220,19 +254,19 @@ fn motion(settings: &GuardPlan, guarded_loop: &GuardedLoop) -> Result<Motion, Mi
         Some("increments") => Some(vec![Meaning::Increment; size]),
         Some("positions") => Some(vec![Meaning::Position; size]),
         Some(other) => {
-            return Err(MishandleError::InvalidValue {
-                what: "`actions` of the guard",
-                value: other.to_string(),
-                expected: "`increments`, whose 0 is rest, or `positions`, whose last one is rest",
-            });
+            return Err(invalid(
+                "`actions` of the guard",
+                other,
+                "`increments`, whose 0 is rest, or `positions`, whose last one is rest",
+            ));
         }
     };
     match (&guarded_loop.meanings, stated) {
-        (Some(_), Some(_)) => Err(MishandleError::InvalidValue {
-            what: "`actions` of the guard",
-            value: settings.actions.clone().unwrap_or_default(),
-            expected: "left out: a task knows what its actions mean",
-        }),
+        (Some(_), Some(_)) => Err(invalid(
+            "`actions` of the guard",
+            settings.actions.clone().unwrap_or_default(),
+            "left out: a task knows what its actions mean",
+        )),
         (Some(meanings), None) => Ok(Motion { meanings: meanings.clone(), limit }),
         (None, Some(meanings)) => Ok(Motion { meanings, limit }),
         (None, None) => Err(missing(
@@ -244,5 +278,5 @@ fn motion(settings: &GuardPlan, guarded_loop: &GuardedLoop) -> Result<Motion, Mi
 }
 
 fn missing(key: &'static str, expected: &'static str) -> MishandleError {
-    MishandleError::GuardKey { key, expected }
+    problem(format!("the guard has no `{key}`; expected {expected}"))
 }

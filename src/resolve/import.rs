@@ -1,8 +1,9 @@
 //! Policies in the formats of other tools as controllers of a task.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use mishandle_controllers::{ControllerFile, Header, TrainingRecord};
+use mishandle_controllers::{ControllerFile, Header, JOINT_TARGETS, TrainingRecord};
 use mishandle_files::{limits, read_bounded};
 use mishandle_interchange::{
     ACTIVATIONS, ImportOptions, InterchangeError, Normalization, ObservationNormalizer, OnnxPolicy,
@@ -57,6 +58,7 @@ pub fn import_controller(
         preset: "unknown".to_string(),
         reward: "unknown".to_string(),
         layout,
+        action_interface: None,
         task_hash: String::new(),
         training,
     };
@@ -104,29 +106,49 @@ fn read_normalizer(path: &Path) -> Result<ObservationNormalizer, MishandleError>
 ///
 /// # Errors
 /// If the task is unknown, the target file is wrong, or the model cannot be used for it.
-pub fn onnx_policy(file: &ShippedFile, task_name: Option<&str>) -> Result<OnnxPolicy, MishandleError> {
+pub fn onnx_policy(file: &ShippedFile, task_name: Option<&str>) -> Result<OnnxController, MishandleError> {
     let path = file.path();
     if let Some(name) = task_name.filter(|name| is_target_file(name)) {
         let robot = robot_file(&Plan::new(name, ""))?;
-        return with_cameras(OnnxPolicy::load(path, &[robot.name()], &robot.layout())?, name);
+        return with_cameras(OnnxPolicy::load(path, &[robot.name()], &robot.layout())?.into(), name);
     }
     if let Some(name) = task_name {
         return with_cameras(onnx_policy_of(file, task(name)?.definition())?, name);
     }
-    let own = OnnxPolicy::task_of(path)?;
+    let own = OnnxPolicy::description(path)?.task;
     match own.and_then(|name| mishandle_tasks::task(&name)) {
         Some(known) => {
             let definition = known.definition();
             with_cameras(onnx_policy_of(file, definition)?, definition.name)
         }
-        None => Ok(OnnxPolicy::load_with_own_sizes(path)?),
+        None => Ok(OnnxPolicy::load_with_own_sizes(path)?.into()),
+    }
+}
+
+/// An ONNX model as a controller.
+pub struct OnnxController {
+    /// The policy, with its action interface.
+    pub controller: Arc<dyn Controller>,
+    /// Hash of everything that determines the actions.
+    pub hash: String,
+    /// Hash of the model's bytes.
+    pub file_hash: String,
+    /// The task that the model names, if any.
+    pub task: Option<String>,
+}
+
+impl From<OnnxPolicy> for OnnxController {
+    fn from(policy: OnnxPolicy) -> OnnxController {
+        let [hash, file_hash] = [policy.hash(), policy.file_hash()].map(String::from);
+        let task = policy.task().map(String::from);
+        OnnxController { controller: Arc::new(policy), hash, file_hash, task }
     }
 }
 
 /// Returns a policy that sees through cameras of the target only.
-fn with_cameras(policy: OnnxPolicy, target: &str) -> Result<OnnxPolicy, MishandleError> {
+fn with_cameras(policy: OnnxController, target: &str) -> Result<OnnxController, MishandleError> {
     let known = camera_names(target)?;
-    match policy.sees().iter().find(|image| !known.contains(&image.camera)) {
+    match policy.controller.sees().iter().find(|image| !known.contains(&image.camera)) {
         Some(image) => {
             let environment = target.to_string();
             let camera = image.camera.clone();
@@ -140,15 +162,24 @@ fn with_cameras(policy: OnnxPolicy, target: &str) -> Result<OnnxPolicy, Mishandl
 pub(crate) fn onnx_policy_of(
     file: &ShippedFile,
     definition: &Definition,
-) -> Result<OnnxPolicy, MishandleError> {
+) -> Result<OnnxController, MishandleError> {
     let tasks: Vec<&str> = std::iter::once(definition.name).chain(definition.variant_of).collect();
-    let layout = definition.layout();
+    let described = match file {
+        ShippedFile::Path(path) => OnnxPolicy::description(path)?,
+        ShippedFile::Embedded { name, bytes } => OnnxPolicy::description_of_bytes(bytes)
+            .map_err(|problem| InterchangeError::Onnx { problem, path: name.into() })?,
+    };
+    let interface = described.action_interface.as_ref();
+    let targets = interface.map(|_| JOINT_TARGETS.to_string());
+    let layout = definition.layout_with(&described.parts.into_iter().chain(targets).collect::<Vec<_>>());
     let policy = match file {
         ShippedFile::Path(path) => OnnxPolicy::load(path, &tasks, &layout)?,
         ShippedFile::Embedded { name, bytes } => OnnxPolicy::from_bytes(bytes, None, &tasks, &layout)
             .map_err(|problem| InterchangeError::Onnx { problem, path: name.into() })?,
     };
-    Ok(policy)
+    let policy = OnnxController::from(policy);
+    let controller = definition.fit(policy.controller, &layout, interface)?;
+    Ok(OnnxController { controller, ..policy })
 }
 
 /// Returns whether a path ends with `.onnx`, in any case.

@@ -10,13 +10,13 @@ pub(crate) mod controller;
 mod described;
 mod first_file;
 pub(crate) mod guard;
-mod hint;
 mod import;
 mod kind;
 mod metamorphic;
 mod policy;
 mod randomness;
 mod recorded;
+mod remedies;
 mod requirements;
 mod robot;
 mod scene;
@@ -27,15 +27,17 @@ mod target_file;
 mod task;
 mod training;
 
-use mishandle_falsification::search_space;
+use mishandle_falsification::{PhysicsChecks, search_space};
 use mishandle_random::Seed;
+use mishandle_results::{Command, Remedy};
 use mishandle_rollout::{RolloutError, Signal, Space, Specification, SpecificationMonitor, System, Target};
 use mishandle_search::SearchSpace;
 use mishandle_stl::{Clock, Formula, Monitor};
+use mishandle_text::plural;
 use mishandle_toys::TOYS;
 use mishandle_toys::arch::PROBLEMS;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem, unsupported};
 use crate::plan::{Plan, ScreeningPlan};
 use crate::resolve::requirements::{joined, named_requirements, table_formula};
 use crate::resolve::robot::robot_target;
@@ -50,7 +52,7 @@ pub use controller::{controller_name, find_controller};
 pub use described::{described_target, described_warnings};
 pub use first_file::first_target_file;
 pub use guard::{monitor as guard_monitor, recorded_guard};
-pub use import::{import_controller, is_onnx, onnx_policy};
+pub use import::{OnnxController, import_controller, is_onnx, onnx_policy};
 pub use kind::{has_scene, is_python};
 pub use metamorphic::{MetamorphicCases, metamorphic_cases};
 pub(crate) use policy::check_allowed;
@@ -135,7 +137,7 @@ fn check_no_task_options(plan: &Plan) -> Result<(), MishandleError> {
         ("a task preset other than `paper`", plan.preset != Plan::new("", "").preset),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option }),
+        Some((option, _)) => Err(unsupported(&plan.target, option)),
         None => Ok(()),
     }
 }
@@ -189,11 +191,7 @@ impl ResolvedPlan {
         if plan.guard.is_some() && target.controller_signals.is_empty() {
             let expected =
                 "left out: this program runs no controller of the target, so nothing can be guarded";
-            return Err(MishandleError::InvalidValue {
-                what: "the guard",
-                value: "given".to_string(),
-                expected,
-            });
+            return Err(invalid("the guard", "given", expected));
         }
         let named_axes = target.named_axes();
         let mut space = with_settings(space, &plan.axes, &named_axes)?;
@@ -268,6 +266,14 @@ impl ResolvedPlan {
     pub fn system(&self) -> Result<Box<dyn System>, MishandleError> {
         Ok(self.target.system(&self.space, &self.specification)?)
     }
+
+    /// Returns the checks of the physics of failures.
+    ///
+    /// # Errors
+    /// As for [`system`](Self::system).
+    pub fn physics_checks(&self) -> Result<PhysicsChecks, MishandleError> {
+        Ok(PhysicsChecks::new(self.target.solver_systems(&self.space, &self.specification)?))
+    }
 }
 
 /// Leaves out the formula of careful success where it would need signals that nothing else reads:
@@ -286,7 +292,7 @@ fn leave_out_careful(plan: &Plan, target: &Target, specification: &mut Specifica
 /// Checks the settings of a screening.
 fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> Result<(), MishandleError> {
     if !has_scene(&target.identity.kind) {
-        return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option: "screening" });
+        return Err(unsupported(&plan.target, "screening"));
     }
     let method = plan.risk.as_ref().map_or("auto", |risk| &risk.method);
     let keeps_going = plan.falsify.as_ref().is_some_and(|falsify| falsify.keep_going);
@@ -320,7 +326,7 @@ fn check_screening(screening: &ScreeningPlan, plan: &Plan, target: &Target) -> R
     } else {
         return Ok(());
     };
-    Err(MishandleError::InvalidValue { what, value, expected })
+    Err(invalid(what, value, expected))
 }
 
 /// Parses a formula that is given by its name or its text. A single word is the name of a formula
@@ -346,18 +352,20 @@ fn requirement(text: &str, target: &Target) -> Result<Formula, MishandleError> {
 /// Checks that the formula depends on the episode, and does not reach past its end.
 fn check_decidable(formula: &Formula, target: &Target) -> Result<(), MishandleError> {
     if formula.signals().is_empty() {
-        return Err(MishandleError::ConstantFormula { formula: formula.to_string() });
+        let text = "contains no signal, so every episode has the same verdict; use signals of the target";
+        let list = Command::List { what: "targets".to_string(), is_long: false };
+        return Err(problem(format!("`{formula}` {text}")).with(Remedy::Run(list)));
     }
     let clock = Clock::steps(target.control_dt);
     let monitor = Monitor::new(formula, &target.signal_names(), clock).map_err(|source| {
         MishandleError::Rollout(RolloutError::Monitor { formula: formula.to_string(), source })
     })?;
     match monitor.horizon() {
-        Some(needed) if needed > target.episode_steps => Err(MishandleError::Undecidable {
-            formula: formula.to_string(),
-            needed: needed.to_string(),
-            steps: target.episode_steps,
-        }),
+        Some(needed) if needed > target.episode_steps => Err(problem(format!(
+            "`{formula}` needs {}, an episode has {}: no episode can decide it",
+            plural(needed, "control step"),
+            target.episode_steps
+        ))),
         _ => Ok(()),
     }
 }

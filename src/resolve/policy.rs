@@ -11,7 +11,7 @@ use mishandle_robots::RobotError;
 use mishandle_rollout::{Component, Controller};
 use mishandle_simulators::ProgramPolicy;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, unsupported};
 use crate::resolve::{controller_name, is_onnx};
 
 /// A controller, and the components that identify it: first itself, then parts such as its guard.
@@ -62,11 +62,7 @@ pub(crate) fn of_program(
 
 /// Returns the error of a policy whose actions cannot be sampled.
 pub(crate) fn not_stochastic(what: &str) -> MishandleError {
-    MishandleError::InvalidValue {
-        what: "controller",
-        value: what.to_string(),
-        expected: "a .safetensors file, because `stochastic` samples the policy's actions",
-    }
+    invalid("controller", what, "a .safetensors file, because `stochastic` samples the policy's actions")
 }
 
 /// Adds the parts of the observation to the error of a model that expects another number of them.
@@ -119,5 +115,8 @@ pub(crate) fn controller_file(
     let wrong = |problem| mishandle_controllers::ControllerError::File { path: path.to_path_buf(), problem };
     let file = ControllerFile::from_bytes(&bytes).map_err(wrong)?;
     file.check(&needed.name, &needed.layout)?;
+    if file.header.action_interface.is_some() {
+        return Err(unsupported(&needed.name, "the action interface of a controller"));
+    }
     Ok((file, bytes))
 }

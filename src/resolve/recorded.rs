@@ -1,8 +1,9 @@
 //! The plan of a run or a counterexample, resolved again.
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_store::{ComponentRecord, RunHeader};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError, problem};
 use crate::plan::{EngineSettings, Plan};
 use crate::resolve::{ResolvedPlan, is_target_file};
 
@@ -50,7 +51,9 @@ pub(crate) fn resolve_recorded(
 ) -> Result<ResolvedPlan, MishandleError> {
     if let Some(target) = moved.target {
         if !is_target_file(&plan.target) {
-            return Err(MishandleError::TargetNotMoved { target: plan.target });
+            let text = "is not a file, so it has no new path";
+            return Err(problem(format!("the target of the run, `{}`, {text}", plan.target))
+                .with(Remedy::Unset(Key::MOVED_TARGET)));
         }
         plan.target = target.to_string();
     }
@@ -68,18 +71,22 @@ pub(crate) fn resolve_recorded(
             | MishandleError::Interchange(_)
             | MishandleError::UnknownName { kind: "controller", .. }),
             Some(recorded),
-        ) if moved.controller.is_none() => MishandleError::MissingController {
-            controller: name(recorded),
-            hash: recorded.hash.clone(),
-            source: Box::new(error),
-        },
+        ) if moved.controller.is_none() => {
+            let part =
+                format!("cannot load the run's controller `{}` (hash {})", name(recorded), recorded.hash);
+            error.of(part).with(if_moved(Key::MOVED_CONTROLLER, "the file was moved"))
+        }
         (
             MishandleError::UnknownName { kind: "target", name, .. } | MishandleError::NotATarget { name },
             _,
-        ) => MishandleError::ForeignTarget { name },
+        ) => MishandleError::Run(RunError::ForeignTarget { name }),
         // A changed file can have lost what the plan names.
         (error, _) if is_target_file(&plan.target) => {
-            MishandleError::MissingTarget { target: plan.target.clone(), source: Box::new(error) }
+            let part = format!("cannot use the target of the run, `{}`", plan.target);
+            error
+                .of(part)
+                .with(if_moved(Key::MOVED_TARGET, "its folder was moved"))
+                .with(Remedy::Advice("restore a file that was changed since the run"))
         }
         (error, _) => error,
     };
@@ -87,32 +94,54 @@ pub(crate) fn resolve_recorded(
     let found = &resolved.target.components;
     if components.len() != found.len() {
         let parts = |roles: Vec<&str>| if roles.is_empty() { "none".to_string() } else { roles.join(", ") };
-        return Err(MishandleError::ComponentMismatch {
+        return Err(RunError::Components {
             target: plan.target,
             recorded: parts(components.iter().map(|component| component.role.as_str()).collect()),
             found: parts(found.iter().map(|component| component.role.as_str()).collect()),
-        });
+        }
+        .into());
     }
     let pairs = components.iter().zip(found);
     let changed: Vec<_> =
         pairs.filter(|(then, now)| (&then.role, &then.hash) != (&now.role, &now.hash)).collect();
     match changed.as_slice() {
         [] => Ok(resolved),
-        [(then, now)] if then.role == CONTROLLER => Err(MishandleError::ControllerMismatch {
-            controller: name(then),
-            recorded: then.hash.clone(),
-            found: now.hash.clone(),
-        }),
+        [(then, now)] if then.role == CONTROLLER => {
+            let text = format!(
+                "controller `{}` is not the controller of the run: expected hash {}, found {}",
+                name(then),
+                then.hash,
+                now.hash
+            );
+            Err(problem(text).with(if_moved(Key::MOVED_CONTROLLER, "the file was moved")))
+        }
         changed => {
             let part = |(then, now): &(&ComponentRecord, &mishandle_rollout::Component)| {
                 let renamed = if then.name == now.name { "" } else { &format!(" (now `{}`)", now.name) };
                 format!("the {} `{}`{renamed}", then.role, then.name)
             };
-            Err(MishandleError::ChangedParts {
-                parts: changed.iter().map(part).collect(),
-                has_file: is_target_file(&plan.target),
-            })
+            let parts: Vec<String> = changed.iter().map(part).collect();
+            let text = format!(
+                "{} changed since the run: restore {}; with the change, make a new run",
+                listed(&parts),
+                if parts.len() == 1 { "it" } else { "them" }
+            );
+            let moved = if_moved(Key::MOVED_TARGET, "unchanged files are elsewhere");
+            Err(if is_target_file(&plan.target) { problem(text).with(moved) } else { problem(text) })
         }
+    }
+}
+
+/// Returns the remedy to give the new path of a file.
+fn if_moved(key: Key, condition: &str) -> Remedy {
+    Remedy::set(key, Choice::FILE).when(condition)
+}
+
+/// Joins parts of a sentence: `a`, `a and b`, `a, b and c`.
+fn listed(parts: &[String]) -> String {
+    match parts {
+        [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+        parts => parts.concat(),
     }
 }
 

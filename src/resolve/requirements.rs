@@ -5,7 +5,7 @@ use mishandle_random::Seed;
 use mishandle_rollout::{Request, RolloutError, Space, Specification, Target};
 use mishandle_stl::Formula;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::plan::Plan;
 use crate::resolve::{check_decidable, requirement};
 
@@ -23,11 +23,7 @@ pub(super) fn named_requirements(
     for (name, text) in &plan.requirements {
         if !is_name(name) {
             let expected = "a letter, then letters, digits, `_`, `-` and `.`";
-            return Err(MishandleError::InvalidValue {
-                what: "the name of a requirement",
-                value: name.clone(),
-                expected,
-            });
+            return Err(invalid("the name of a requirement", name, expected));
         }
         let formula = requirement(text, target)?;
         check_decidable(&formula, target)?;

@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_controllers::guard::Guard;
-use mishandle_controllers::{ControllerFile, Layout};
+use mishandle_controllers::{ActionLimiter, ControllerFile, Layout};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_robots::{
     ControlledRobot, RobotBatches, RobotEnvironment, RobotFile, RobotPolicy, RobotTraining,
 };
@@ -13,7 +14,7 @@ use mishandle_rollout::{Component, Controller, Environment, Identity, Noise, Spa
 use mishandle_text::path_text;
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, unsupported};
 use crate::plan::{GuardPlan, Plan};
 use crate::resolve::guard::{GuardedLoop, guarded, training_guard};
 use crate::resolve::policy::{
@@ -36,7 +37,7 @@ pub fn robot_file(plan: &Plan) -> Result<RobotFile, MishandleError> {
 pub(crate) fn robot_target(plan: &Plan) -> Result<Target, MishandleError> {
     if plan.preset != Plan::new("", "").preset {
         let option = "a task preset other than `paper`";
-        return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
+        return Err(unsupported(&plan.target, option));
     }
     let (robot, (controller, components), noise) = parts(plan)?;
     Ok(robot.target(controller, components, noise)?)
@@ -54,7 +55,7 @@ fn parts(plan: &Plan) -> Result<(RobotFile, Identified, Noise), MishandleError> 
     let noise = noise(plan);
     noise.check()?;
     let own = controller(&robot, plan)?;
-    let controller = guarded(plan, own, &guarded_loop(&robot)?, |name| fallback(&robot, name))?;
+    let controller = guarded(plan, own, guarded_loop(&robot)?, |name| fallback(&robot, name))?;
     Ok((robot, controller, noise))
 }
 
@@ -63,6 +64,7 @@ fn guarded_loop(robot: &RobotFile) -> Result<GuardedLoop, MishandleError> {
     let environment = robot.starts()?;
     Ok(GuardedLoop {
         layout: robot.layout(),
+        task: None,
         signals: environment.signals().to_vec(),
         control_dt: environment.control_dt(),
         episode_steps: environment.episode_steps(),
@@ -97,11 +99,10 @@ fn controller(robot: &RobotFile, plan: &Plan) -> Result<Identified, MishandleErr
             let names = [0, 1].map(|index| interface[index].as_deref());
             of_file(&needed(robot), path, names, plan.stochastic)
         }
-        RobotPolicy::Open => Err(MishandleError::InvalidValue {
-            what: "the controller",
-            value: "missing".to_string(),
-            expected: "a path, because the target file has no policy: --controller FILE",
-        }),
+        RobotPolicy::Open => {
+            Err(invalid("the controller", "missing", "a path, because the target file has no policy")
+                .with(Remedy::set(Key::CONTROLLER, Choice::FILE)))
+        }
         RobotPolicy::Program(policy) => of_program(policy, plan.stochastic),
         RobotPolicy::Expression(policy) => of_the_file(policy, "expression", plan),
         RobotPolicy::BuiltIn(policy) => of_the_file(policy, "task-space", plan),
@@ -157,11 +158,8 @@ impl RobotToTrain {
         if reward == RobotToTrain::REWARD {
             Ok(())
         } else {
-            Err(MishandleError::InvalidValue {
-                what: "train.reward",
-                value: reward.to_string(),
-                expected: "left out: the rewards of a robot are those of its file, in the table [rewards]",
-            })
+            let expected = "left out: the rewards of a robot are those of its file, in the table [rewards]";
+            Err(invalid("the reward", reward, expected).with(Remedy::Unset(Key::REWARD)))
         }
     }
 }
@@ -175,8 +173,18 @@ impl TrainingTarget for RobotToTrain {
         path_text(self.file.path())
     }
 
-    fn layout(&self) -> Layout {
+    fn layout(&self, _: &AlgorithmSettings) -> Layout {
         self.file.layout()
+    }
+
+    fn limiter(&self, settings: &AlgorithmSettings) -> Result<Option<ActionLimiter>, MishandleError> {
+        let episodes = settings.episodes();
+        if episodes.action_interface.is_some() || !episodes.further_parts.is_empty() {
+            let option = "an action interface or further parts of the observation (the table [episodes] of the \
+                          training settings)";
+            return Err(unsupported(self.name(), option));
+        }
+        Ok(None)
     }
 
     fn preset(&self) -> &'static str {
@@ -196,13 +204,12 @@ impl TrainingTarget for RobotToTrain {
         RobotToTrain::check_reward(reward)?;
         if *settings.rewards() != RewardSettings::default() {
             let option = "reward terms for the manner (the table [rewards] of the training settings)";
-            return Err(MishandleError::UnsupportedOption { target: self.name().to_string(), option });
+            return Err(unsupported(self.name(), option));
         }
         let RobotTraining { environment, hash, disturbances, axes, spaces, .. } = self.training.clone();
-        let named = (axes, spaces);
         let starts = of_robot(environment.clone(), &hash);
         let over = move |space: &Space| Ok(of_robot(Arc::new(environment.with_own_axes(space)?), &hash));
-        Ok(TrainingScene::new(named, disturbances, starts, over))
+        Ok(TrainingScene::new(axes, spaces, disturbances, starts, over))
     }
 
     fn start_controller(&self, name: &str) -> Result<ControllerFile, MishandleError> {
@@ -212,8 +219,8 @@ impl TrainingTarget for RobotToTrain {
         Ok(controller_file(&needed(&self.file), Path::new(name))?.0)
     }
 
-    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError> {
-        training_guard(settings, &guarded_loop(&self.file)?, |name| fallback(&self.file, name))
+    fn guard(&self, guard: &GuardPlan, _: &AlgorithmSettings) -> Result<Guard, MishandleError> {
+        training_guard(guard, guarded_loop(&self.file)?, |name| fallback(&self.file, name))
     }
 
     fn shipped_settings(&self, _: &str, _: &str) -> Result<Option<ShippedFile>, MishandleError> {

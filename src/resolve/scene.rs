@@ -14,7 +14,7 @@ use mishandle_tasks::{
 };
 use mishandle_world::{FullState, Model, PictureModel, WorldDevice};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::Plan;
 use crate::resolve::guard::quantities;
 use crate::resolve::robot::controlled_robot;
@@ -81,7 +81,8 @@ impl SceneTarget {
     /// If the device cannot simulate the target over the axes of `space`.
     pub(crate) fn batches(
         &self,
-        (space, specification): (&Space, &Specification),
+        space: &Space,
+        specification: &Specification,
         device: &dyn WorldDevice,
         rows: impl Iterator<Item = usize>,
     ) -> Result<Vec<Box<dyn ScenarioBatch>>, MishandleError> {
@@ -95,6 +96,21 @@ impl SceneTarget {
                 let robot = file.on_device(target, space)?;
                 rows.map(|rows| Ok(Box::new(robot.batch(device, rows)?) as Boxed)).collect()
             }
+        }
+    }
+
+    /// Returns the target, and another controller of it, in an environment that writes what both
+    /// read.
+    pub(crate) fn beside(
+        self,
+        other: Arc<dyn Controller>,
+    ) -> Result<(SceneTarget, Arc<dyn Controller>), MishandleError> {
+        match self {
+            SceneTarget::Task(target) => {
+                let (target, other) = target.beside(other)?;
+                Ok((SceneTarget::Task(target), other))
+            }
+            SceneTarget::Robot(..) => Ok((self, other)),
         }
     }
 
@@ -139,7 +155,9 @@ impl SceneTarget {
     /// Returns the names of the numbers of an observation.
     pub(crate) fn observation_names(&self) -> Vec<String> {
         quantities(&match self {
-            SceneTarget::Task(target) => target.starts().definition().layout(),
+            SceneTarget::Task(target) => {
+                target.starts().definition().layout_with(target.controller().further_parts())
+            }
             SceneTarget::Robot(file, _) => file.layout(),
         })
     }
@@ -158,11 +176,11 @@ fn check_scene(kind: &str, target: &str) -> Result<(), MishandleError> {
     if has_scene(kind) {
         Ok(())
     } else {
-        Err(MishandleError::InvalidValue {
-            what: "the target of pictures and full records",
-            value: target.to_string(),
-            expected: "a task or a target file, because other targets have no scene",
-        })
+        Err(invalid(
+            "the target of pictures and full records",
+            target,
+            "a task or a target file, because other targets have no scene",
+        ))
     }
 }
 
@@ -188,11 +206,7 @@ pub(crate) struct TargetSight {
 
 /// Returns the cameras of a target, with images of this size.
 pub(crate) fn target_sight(target: &str, size: Size) -> Result<TargetSight, MishandleError> {
-    let no_cameras = |expected| MishandleError::InvalidValue {
-        what: "the target of images",
-        value: target.to_string(),
-        expected,
-    };
+    let no_cameras = |expected| invalid("the target of images", target, expected);
     if is_target_file(target) {
         let file = RobotFile::read(Path::new(target))?;
         let expected = "one with cameras: state some in a table [cameras] of the target file";
@@ -269,7 +283,11 @@ fn check_in_box(definition: &Definition, x0: &[f64]) -> Result<(), MishandleErro
     match (outside(Preset::Paper), outside(Preset::Code)) {
         (Some((axis, &value)), Some(_)) => {
             let [low, high] = axis.bounds(Preset::Paper);
-            Err(MishandleError::OutsideBox { axis: axis.name, value, unit: axis.unit, low, high })
+            let unit = axis.unit;
+            Err(problem(format!(
+                "{} is {value} {unit}, outside the initial box: from {low} to {high} {unit} in task preset paper",
+                axis.name
+            )))
         }
         _ => Ok(()),
     }

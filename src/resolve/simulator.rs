@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use mishandle_controllers::{Entry, Layout};
 use mishandle_files::{limits, read_text_bounded};
-use mishandle_results::ProtocolCheck;
+use mishandle_results::{Choice, Key, ProtocolCheck, Remedy};
 use mishandle_rollout::{ControlLoop, LoopPart, Target};
 use mishandle_simulators::{
     Description, FilePolicy, ProgramPolicy, ProgramSettings, Simulator, SimulatorFile,
 };
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, unsupported};
 use crate::plan::Plan;
 use crate::resolve::check_no_task_options;
 use crate::resolve::described::idle;
@@ -29,6 +29,7 @@ pub(crate) fn simulator_target(plan: &Plan, file: &SimulatorFile) -> Result<Targ
         let needed = needed(&description.name, policy);
         let guarded_loop = GuardedLoop {
             layout: needed.layout.clone(),
+            task: None,
             signals: description.signals.iter().map(|signal| signal.name.clone()).collect(),
             control_dt: policy.control_dt,
             episode_steps: policy.episode_steps,
@@ -36,7 +37,7 @@ pub(crate) fn simulator_target(plan: &Plan, file: &SimulatorFile) -> Result<Targ
             meanings: None,
         };
         let load = |path: &str| of_file(&needed, Path::new(path), [None, None], false);
-        controller = Some(guarded(plan, own, &guarded_loop, load)?);
+        controller = Some(guarded(plan, own, guarded_loop, load)?);
     }
     Ok(mishandle_simulators::target(simulator, controller, noise(plan))?)
 }
@@ -116,25 +117,25 @@ fn controller(
 ) -> Result<Option<Identified>, MishandleError> {
     let Some(policy) = &description.policy else {
         if file.policy != FilePolicy::Open {
-            return Err(MishandleError::InvalidValue {
-                what: "the table [policy] of the target file",
-                value: "given".to_string(),
-                expected: "left out, because the simulator states no `policy`: it contains its own controller",
-            });
+            return Err(invalid(
+                "the table [policy] of the target file",
+                "given",
+                "left out, because the simulator states no `policy`: it contains its own controller",
+            ));
         }
         if !plan.controller.is_empty() {
-            return Err(MishandleError::InvalidValue {
-                what: "the controller",
-                value: plan.controller.clone(),
-                expected: "left out, because the simulator states no `policy`: it contains its own controller",
-            });
+            return Err(invalid(
+                "the controller",
+                &plan.controller,
+                "left out, because the simulator states no `policy`: it contains its own controller",
+            ));
         }
         check_no_task_options(plan)?;
         return Ok(None);
     };
     if plan.preset != Plan::new("", "").preset {
         let option = "a task preset other than `paper`";
-        return Err(MishandleError::UnsupportedOption { target: plan.target.clone(), option });
+        return Err(unsupported(&plan.target, option));
     }
     let needed = needed(&description.name, policy);
     if !plan.controller.is_empty() {
@@ -148,11 +149,12 @@ fn controller(
         FilePolicy::Program(settings) => {
             of_program(&Arc::new(program(settings, policy, file)), plan.stochastic).map(Some)
         }
-        FilePolicy::Open => Err(MishandleError::InvalidValue {
-            what: "the controller",
-            value: "missing".to_string(),
-            expected: "a path, because the simulator has a policy that Mishandle runs: --controller FILE",
-        }),
+        FilePolicy::Open => Err(invalid(
+            "the controller",
+            "missing",
+            "a path, because the simulator has a policy that Mishandle runs",
+        )
+        .with(Remedy::set(Key::CONTROLLER, Choice::FILE))),
     }
 }
 

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use mishandle_controllers::bytes_hash;
 use mishandle_controllers::guard::Meaning;
+use mishandle_controllers::{ControllerFile, bytes_hash};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_rollout::Component;
 use mishandle_tasks::{ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::Plan;
 use crate::resolve::controller::{controller_of, split_task};
 use crate::resolve::guard::{GuardedLoop, guarded};
@@ -61,24 +62,25 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     let noise = noise(plan);
     noise.check()?;
     if plan.controller.is_empty() {
-        return Err(MishandleError::NoController {
-            target: plan.target.clone(),
-            known: shipped_controllers(task.definition()),
-        });
+        let known = shipped_controllers(task.definition()).join(", ");
+        let text = format!("{} needs a controller; shipped are: {known}", plan.target);
+        return Err(problem(text).with(Remedy::set(Key::CONTROLLER, Choice::Shape("NAME|FILE"))));
     }
     let controller = load_controller(task, &plan.controller, plan.stochastic)?;
-    let (controller, components) = guarded(plan, controller, &guarded_loop(task.definition()), |name| {
-        load_controller(task, name, false)
-    })?;
+    let guarded_loop = guarded_loop(task.definition(), controller.0.further_parts());
+    let (controller, components) =
+        guarded(plan, controller, guarded_loop, |name| load_controller(task, name, false))?;
     Ok(TaskTarget::new(task, preset, controller, components, noise)?)
 }
 
-/// Returns what a guard must know about a task.
-pub(crate) fn guarded_loop(definition: &Definition) -> GuardedLoop {
+/// Returns what a guard must know about a task and a controller that reads these further parts of
+/// the observation.
+pub(crate) fn guarded_loop(definition: &'static Definition, further_parts: &[String]) -> GuardedLoop {
     let arm = vec![Meaning::Increment; ARM_JOINTS];
     let fingers = vec![Meaning::Grip; JOINTS - ARM_JOINTS];
     GuardedLoop {
-        layout: definition.layout(),
+        layout: definition.layout_with(further_parts),
+        task: Some(definition),
         signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
         control_dt: CONTROL_DT,
         episode_steps: EPISODE_STEPS,
@@ -104,43 +106,44 @@ pub(crate) fn load_controller(
     let (owner, name) = split_task(name).unwrap_or((definition, name));
     if name == EXPERT {
         if owner.name != definition.name {
-            return Err(MishandleError::InvalidValue {
-                what: "the controller",
-                value: format!("{}/{EXPERT}", owner.name),
-                expected: "a controller of the task",
-            });
+            return Err(invalid(
+                "the controller",
+                format!("{}/{EXPERT}", owner.name),
+                "a controller of the task",
+            ));
         }
         if stochastic {
-            return Err(MishandleError::InvalidValue {
-                what: "controller",
-                value: "the expert".to_string(),
-                expected: "a learned policy, because `stochastic` samples the policy's actions",
-            });
+            return Err(invalid(
+                "controller",
+                "the expert",
+                "a learned policy, because `stochastic` samples the policy's actions",
+            ));
         }
-        let controller = task
-            .expert()
-            .map_err(|source| MishandleError::Expert { task: definition.name.to_string(), source })?;
+        let controller = task.expert().map_err(|error| {
+            MishandleError::from(error).of(format!("cannot build the expert of {}", definition.name))
+        })?;
         return Ok((controller, vec![component(EXPERT.to_string(), String::new())]));
     }
     let shipped = controller_of(owner, name)?;
     if is_onnx(shipped.path()) {
         if stochastic {
-            return Err(MishandleError::InvalidValue {
-                what: "controller",
-                value: "an ONNX model".to_string(),
-                expected: "a .safetensors file, because `stochastic` samples the policy's actions and an ONNX model is \
+            return Err(invalid(
+                "controller",
+                "an ONNX model",
+                "a .safetensors file, because `stochastic` samples the policy's actions and an ONNX model is \
                            deterministic",
-            });
+            ));
         }
         let policy = onnx_policy_of(&shipped, definition)?;
-        let component = component(policy.hash().to_string(), policy.file_hash().to_string());
-        return Ok((Arc::new(policy), vec![component]));
+        return Ok((policy.controller, vec![component(policy.hash, policy.file_hash)]));
     }
     let file = shipped.controller()?;
     // A variant accepts controllers of its own and of its base task.
     let task_name = definition.variant_of.filter(|base| file.header.task == *base).unwrap_or(definition.name);
-    file.check(task_name, &definition.layout())?;
-    let policy = file.policy.sampling(stochastic);
-    let component = component(policy.hash(), bytes_hash(&shipped.bytes()?));
-    Ok((Arc::new(policy), vec![component]))
+    file.check(task_name, &definition.layout_for(&file.header.layout))?;
+    let file = ControllerFile { policy: file.policy.sampling(stochastic), ..file };
+    let component = component(file.hash(), bytes_hash(&shipped.bytes()?));
+    let ControllerFile { header, policy } = file;
+    let interface = header.action_interface.as_ref();
+    Ok((definition.fit(Arc::new(policy), &header.layout, interface)?, vec![component]))
 }

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use mishandle_controllers::guard::Guard;
-use mishandle_controllers::{ControllerFile, Layout};
+use mishandle_controllers::{ActionLimiter, ControllerFile, Layout};
 use mishandle_rollout::{
     Axis, BatchFactory, Disturbance, Environment, Identity, Noise, Space, Specification,
 };
 use mishandle_tasks::{MannerWeights, Preset, Reward, Task, TaskEnvironment, target_identity, task_hash};
 use mishandle_training::{AlgorithmSettings, RewardSettings};
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, unsupported};
 use crate::plan::{GPU, GuardPlan, Plan};
 use crate::resolve::controller::shipped_file;
 use crate::resolve::guard::training_guard;
@@ -30,8 +30,14 @@ pub trait TrainingTarget {
     /// Returns its name on the command line.
     fn given(&self) -> String;
 
-    /// Returns the layout of observations and actions.
-    fn layout(&self) -> Layout;
+    /// Returns the layout of observations and actions of a policy that trains with these settings.
+    fn layout(&self, settings: &AlgorithmSettings) -> Layout;
+
+    /// Returns the limiter of the action interface of the settings, if they have one.
+    ///
+    /// # Errors
+    /// If the interface does not fit the target.
+    fn limiter(&self, settings: &AlgorithmSettings) -> Result<Option<ActionLimiter>, MishandleError>;
 
     /// Returns the name of its task preset in controller files.
     fn preset(&self) -> &'static str;
@@ -64,7 +70,7 @@ pub trait TrainingTarget {
     ///
     /// # Errors
     /// If the guard is wrong, or privileged.
-    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError>;
+    fn guard(&self, guard: &GuardPlan, settings: &AlgorithmSettings) -> Result<Guard, MishandleError>;
 
     /// Returns the settings that are shipped for it, if any.
     ///
@@ -98,7 +104,8 @@ type Over = dyn Fn(&Space) -> Result<TrainingEnvironment, MishandleError>;
 impl TrainingScene {
     /// Makes a scene. `over` returns the environment over its axes of a space.
     pub(crate) fn new(
-        (axes, spaces): (Vec<Axis>, Vec<Space>),
+        axes: Vec<Axis>,
+        spaces: Vec<Space>,
         disturbances: Vec<Disturbance>,
         starts: TrainingEnvironment,
         over: impl Fn(&Space) -> Result<TrainingEnvironment, MishandleError> + 'static,
@@ -139,7 +146,7 @@ pub fn training_target(target: &str, device: &str) -> Result<Box<dyn TrainingTar
     }
     if device == GPU {
         let option = "training on a GPU";
-        Err(MishandleError::UnsupportedOption { target: target.to_string(), option })
+        Err(unsupported(target, option))
     } else {
         Ok(Box::new(RobotToTrain::read(target)?))
     }
@@ -168,11 +175,11 @@ pub fn reward(name: &str) -> Result<Reward, MishandleError> {
 
 /// Returns the error of a controller from which training cannot start.
 pub(crate) fn not_a_start(controller: &str) -> MishandleError {
-    MishandleError::InvalidValue {
-        what: "the controller to start from",
-        value: controller.to_string(),
-        expected: "a controller file of this program: training continues its network",
-    }
+    invalid(
+        "the controller to start from",
+        controller,
+        "a controller file of this program: training continues its network",
+    )
 }
 
 /// A task as a target of training.
@@ -187,8 +194,14 @@ impl TrainingTarget for TaskToTrain {
         self.name().to_string()
     }
 
-    fn layout(&self) -> Layout {
-        self.0.definition().layout()
+    fn layout(&self, settings: &AlgorithmSettings) -> Layout {
+        self.0.definition().layout_with(&settings.episodes().further_parts)
+    }
+
+    fn limiter(&self, settings: &AlgorithmSettings) -> Result<Option<ActionLimiter>, MishandleError> {
+        let interface = settings.episodes().action_interface.as_ref();
+        let limiter = |interface| self.0.definition().limiter(&self.layout(settings), interface);
+        Ok(interface.map(limiter).transpose()?)
     }
 
     fn preset(&self) -> &'static str {
@@ -205,12 +218,13 @@ impl TrainingTarget for TaskToTrain {
 
     fn scene(&self, name: &str, settings: &AlgorithmSettings) -> Result<TrainingScene, MishandleError> {
         let environment = TaskEnvironment::new(self.0, Preset::Paper, reward(name)?)?;
+        let environment = environment.with_further_parts(&settings.episodes().further_parts)?;
         let environment = with_terms(environment, settings);
         let disturbances = environment.disturbances(settings.episodes().action_noise > 0.0);
-        let named = environment.axes_and_spaces(&disturbances, &[])?;
+        let (axes, spaces) = environment.axes_and_spaces(&disturbances, &[])?;
         let starts = of_task(environment.clone());
         let over = move |space: &Space| Ok(of_task(environment.with_scene_axes(space)?));
-        Ok(TrainingScene::new(named, disturbances, starts, over))
+        Ok(TrainingScene::new(axes, spaces, disturbances, starts, over))
     }
 
     fn start_controller(&self, name: &str) -> Result<ControllerFile, MishandleError> {
@@ -220,13 +234,14 @@ impl TrainingTarget for TaskToTrain {
             return Err(not_a_start("an ONNX model"));
         }
         let file = shipped.controller()?;
-        file.check(definition.name, &definition.layout())?;
+        file.check(definition.name, &definition.layout_for(&file.header.layout))?;
         Ok(file)
     }
 
-    fn guard(&self, settings: &GuardPlan) -> Result<Guard, MishandleError> {
+    fn guard(&self, guard: &GuardPlan, settings: &AlgorithmSettings) -> Result<Guard, MishandleError> {
         let load = |name: &str| load_controller(self.0, name, false);
-        training_guard(settings, &guarded_loop(self.0.definition()), load)
+        let guarded_loop = guarded_loop(self.0.definition(), &settings.episodes().further_parts);
+        training_guard(guard, guarded_loop, load)
     }
 
     fn shipped_settings(&self, algorithm: &str, device: &str) -> Result<Option<ShippedFile>, MishandleError> {

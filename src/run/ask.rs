@@ -9,12 +9,12 @@ use mishandle_rollout::Request;
 use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
 use mishandle_world::WorldDevice;
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError};
 use crate::resolve::{ResolvedPlan, recorded_plan};
 use crate::run::answer::add_recorded_parts;
 use crate::run::facts::Facts;
 use crate::run::journal::Journal;
-use crate::run::{evaluate, evaluating, falsify, header, margin, metamorphic, risk, screening};
+use crate::run::{evaluation, falsification, margin, metamorphic, risk, same_plan};
 
 /// The engine that computes the simulations of a question.
 #[derive(Clone, Copy)]
@@ -58,7 +58,7 @@ impl From<RunWriter> for OpenRun {
 }
 
 /// The answer of a question, and the statuses that its run file must have.
-pub(super) struct Found {
+pub(crate) struct Found {
     pub answer: Answer,
     /// The trials that have ended, with their statuses.
     pub ended: Vec<(u32, TrialStatus)>,
@@ -90,11 +90,11 @@ pub(super) fn open<'a>(
     engine: Engine<'_>,
 ) -> Result<Journal<'a>, MishandleError> {
     let OpenRun { writer, known_arm } = run;
-    header::check_run(writer.file(), resolved)?;
+    same_plan::check_run(writer.file(), resolved)?;
     let engine = match (&resolved.plan.screening, engine) {
         (None, _) => None,
         (Some(plan), Engine::Screening(device)) => {
-            Some(Box::new(screening(resolved, device, plan.rows as usize)?) as _)
+            Some(Box::new(crate::run::device::screening(resolved, device, plan.rows as usize)?) as _)
         }
         (Some(plan), Engine::Direct) => {
             return Err(MishandleError::NoDevice { device: plan.device.clone() });
@@ -121,8 +121,8 @@ pub(super) fn conclude(journal: Journal<'_>, found: Found) -> Result<Answer, Mis
 /// Asks the question of a journal.
 fn question(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleError> {
     match journal.resolved().plan.kind() {
-        RunKind::Evaluate => evaluate::ask(journal, watch),
-        RunKind::Falsify => falsify::ask(journal, watch),
+        RunKind::Evaluate => evaluation::ask(journal, watch),
+        RunKind::Falsify => falsification::ask(journal, watch),
         RunKind::Margin => margin::ask(journal, watch),
         RunKind::Metamorphic => metamorphic::ask(journal, watch),
         RunKind::Risk => risk::ask(journal, watch),
@@ -146,8 +146,8 @@ pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result
     let header = run.header();
     let facts = Facts::recorded(header)?;
     let mut answer = match header.kind {
-        RunKind::Evaluate if facts.plan.screening.is_none() => evaluating::recorded(run, &facts)?,
-        RunKind::Falsify if facts.plan.screening.is_none() => falsify::recorded(run, &facts)?,
+        RunKind::Evaluate if facts.plan.screening.is_none() => evaluation::progress::recorded(run, &facts)?,
+        RunKind::Falsify if facts.plan.screening.is_none() => falsification::recorded(run, &facts)?,
         _ => return answer_again(run, &recorded_plan(header, None)?),
     };
     add_recorded_parts(&mut answer, run, &facts.plan, true)?;
@@ -156,7 +156,7 @@ pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result
 
 /// Asks the question of a run again.
 fn answer_again(run: &RunFile, resolved: &ResolvedPlan) -> Result<Answer, MishandleError> {
-    header::check(run.header(), resolved)?;
+    same_plan::check(run.header(), resolved)?;
     let mut journal = Journal::again(resolved, run);
     let mut found = question(&journal, &mut |_| ControlFlow::Continue(()));
     if found.is_err() && journal.is_missing() {
@@ -173,7 +173,7 @@ fn answer_again(run: &RunFile, resolved: &ResolvedPlan) -> Result<Answer, Mishan
         });
         if journal.is_missing() {
             let differences = vec!["simulations: some are missing".to_string()];
-            return Err(MishandleError::RunMismatch { differences });
+            return Err(MishandleError::differs(Compared::Plan, differences));
         }
     }
     conclude(journal, found?)
@@ -196,10 +196,7 @@ pub(crate) fn asked(
         Some(request) => Ok(Some(request)),
         // The question came to its end, or to a simulation that is not recorded.
         None => match end {
-            Err(
-                error
-                @ (MishandleError::SimulationMismatch { .. } | MishandleError::ScreeningMismatch { .. }),
-            ) => Err(error),
+            Err(error @ MishandleError::Run(RunError::OtherRequest { .. })) => Err(error),
             _ => Ok(None),
         },
     }

@@ -4,10 +4,11 @@
 //! another build may continue a run only if it is recorded, as a further row among the versions of
 //! the header.
 
+use mishandle_results::{Key, Remedy};
 use mishandle_store::{BuildRecord, RunFile, RunHeader, RunWriter};
 
 use crate::build::build;
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError, problem};
 use crate::resolve::ResolvedPlan;
 use crate::run::unfinished;
 
@@ -101,18 +102,30 @@ pub fn admit_build(run: &mut RunWriter, resolved: &ResolvedPlan) -> Result<(), M
 /// Checks that the present build may add rows to a run. A complete run gets no rows.
 ///
 /// # Errors
-/// [`OtherBuild`](MishandleError::OtherBuild), or an error of the run file.
+/// A difference of the [build](Compared::Build), or an error of the run file.
 pub(crate) fn check_build(run: &RunFile, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
     if is_admitted(run, resolved) || unfinished(run)?.is_none() {
         return Ok(());
     }
-    Err(MishandleError::OtherBuild { differences: started(run.header(), resolved) })
+    Err(MishandleError::differs(Compared::Build, started(run.header(), resolved)))
 }
 
 fn is_admitted(run: &RunFile, resolved: &ResolvedPlan) -> bool {
     let present = description(resolved);
     started(run.header(), resolved).is_empty()
         || continued_builds(run.header()).any(|(_, build)| build == present)
+}
+
+/// Returns the error of runs in the folder of a question that no other build may continue.
+pub(crate) fn of_folder(error: MishandleError) -> MishandleError {
+    match error {
+        MishandleError::Run(RunError::Differs { whose: Compared::Build, differences }) => {
+            problem(format!("another build made the runs in the folder: {}", differences.join("; ")))
+                .with(Remedy::Advice("continue with that build"))
+                .with(Remedy::Another(Key::OUT))
+        }
+        error => error,
+    }
 }
 
 #[cfg(test)]
@@ -123,7 +136,7 @@ mod tests {
 
     use super::*;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::run::{Engine, Progress, ask, header, record};
+    use crate::run::{Engine, Progress, ask, header, same_plan};
 
     #[test]
     fn another_build_adds_rows_only_if_the_header_names_it() {
@@ -132,7 +145,7 @@ mod tests {
         let evaluation = EvaluatePlan { episodes: 6, batch: 2, ..EvaluatePlan::default() };
         let plan = Plan { evaluate: Some(evaluation), ..Plan::new("toy/sphere-2d", "") };
         let resolved = ResolvedPlan::new(&plan).unwrap();
-        let mut started = record::header(&resolved);
+        let mut started = header::header(&resolved);
         started.build.git_commit = "c0ffee".to_string();
         started.versions.push(("engine".to_string(), "1.0".to_string()));
         RunWriter::create(&path, &started, IfExists::Refuse).unwrap().close().unwrap();
@@ -143,10 +156,11 @@ mod tests {
             };
             ask(&resolved, RunWriter::resume(&path).unwrap(), Engine::Direct, &mut watch).map(drop)
         };
-        let error = go(2).unwrap_err().to_string();
-        for part in ["commit c0ffee", "recorded engine 1.0, now unknown", "engine.any-build"] {
-            assert!(error.contains(part), "{error}");
+        let error = go(2).unwrap_err();
+        for part in ["commit c0ffee", "recorded engine 1.0, now unknown"] {
+            assert!(error.to_string().contains(part), "{error}");
         }
+        assert!(error.remedies().iter().any(|remedy| remedy.keys() == [Key::ANY_BUILD]));
         for _ in 0..2 {
             let mut run = RunWriter::resume(&path).unwrap();
             admit_build(&mut run, &resolved).unwrap();
@@ -159,7 +173,7 @@ mod tests {
         assert_eq!(continued, [("build 2", description(&resolved).as_str())]);
         // The build that started the run is still another one for replays.
         assert_eq!(build_differences(run.header(), &resolved).len(), 2);
-        assert!(header::differences(run.header(), &resolved).unwrap().is_empty());
+        assert!(same_plan::differences(run.header(), &resolved).unwrap().is_empty());
         drop(run);
         go(u64::MAX).unwrap();
         // A complete run gets no rows, so any build may read its answer.
@@ -173,9 +187,9 @@ mod tests {
     fn a_header_without_a_component_is_a_difference() {
         let plan = Plan::new("toy/sphere-2d", "");
         let resolved = ResolvedPlan::new(&plan).unwrap();
-        let mut recorded = record::header(&resolved);
+        let mut recorded = header::header(&resolved);
         recorded.components.push(mishandle_store::ComponentRecord::default());
-        let found = header::differences(&recorded, &resolved).unwrap();
+        let found = same_plan::differences(&recorded, &resolved).unwrap();
         assert_eq!(found, ["number of components: recorded 1, expected 0"]);
     }
 }

@@ -2,12 +2,13 @@
 //! nominal.
 
 use mishandle_evaluation::{Estimate, wilson};
-use mishandle_falsification::{distance, inside_bounds, is_inside_of, off_nominal, on_bounds};
-use mishandle_results::Cause;
-use mishandle_rollout::{Axis, AxisValues, Scenario, Space};
+use mishandle_falsification::{Survivor, distance, inside_bounds, is_inside_of, off_nominal, on_bounds};
+use mishandle_results::{Cause, CheckedFailure, PhysicsCheck};
+use mishandle_rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
 use mishandle_store::{RunFile, Simulation};
 
 use crate::error::MishandleError;
+use crate::resolve::named_scenario;
 use crate::run::recorded_axis;
 
 /// The cause of a failure: the scenario that it becomes when it moves toward nominal.
@@ -28,6 +29,9 @@ pub(crate) struct Isolation {
     pub(crate) closest: Simulation,
     /// Indices of its axes that are off nominal.
     pub(crate) axes: Vec<usize>,
+    /// The failing simulations from `closest` to the counterexample, the ones nearer to nominal
+    /// first.
+    failing: Vec<Simulation>,
     original: Simulation,
     rows: Vec<Simulation>,
     space: Space,
@@ -68,15 +72,32 @@ pub(crate) fn isolation(run: &RunFile, trial: u32) -> Result<Option<Isolation>, 
     // A simulation inside of a bound only says how exact the bound must be.
     let is_inside =
         |row: &Simulation| failing.iter().any(|other| is_inside_of(&space, &scenario(row), &scenario(other)));
-    let moved = failing.iter().copied().filter(|row| !is_inside(row));
-    let closest = moved.filter(is_repeated).min_by(|a, b| {
+    let compare = |a: &&Simulation, b: &&Simulation| {
         let a = order(a);
         let b = order(b);
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-    });
-    let closest = closest.unwrap_or(&original).clone();
+    };
+    let mut moved: Vec<&Simulation> = failing.iter().copied().filter(|row| !is_inside(row)).collect();
+    moved.sort_by(compare);
+    let closest = moved.iter().copied().find(is_repeated).unwrap_or(&original).clone();
+    moved.retain(|row| compare(&&closest, row).is_lt());
+    let is_original = |row: &&Simulation| (row.trial, row.number) == (original.trial, original.number);
+    moved.retain(|row| !is_original(row));
+    let mut failing: Vec<Simulation> = std::iter::once(&closest).chain(moved).cloned().collect();
+    if !is_original(&&closest) {
+        failing.push(original.clone());
+    }
     let axes = off(&closest);
-    Ok(Some(Isolation { closest, axes, original, rows, space }))
+    Ok(Some(Isolation { closest, axes, failing, original, rows, space }))
+}
+
+/// Returns the simulation of a row as a request.
+fn request(row: &Simulation) -> Request {
+    Request {
+        trial: row.trial,
+        number: row.number,
+        ..Request::new(Scenario::new(row.scenario.clone()), Seed(row.seed))
+    }
 }
 
 fn passes(row: &Simulation) -> bool {
@@ -147,6 +168,35 @@ impl Isolation {
         if alone.is_empty() { axes } else { alone }
     }
 
+    /// Returns the failing simulations, from the closest one to the counterexample.
+    pub(crate) fn failures(&self) -> Vec<Request> {
+        self.failing.iter().map(request).collect()
+    }
+
+    /// Returns the findings with a check of the physics, for which the closest failure goes back to
+    /// the survivor of [`failures`](Self::failures).
+    pub(crate) fn checked(mut self, survivor: Survivor) -> Cause {
+        let Survivor { index, physics, checked } = survivor;
+        let found = self.failing.len() - 1;
+        let failure = |(index, physics): (usize, PhysicsCheck)| {
+            let Simulation { scenario, robustness, .. } = &self.failing[index];
+            CheckedFailure {
+                scenario: named_scenario(self.space.axes(), scenario),
+                robustness: robustness.unwrap_or_default().into(),
+                physics,
+            }
+        };
+        let checked = checked.into_iter().filter(|(index, _)| *index != found).map(failure).collect();
+        let went_back = index > 0;
+        if went_back {
+            self.closest = self.failing[index].clone();
+            self.axes = off_nominal(&self.space, &Scenario::new(self.closest.scenario.clone()));
+        }
+        let cause = self.result();
+        let other_seeds = cause.other_seeds.filter(|_| !went_back);
+        Cause { other_seeds, went_back, physics: Some(physics), checked, ..cause }
+    }
+
     /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
     fn other_seeds(&self) -> Option<Estimate> {
         let others: Vec<&Simulation> = self
@@ -175,11 +225,7 @@ impl Isolation {
         let without = |axis: usize| without_all(&mut std::iter::once(axis));
         Cause {
             simulations: self.rows.len() as u64,
-            scenario: axes
-                .iter()
-                .map(|axis| axis.name.clone())
-                .zip(self.closest.scenario.iter().copied())
-                .collect(),
+            scenario: named_scenario(axes, &self.closest.scenario),
             robustness: self.closest.robustness.unwrap_or_default().into(),
             axes: names(self.axes.clone()),
             sufficient: self
@@ -188,6 +234,9 @@ impl Isolation {
             necessary: self.axes_where(without, passes).map(names),
             only_on_bounds: names(self.only_on_bounds()),
             other_seeds: self.other_seeds(),
+            went_back: false,
+            physics: None,
+            checked: Vec::new(),
         }
     }
 }

@@ -37,3 +37,8 @@ pub fn end_text(end: EpisodeEnd, signals: &[&str]) -> String {
         EpisodeEnd::Completed => "it completed".to_string(),
     }
 }
+
+/// Returns a reason, if there is one.
+pub(crate) fn given(reason: &str) -> Option<String> {
+    (!reason.is_empty()).then(|| reason.to_string())
+}

@@ -1,19 +1,19 @@
 //! Parts of a plan that an answer names, with the target or from a run file alone.
 
-use mishandle_evaluation::FormulaRoles;
-use mishandle_results::{Seed, Subject};
-use mishandle_rollout::Space;
+use mishandle_evaluation::{Corners, FormulaRoles};
+use mishandle_results::{AxisFacts, BoxPoint, Named, Scenario, Seed, Subject};
+use mishandle_rollout::{AxisKind, Space};
 use mishandle_simulators::SIMULATOR;
-use mishandle_store::RunHeader;
+use mishandle_store::{AxisRecord, RunHeader, RunKind};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::ResolvedPlan;
 use crate::resolve::guard::recorded_guard;
-use crate::run::{recorded_axes, recorded_axis, rejects_scenarios};
+use crate::resolve::{ResolvedPlan, axis_facts};
+use crate::run::{recorded_axis, rejects_scenarios};
 
 /// Plan, space and formulas of an answer.
-pub(super) struct Facts {
+pub(crate) struct Facts {
     pub plan: Plan,
     pub subject: Subject,
     pub space: Space,
@@ -88,4 +88,36 @@ impl Facts {
             plan,
         })
     }
+}
+
+/// Describes the axes of a run file.
+pub fn recorded_axes(axes: &[AxisRecord]) -> Vec<AxisFacts> {
+    let facts = |axis: &AxisRecord| AxisFacts { kind: axis.kind.clone(), ..axis_facts(&recorded_axis(axis)) };
+    axes.iter().map(facts).collect()
+}
+
+/// Returns a recorded scenario with the names of its axes.
+pub fn recorded_scenario(axes: &[AxisRecord], values: &[Option<f64>]) -> Scenario {
+    recorded_named(axes, values.iter().copied())
+}
+
+/// Returns one value per axis with the names of the axes.
+pub(crate) fn recorded_named<T>(axes: &[AxisRecord], values: impl Iterator<Item = T>) -> Named<T> {
+    axes.iter().map(|axis| axis.name.clone()).zip(values).collect()
+}
+
+/// Returns the point of a simulation at the corners of the initial box, which an
+/// evaluation runs in a trial of its own.
+pub fn box_point(header: &RunHeader, trial: u32, scenario: &[Option<f64>]) -> Option<BoxPoint> {
+    if header.kind != RunKind::Evaluate || trial != Corners::TRIAL {
+        return None;
+    }
+    let is_between = |(axis, value): (&AxisRecord, &Option<f64>)| {
+        let is_numeric = !axis.values.starts_with("categorical");
+        let margin = 1e-6 * (axis.high - axis.low);
+        let inner = axis.low + margin..axis.high - margin;
+        axis.kind == AxisKind::Start.name() && is_numeric && value.is_some_and(|value| inner.contains(&value))
+    };
+    let is_center = header.axes.iter().zip(scenario).any(is_between);
+    Some(if is_center { BoxPoint::Center } else { BoxPoint::Corner })
 }

@@ -3,7 +3,7 @@
 use mishandle_rollout::{Episode, EpisodeEnd};
 use mishandle_store::RunFile;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, RunError};
 use crate::resolve::ResolvedPlan;
 use crate::run::end_text;
 
@@ -40,14 +40,14 @@ impl FirstSimulations {
     /// Checks that the search is not hopeless. `run` has its simulations.
     ///
     /// # Errors
-    /// [`MishandleError::NothingRuns`] if it is.
+    /// [`RunError::NothingRuns`] if it is.
     pub(crate) fn check(&self, resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
         let Some((trial, number, end)) = self.hopeless() else { return Ok(()) };
         // Rows that are read in order have no reasons.
         let reason = run.simulation(trial, number)?.reason;
         let names: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
         let reason = if reason.is_empty() { String::new() } else { format!(": {reason}") };
-        Err(MishandleError::NothingRuns { count: FIRST, end: format!("{}{reason}", end_text(end, &names)) })
+        Err(RunError::NothingRuns { count: FIRST, end: format!("{}{reason}", end_text(end, &names)) }.into())
     }
 }
 

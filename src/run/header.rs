@@ -1,186 +1,139 @@
-//! Compares the header of a run with the header that its plan gives now.
+//! The header of a run file: what its plan, its target and this build are.
 
-use std::fmt::Debug;
+use mishandle_rollout::{Axis, AxisKind, AxisValues, Condition, Holds, Space};
+use mishandle_store as store;
+use mishandle_store::{AxisRecord, RunHeader, TargetRecord};
 
-use mishandle_search::OptionValue;
-use mishandle_store::{AxisRecord, RunFile, RunHeader};
+use crate::build::build;
+use crate::resolve::{ResolvedPlan, is_path};
+use crate::run::rows::{REQUIREMENT, verdict_names};
 
-use crate::error::MishandleError;
-use crate::plan::{FalsifyPlan, Plan};
-use crate::resolve::ResolvedPlan;
-use crate::run::builds::check_build;
-use crate::run::record;
-
-/// Checks that a plan may add rows to a run: the run has the header of the plan, and the present
-/// build is one of its builds.
-///
-/// # Errors
-/// The errors of [`check`], or [`OtherBuild`](MishandleError::OtherBuild).
-pub(crate) fn check_run(run: &RunFile, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
-    check(run.header(), resolved)?;
-    check_build(run, resolved)
+/// Returns the header of a run.
+pub(crate) fn header(resolved: &ResolvedPlan) -> RunHeader {
+    let ResolvedPlan { plan, target, space, specification, signals, .. } = resolved;
+    // Absolute, so that the run can be resumed and replayed from every folder.
+    let mut stored = plan.with_absolute_paths();
+    if let (true, Ok(path)) = (is_path(&plan.controller), std::path::absolute(&plan.controller)) {
+        stored.controller = path.to_string_lossy().into_owned();
+    }
+    let components = target.components.iter().map(|component| store::ComponentRecord {
+        role: component.role.clone(),
+        name: component.name.clone(),
+        hash: component.hash.clone(),
+        file_hash: component.file_hash.clone(),
+    });
+    let formulas = target
+        .formulas
+        .iter()
+        .filter(|formula| formula.name != "careful" || specification.careful.is_some())
+        .map(|formula| store::FormulaRecord { name: formula.name.clone(), text: formula.text.clone() });
+    let requirements = specification.others.iter().map(|(name, formula)| store::FormulaRecord {
+        name: format!("{REQUIREMENT}{name}"),
+        text: formula.to_string(),
+    });
+    let signals = signals
+        .iter()
+        .map(|signal| store::SignalRecord { name: signal.name.clone(), unit: signal.unit.clone() });
+    RunHeader {
+        kind: plan.kind(),
+        build: build(),
+        versions: target.versions.clone(),
+        plan: stored.to_toml(),
+        target: TargetRecord {
+            kind: target.identity.kind.clone(),
+            name: target.identity.name.clone(),
+            hash: target.identity.hash.clone(),
+            is_deterministic: target.is_deterministic,
+        },
+        components: components.collect(),
+        space: space.name().to_string(),
+        formula: specification.requirement.to_string(),
+        formulas: formulas.chain(requirements).collect(),
+        search: plan.falsify.as_ref().map_or(String::new(), |falsify| falsify.search.clone()),
+        seed: plan.seed,
+        control_dt: target.control_dt,
+        episode_steps: target.episode_steps as u32,
+        signals: signals.collect(),
+        axes: axis_records(space),
+        verdicts: verdict_names(resolved),
+        preflight: vec![],
+    }
 }
 
-/// Checks that a run to resume has the header of its plan.
-///
-/// # Errors
-/// [`RunMismatch`](MishandleError::RunMismatch) with all differences, or
-/// [`OtherSettings`](MishandleError::OtherSettings) with those of the settings on which the
-/// proposed scenarios depend.
-pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(), MishandleError> {
-    let settings = settings(&Plan::from_toml(&recorded.plan)?, &resolved.plan);
-    if !settings.is_empty() {
-        return Err(MishandleError::OtherSettings { differences: settings });
-    }
-    match differences(recorded, resolved)? {
-        differences if differences.is_empty() => Ok(()),
-        differences => Err(MishandleError::RunMismatch { differences }),
-    }
+/// Returns the axes of a space as a run file describes them.
+pub(crate) fn axis_records(space: &Space) -> Vec<AxisRecord> {
+    space.axes().iter().map(|each| axis(space, each)).collect()
 }
 
-/// Lists the settings that differ between the plan of a run and the plan to continue it with.
-/// Results do not depend on the batch size.
-fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
-    let mut found = Found { planned: "given", ..Found::default() };
-    found.compare("seed", &recorded.seed, &given.seed);
-    if let (Some(then), Some(now)) = (&recorded.falsify, &given.falsify) {
-        found.compare("search", &then.search, &now.search);
-        found.compare("trials", &then.trials, &now.trials);
-        found.compare("budget", &then.budget, &now.budget);
-        let options = |plan: &FalsifyPlan| {
-            if plan.options.is_empty() {
-                "none".to_string()
-            } else {
-                plan.options.iter().map(option).collect::<Vec<_>>().join(", ")
-            }
-        };
-        found.texts("options of the search", &options(then), &options(now));
-    }
-    if let (Some(then), Some(now)) = (&recorded.evaluate, &given.evaluate) {
-        found.compare("episodes", &then.episodes, &now.episodes);
-        found.compare("corners", &then.corners, &now.corners);
-        found.compare("control", &then.control, &now.control);
-        found.compare("until", &then.until, &now.until);
-        found.compare("rate", &then.rate, &now.rate);
-        if then.until.is_some() {
-            found.compare("batch", &then.batch, &now.batch);
-        }
-    }
-    if let (Some(then), Some(now)) = (&recorded.margin, &given.margin) {
-        found.compare("budget", &then.budget, &now.budget);
-        found.compare("each-category", &then.each_category, &now.each_category);
-    }
-    if let (Some(then), Some(now)) = (&recorded.metamorphic, &given.metamorphic) {
-        found.compare("pairs", &then.pairs, &now.pairs);
-        found.compare("relations", &then.relations, &now.relations);
-    }
-    if let (Some(then), Some(now)) = (&recorded.risk, &given.risk) {
-        found.compare("simulations", &then.simulations, &now.simulations);
-        found.compare("method", &then.method, &now.method);
-        found.compare("distributions", &then.distributions, &now.distributions);
-    }
-    found.compare("compare", &recorded.compare, &given.compare);
-    found.compare("screening", &recorded.screening, &given.screening);
-    found.differences
-}
-
-fn option((name, value): (&str, &OptionValue)) -> String {
-    format!("{name} = {value}")
-}
-
-/// Lists the facts of the header that differ from the plan's, except for the build.
-///
-/// # Errors
-/// If the plan of the header is invalid.
-pub(crate) fn differences(
-    recorded: &RunHeader,
-    resolved: &ResolvedPlan,
-) -> Result<Vec<String>, MishandleError> {
-    let planned = &record::header(resolved);
-    let mut found = Found::default();
-    found.compare("kind of run", &recorded.kind, &planned.kind);
-    found.compare("kind of target", &recorded.target.kind, &planned.target.kind);
-    found.compare("target", &recorded.target.name, &planned.target.name);
-    found.compare("hash of the target", &recorded.target.hash, &planned.target.hash);
-    let is_deterministic = |header: &RunHeader| header.target.is_deterministic;
-    found.compare("determinism", &is_deterministic(recorded), &is_deterministic(planned));
-    found.compare("space", &recorded.space, &planned.space);
-    found.compare("formula", &recorded.formula, &planned.formula);
-    found.compare("search", &recorded.search, &planned.search);
-    found.compare("seed", &recorded.seed, &planned.seed);
-    found.compare("control period in seconds", &recorded.control_dt, &planned.control_dt);
-    found.compare("number of control steps", &recorded.episode_steps, &planned.episode_steps);
-    for (what, entries) in LISTS {
-        found.list(what, &entries(recorded), &entries(planned));
-    }
-    found.compare("number of components", &recorded.components.len(), &planned.components.len());
-    // A file that was moved can have another name.
-    let then = Plan::from_toml(&recorded.plan)?;
-    let fallback = |plan: &Plan| plan.guard.as_ref().map(|guard| guard.fallback.clone());
-    let paths = |plan: &Plan| (plan.controller.clone(), plan.target.clone(), fallback(plan));
-    let is_moved = paths(&then) != paths(&resolved.plan);
-    for (then, now) in recorded.components.iter().zip(&planned.components) {
-        found.compare("role of a component", &then.role, &now.role);
-        found.compare(&format!("hash of the file of the {}", now.role), &then.file_hash, &now.file_hash);
-        if !is_moved {
-            found.compare(&format!("name of the {}", now.role), &then.name, &now.name);
-        }
-    }
-    Ok(found.differences)
-}
-
-/// A list of the header as text, by the name of an entry.
-type List = (&'static str, fn(&RunHeader) -> Vec<String>);
-
-const LISTS: &[List] = &[
-    ("signal", |header| header.signals.iter().map(|signal| signal.name.clone()).collect()),
-    ("unit of signal", |header| header.signals.iter().map(|signal| signal.unit.clone()).collect()),
-    ("named formula", |header| {
-        header.formulas.iter().map(|formula| format!("{}: {}", formula.name, formula.text)).collect()
-    }),
-    ("axis", axes),
-    ("verdict", |header| header.verdicts.clone()),
-];
-
-/// Returns all facts of each axis. Floats have all their digits.
-fn axes(header: &RunHeader) -> Vec<String> {
-    let axis = |AxisRecord { name, unit, kind, low, high, nominal, values, meaning }: &AxisRecord| {
-        let nominal = nominal.map_or_else(|| "none".to_string(), |nominal| format!("{nominal:?}"));
-        format!(
-            "{name} in {unit:?}, {kind}, {values}, from {low:?} to {high:?}, nominal {nominal}: {meaning}"
-        )
+fn axis(space: &Space, axis: &Axis) -> AxisRecord {
+    let values = match &axis.values {
+        AxisValues::Continuous => "continuous".to_string(),
+        AxisValues::Logarithmic => "logarithmic".to_string(),
+        AxisValues::Integer => "integer".to_string(),
+        AxisValues::Categorical(names) => format!("categorical: {}", names.join(", ")),
     };
-    header.axes.iter().map(axis).collect()
-}
-
-struct Found {
-    differences: Vec<String>,
-    /// Name of the second value of a difference.
-    planned: &'static str,
-}
-
-impl Default for Found {
-    fn default() -> Self {
-        Found { differences: Vec::new(), planned: "expected" }
+    AxisRecord {
+        name: axis.name.clone(),
+        unit: axis.unit.clone(),
+        kind: axis.kind.name().to_string(),
+        low: axis.low,
+        high: axis.high,
+        nominal: axis.nominal,
+        values: values + &conditions_text(space, axis),
+        meaning: axis.meaning.clone(),
     }
 }
 
-impl Found {
-    fn compare<T: Debug>(&mut self, what: &str, recorded: &T, planned: &T) {
-        // The text has all digits and the sign of a zero.
-        self.texts(what, &format!("{recorded:?}"), &format!("{planned:?}"));
-    }
+/// Text between the values of an axis and its conditions.
+const ONLY_IF: &str = "; only if ";
 
-    fn texts(&mut self, what: &str, recorded: &str, planned: &str) {
-        if recorded != planned {
-            self.differences.push(format!("{what}: recorded {recorded}, {} {planned}", self.planned));
+/// Returns the conditions of an axis: the other axes and the numbers of their values.
+fn conditions_text(space: &Space, axis: &Axis) -> String {
+    let has_axis = |condition: &&Condition| space.axes().iter().any(|axis| axis.name == condition.axis);
+    let text = |condition: &Condition| match &condition.holds {
+        Holds::OneOf(values) => {
+            let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+            format!("`{}` in {}", condition.axis, values.join("|"))
         }
-    }
+        Holds::Except(value) => format!("`{}` not {value}", condition.axis),
+    };
+    // Others are constant: the space has no axis without an effect.
+    let texts: Vec<String> = axis.conditions.iter().filter(has_axis).map(text).collect();
+    if texts.is_empty() { String::new() } else { ONLY_IF.to_string() + &texts.join(" and ") }
+}
 
-    fn list(&mut self, what: &str, recorded: &[String], planned: &[String]) {
-        self.compare(&format!("number of entries of the list `{what}`"), &recorded.len(), &planned.len());
-        for (index, (recorded, planned)) in recorded.iter().zip(planned).enumerate() {
-            self.compare(&format!("{what} {}", index + 1), recorded, planned);
+/// Reads what [`conditions_text`] wrote.
+fn recorded_conditions(text: &str) -> Vec<Condition> {
+    let condition = |text: &str| {
+        let (axis, holds) = text.strip_prefix('`')?.split_once("` ")?;
+        let (word, values) = holds.split_once(' ')?;
+        let values = values.split('|').map(|value| value.parse().ok()).collect::<Option<Vec<f64>>>()?;
+        let holds = match (word, values.as_slice()) {
+            ("in", values) => Holds::OneOf(values.into()),
+            ("not", [value]) => Holds::Except(*value),
+            _ => return None,
+        };
+        // Its axis is in the record, so the nominal value is not needed.
+        Some(Condition { axis: axis.to_string(), nominal: 0.0, holds })
+    };
+    text.split(" and ").filter_map(condition).collect()
+}
+
+/// Returns the axis that a run file describes. Its kind matters for sampling and checks only, which
+/// a description does not need.
+pub fn recorded_axis(record: &AxisRecord) -> Axis {
+    let (values, conditions) = record.values.rsplit_once(ONLY_IF).unwrap_or((&record.values, ""));
+    let values = match values.split_once(": ") {
+        Some(("categorical", names)) => {
+            AxisValues::Categorical(names.split(", ").map(str::to_string).collect())
         }
-    }
+        _ if values == "logarithmic" => AxisValues::Logarithmic,
+        _ if values == "integer" => AxisValues::Integer,
+        _ => AxisValues::Continuous,
+    };
+    let bounds = [record.low, record.high];
+    let kind = AxisKind::by_name(&record.kind).unwrap_or(AxisKind::Start);
+    Axis::new(kind, &record.name, &record.unit, bounds, record.nominal)
+        .with_values(values)
+        .only_if(recorded_conditions(conditions))
 }

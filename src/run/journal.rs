@@ -24,10 +24,10 @@ use mishandle_store::{
     TrialSummary, requests_digest,
 };
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, other_request};
 use crate::resolve::ResolvedPlan;
 use crate::run::first_simulations::FirstSimulations;
-use crate::run::{outcomes, record};
+use crate::run::{rows, screened_columns};
 
 /// Largest number of traces that a run keeps if it does not [keep all](keeps_all_traces) of its
 /// failures. More traces would fill the disk: a million screened simulations have 10,000 failures
@@ -193,7 +193,7 @@ impl<'a> Journal<'a> {
             let derived = derived.map(|trial| run.derived_simulations(trial));
             for row in run.simulations().chain(derived.into_iter().flatten()) {
                 let row = with_needed_trace(run, row?, needs_traces)?;
-                let episode = record::episode(&row, self.resolved)?;
+                let episode = rows::episode(&row, self.resolved)?;
                 each(&episode)?;
                 if let Some(first) = &self.first {
                     first.borrow_mut().add(&episode);
@@ -353,7 +353,11 @@ impl<'a> Journal<'a> {
         if is_complete && recorded != asked {
             differences.push(format!("number of simulations: recorded {recorded}, expected {asked}"));
         }
-        if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+        if differences.is_empty() {
+            Ok(())
+        } else {
+            Err(MishandleError::differs(Compared::Plan, differences))
+        }
     }
 
     /// Returns the number of simulations and chunks that the run file answered, which grows.
@@ -387,7 +391,7 @@ impl<'a> Journal<'a> {
         let Some(simulation) = self.read(|run| run.recorded(request.trial, request.number))? else {
             return Ok(None);
         };
-        let episode = record::episode(&simulation, self.resolved)?;
+        let episode = rows::episode(&simulation, self.resolved)?;
         let recorded = &episode.request;
         let bits = |point: &[f64]| point.iter().map(|u| u.to_bits()).collect::<Vec<_>>();
         let is_same = recorded.seed == request.seed
@@ -398,7 +402,7 @@ impl<'a> Journal<'a> {
         if is_same {
             Ok(Some(Episode { request: request.clone(), ..episode }))
         } else {
-            Err(MishandleError::SimulationMismatch { number: request.number })
+            Err(other_request("simulation", request.number))
         }
     }
 
@@ -409,11 +413,11 @@ impl<'a> Journal<'a> {
             return Ok(None);
         };
         let memory = self.read(|run| run.memory(request.trial, request.number))?;
-        let chosen = record::request(&simulation, false).scenario;
+        let chosen = rows::request(&simulation, false).scenario;
         let request = Request { scenario: chosen, ..request.clone() };
         match (self.recorded(&request)?, memory) {
             (Some(episode), Some(memory)) => Ok(Some(SteeredEpisode { episode, memory })),
-            _ => Err(MishandleError::SimulationMismatch { number: request.number }),
+            _ => Err(other_request("simulation", request.number)),
         }
     }
 
@@ -458,7 +462,7 @@ impl<'a> Journal<'a> {
         let rows = episodes
             .iter()
             .map(|episode| {
-                let row = record::record(episode, self.resolved);
+                let row = rows::row(episode, self.resolved);
                 traces += usize::from(row.trace.is_some());
                 Simulation { trace: row.trace.filter(|_| traces <= limit), ..row }
             })
@@ -474,7 +478,7 @@ impl<'a> Journal<'a> {
         episodes: &[Episode],
     ) -> Result<Vec<Episode>, MishandleError> {
         let answer = |(row, episode): (Simulation, &Episode)| {
-            let read = record::episode(&Simulation { trace: None, ..row }, self.resolved)?;
+            let read = rows::episode(&Simulation { trace: None, ..row }, self.resolved)?;
             Ok(Episode { request: episode.request.clone(), ..read })
         };
         rows.into_iter().zip(episodes).map(answer).collect()
@@ -644,12 +648,12 @@ impl Screen for JournalScreening<'_> {
         journal.chunks.set(number);
         let scenarios = requests.iter().map(|request| (request.seed.0, request.scenario.values()));
         let digest = requests_digest(scenarios);
-        let columns = outcomes::columns(journal.resolved.stored_parts);
+        let columns = screened_columns::columns(journal.resolved.stored_parts);
         let recorded = journal.read(|run| run.screened_chunk(number, columns));
         if let Some(chunk) = recorded.map_err(|error| journal.fail(error))? {
-            let outcomes = outcomes::decode(&chunk.outcomes);
+            let outcomes = screened_columns::decode(&chunk.outcomes);
             if chunk.requests != digest || outcomes.len() != requests.len() {
-                return Err(journal.fail(MishandleError::ScreeningMismatch { number }));
+                return Err(journal.fail(other_request("screened chunk", number)));
             }
             journal.answered.fetch_add(1, Ordering::Relaxed);
             return Ok(outcomes.into_iter().map(Some).collect());
@@ -670,7 +674,7 @@ impl Screen for JournalScreening<'_> {
                 violated: count(|rho| rho.is_some_and(is_violated)),
                 without_verdict: count(|rho| rho.is_none()),
                 requests: digest,
-                outcomes: outcomes::encode(&complete, journal.resolved.stored_parts),
+                outcomes: screened_columns::encode(&complete, journal.resolved.stored_parts),
             };
             run.borrow_mut().record_screened(&chunk).map_err(|error| journal.fail(error))?;
         }
@@ -683,6 +687,7 @@ mod tests {
     use mishandle_rollout::{Scenario, Seed};
 
     use super::*;
+    use crate::error::RunError;
     use crate::plan::{Plan, RiskPlan};
     use crate::run::create_run;
 
@@ -732,7 +737,10 @@ mod tests {
         for other in [request(0.1, 2), request(0.2, 1)] {
             let result = journal.system(numbering()).rollout(&[other]);
             let error = journal.result(result).unwrap_err();
-            assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
+            assert!(
+                matches!(error, MishandleError::Run(RunError::OtherRequest { number: 1, .. })),
+                "{error}"
+            );
         }
     }
 }

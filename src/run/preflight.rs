@@ -135,7 +135,7 @@ fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<()
         let units: Vec<&str> = units.into_iter().collect();
         warnings.push(format!(
             "the requirement compares numbers in {}: its robustness is the smallest of them, whatever the unit; \
-             `show --masking` shows which part decides",
+             an explanation of masked parts shows which part decides",
             units.join(" and ")
         ));
     }

@@ -7,7 +7,7 @@ use mishandle_store::{RunFile, RunKind};
 
 use crate::error::MishandleError;
 use crate::run::has_random_rows;
-use crate::run::record::REQUIREMENT;
+use crate::run::rows::REQUIREMENT;
 
 /// Returns the findings about each named requirement of a run; `None` if it has none.
 ///

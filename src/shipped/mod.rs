@@ -8,7 +8,7 @@ use mishandle_controllers::{ControllerError, ControllerFile};
 use mishandle_files::{limits, read_bounded};
 use mishandle_tasks::Definition;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 
 /// The shipped controllers and settings at build time: path and content, sorted by path.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
@@ -109,9 +109,9 @@ impl ShippedFile {
     /// If the file cannot be read.
     pub fn bytes(&self) -> Result<Cow<'static, [u8]>, MishandleError> {
         match self {
-            ShippedFile::Path(path) => read_bounded(path, limits::CONTROLLER)
-                .map(Cow::Owned)
-                .map_err(|source| MishandleError::File { path: path.clone(), source }),
+            ShippedFile::Path(path) => {
+                read_bounded(path, limits::CONTROLLER).map(Cow::Owned).map_err(MishandleError::file(path))
+            }
             ShippedFile::Embedded { bytes, .. } => Ok(Cow::Borrowed(bytes)),
         }
     }
@@ -155,7 +155,9 @@ pub fn picture_path(task: &str) -> Option<PathBuf> {
 /// Checks that `MISHANDLE_HOME`, if it is set, contains the folder `folder`.
 pub(crate) fn check_home(folder: &'static str) -> Result<(), MishandleError> {
     match home_from_environment() {
-        Some(path) if !path.join(folder).is_dir() => Err(MishandleError::Home { path, folder }),
+        Some(path) if !path.join(folder).is_dir() => {
+            Err(problem(format!("MISHANDLE_HOME is `{}`, which has no folder `{folder}`", path.display())))
+        }
         _ => Ok(()),
     }
 }

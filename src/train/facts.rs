@@ -29,18 +29,18 @@ pub struct TrainingFacts {
 /// The errors of [`train`](crate::train::train()) before its first step.
 pub fn training_facts(plan: &TrainPlan, gpu: Option<&Device>) -> Result<TrainingFacts, MishandleError> {
     let target = plan.target()?;
-    let Prepared { settings, environment, scenarios, guard, .. } = prepare(plan, &*target)?;
+    let Prepared { settings, environment, scenarios, supervisor, .. } = prepare(plan, &*target)?;
     let checkpoint = plan.checkpoint();
     let resumed = plan.resume && checkpoint.exists();
     let resumed = resumed.then(|| Checkpoint::load(&checkpoint)).transpose()?;
     check_outputs(plan, CurveColumns::new(&settings, &*environment.environment), resumed.as_ref())?;
-    let batches = batches(plan, gpu, environment, (scenarios, guard))?;
+    let batches = batches(plan, gpu, environment, scenarios, supervisor)?;
     if let Some(checkpoint) = &resumed {
         settings.check_resumption(&batches, Seed(plan.seed), checkpoint)?;
     }
     Ok(TrainingFacts {
         task_hash: target.hash(&plan.reward)?,
-        layout_hash: target.layout().hash(),
+        layout_hash: target.layout(&settings).hash(),
         formats: &WRITTEN_VERSIONS,
         settings,
     })

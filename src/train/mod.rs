@@ -14,17 +14,21 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mishandle_controllers::guard::Guard;
-use mishandle_controllers::{ControllerFile, Header, Policy, TrainingRecord, ValidationRecord};
+use mishandle_controllers::{
+    ActionLimiter, ControllerFile, Header, LimitedPolicy, Policy, TrainingRecord, ValidationRecord,
+};
 use mishandle_files::{FileLock, NewFolders, limits, read_text_bounded};
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_rollout::{BatchFactory, ScenarioBatches, Seed, Supervisor, TrainingScenarios};
 use mishandle_tasks::TaskBatches;
+use mishandle_text::path_text;
 use mishandle_training::{
     ALGORITHMS, AlgorithmSettings, BASES, BEST, Checkpoint, Origin, SpaceSetting, TrainingControl,
     TrainingProgress, TrainingResult, Validation,
 };
 
 use crate::build::build;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid};
 use crate::plan::{CPU, DEVICES, GPU, TrainPlan};
 use crate::resolve::{TrainingEnvironment, TrainingTarget, training_target};
 use crate::run::Device;
@@ -112,8 +116,8 @@ pub fn train(
     let specification = target.specification()?;
     let resumed = if plan.resume { Some(Checkpoint::load(&plan.checkpoint())?) } else { None };
     let mut recorder = TrainingRecorder::new(plan, &prepared, specification, resumed.as_ref(), observer)?;
-    let Prepared { settings, start, environment, scenarios, guard } = prepared;
-    let batches = batches(plan, gpu, environment, (scenarios, guard))?;
+    let Prepared { settings, start, environment, scenarios, supervisor, .. } = prepared;
+    let batches = batches(plan, gpu, environment, scenarios, supervisor)?;
     let seed = Seed(plan.seed);
     let origin = match (&resumed, &start) {
         (Some(checkpoint), _) => Origin::Checkpoint(checkpoint),
@@ -132,7 +136,7 @@ pub fn train(
             return Err(error);
         }
     };
-    let (best, last) = controllers(plan, (&*target, &hash), &settings, &result);
+    let (best, last) = controllers(plan, &*target, &hash, &settings, &result);
     let saved = [best.save(&plan.out), last.save(&plan.last())];
     let mut write_failures: Vec<MishandleError> =
         saved.into_iter().filter_map(Result::err).map(MishandleError::from).collect();
@@ -150,10 +154,10 @@ pub fn train(
 
 /// Locks the output files against other training runs and creates their folders.
 fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, MishandleError> {
-    let own = [("--out", plan.out.clone()), ("--out", plan.last())];
-    let outputs = own.into_iter().chain(plan.csv.clone().map(|csv| ("--csv", csv)));
+    let own = [(Key::OUT, plan.out.clone()), (Key::OUT, plan.last())];
+    let outputs = own.into_iter().chain(plan.csv.clone().map(|csv| (Key::CURVE, csv)));
     outputs
-        .map(|(flag, path)| {
+        .map(|(key, path)| {
             let folder = path.parent().unwrap_or(Path::new(""));
             folders.create(folder).map_err(|source| MishandleError::Write {
                 what: "folder",
@@ -171,7 +175,7 @@ fn lock(plan: &TrainPlan, folders: &mut NewFolders) -> Result<Vec<FileLock>, Mis
                 path: file,
                 source,
             })?;
-            lock.ok_or(MishandleError::Busy { path, flag })
+            lock.ok_or_else(|| MishandleError::busy("training run", &path, key))
         })
         .collect()
 }
@@ -188,6 +192,10 @@ pub(crate) struct Prepared {
     pub scenarios: TrainingScenarios,
     /// The guard under which the policy trains.
     pub guard: Option<Guard>,
+    /// The limiter of the policy's action interface.
+    pub limiter: Option<ActionLimiter>,
+    /// The changes of the policy's actions in training: its action interface, then the guard.
+    pub supervisor: Option<Arc<dyn Supervisor>>,
 }
 
 /// Looks up the names of a plan and of its settings.
@@ -197,9 +205,18 @@ pub(crate) fn prepare(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<P
     let (environment, scenarios) = scenarios::scenarios(target, scene, &mut settings)?;
     let start = settings.run().from.as_deref();
     let start = start.map(|name| target.start_controller(name)).transpose()?;
+    if let Some(file) = &start {
+        file.check(&file.header.task, &target.layout(&settings))?;
+    }
     let start = start.map(|file| file.policy);
-    let guard = plan.guard.as_ref().map(|guard| target.guard(guard)).transpose()?;
-    Ok(Prepared { settings, start, environment, scenarios, guard })
+    let guard = plan.guard.as_ref().map(|guard| target.guard(guard, &settings)).transpose()?;
+    let limiter = target.limiter(&settings)?;
+    let after = guard.clone().map(|guard| Arc::new(guard) as Arc<dyn Supervisor>);
+    let supervisor = match &limiter {
+        Some(limiter) => Some(Arc::new(LimitedPolicy::new(limiter.clone(), after)) as Arc<dyn Supervisor>),
+        None => after,
+    };
+    Ok(Prepared { settings, start, environment, scenarios, guard, limiter, supervisor })
 }
 
 /// Returns the factory of a plan's training environments.
@@ -207,7 +224,8 @@ pub(crate) fn batches(
     plan: &TrainPlan,
     gpu: Option<&Device>,
     environment: TrainingEnvironment,
-    (scenarios, guard): (TrainingScenarios, Option<Guard>),
+    scenarios: TrainingScenarios,
+    supervisor: Option<Arc<dyn Supervisor>>,
 ) -> Result<ScenarioBatches<Arc<dyn BatchFactory>>, MishandleError> {
     known("device", &plan.device, &DEVICES)?;
     let batches: Arc<dyn BatchFactory> = match environment.task.filter(|_| plan.device == GPU) {
@@ -217,7 +235,6 @@ pub(crate) fn batches(
         }
         None => environment.batches,
     };
-    let supervisor = guard.map(|guard| Arc::new(guard) as Arc<dyn Supervisor>);
     Ok(ScenarioBatches { supervisor, ..ScenarioBatches::new(batches, scenarios) })
 }
 
@@ -230,8 +247,7 @@ fn settings(plan: &TrainPlan, target: &dyn TrainingTarget) -> Result<AlgorithmSe
         _ => shipped(plan, target)?.unwrap_or_default(),
     };
     let settings = AlgorithmSettings::from_toml(&plan.algorithm, &text).expect("the algorithm is known");
-    let mut settings =
-        settings.map_err(|source| MishandleError::Settings { path, source: Box::new(source) })?;
+    let mut settings = settings.map_err(|error| MishandleError::from(error).of(path_text(&path)))?;
     settings.run_mut().total_steps = plan.steps.unwrap_or(settings.run().total_steps);
     if let Some(from) = &plan.from {
         let run = settings.run_mut();
@@ -255,11 +271,11 @@ fn recorded_settings(
 ) -> Result<(PathBuf, String), MishandleError> {
     let header = target.start_controller(from)?.header;
     if header.algorithm != plan.algorithm {
-        return Err(MishandleError::InvalidValue {
-            what: "--algorithm",
-            value: plan.algorithm.clone(),
-            expected: "that of the controller to start from; for another one, give --settings",
-        });
+        let error =
+            invalid("the algorithm", &plan.algorithm, "the algorithm of the controller to start from");
+        return Err(
+            error.with(Remedy::set(Key::ALGORITHM_SETTINGS, Choice::FILE).when("another one is meant"))
+        );
     }
     Ok((PathBuf::from(from), header.training.settings))
 }
@@ -272,8 +288,7 @@ fn given_settings(path: &Path) -> Result<String, MishandleError> {
     }
     match BASES.iter().find(|base| path == Path::new(base)) {
         Some(base) => Ok(format!("base = \"{base}\"")),
-        None => read_text_bounded(path, limits::SETTINGS)
-            .map_err(|source| MishandleError::File { path: path.to_path_buf(), source }),
+        None => read_text_bounded(path, limits::SETTINGS).map_err(MishandleError::file(path)),
     }
 }
 
@@ -327,7 +342,8 @@ fn known(kind: &'static str, name: &str, names: &[&str]) -> Result<(), Mishandle
 /// Returns the files of the best and of the last controller.
 fn controllers(
     plan: &TrainPlan,
-    (target, hash): (&dyn TrainingTarget, &str),
+    target: &dyn TrainingTarget,
+    hash: &str,
     settings: &AlgorithmSettings,
     result: &TrainingResult,
 ) -> (ControllerFile, ControllerFile) {
@@ -337,7 +353,8 @@ fn controllers(
             algorithm: plan.algorithm.clone(),
             preset: target.preset().to_string(),
             reward: plan.reward.clone(),
-            layout: target.layout(),
+            layout: target.layout(settings),
+            action_interface: settings.episodes().action_interface.clone(),
             task_hash: hash.to_string(),
             training: TrainingRecord {
                 seed: plan.seed,

@@ -43,11 +43,7 @@ fn check_folder(folder: &Path) -> Result<(), MishandleError> {
     let present = folder.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("."));
     // A temporary file without a name; the system deletes it when it is closed.
     let file = tempfile::tempfile_in(present);
-    file.map(drop).map_err(|source| MishandleError::Write {
-        what: "folder",
-        path: folder.to_path_buf(),
-        source,
-    })
+    file.map(drop).map_err(MishandleError::write("folder", folder))
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 use std::path::{Path, PathBuf};
 
+use mishandle_results::{Key, Remedy};
+use mishandle_text::{path_text, shell_quote};
 use mishandle_training::AxisSetting;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, exists, invalid, problem};
 use crate::plan::{CPU, GuardPlan, TrainPlan};
 use crate::resolve::{TrainingTarget, default_reward, is_target_file, training_target};
 use crate::train::curve::has_no_rows;
-use mishandle_text::{path_text, shell_quote};
 
 /// Extension of controller files.
 const EXTENSION: &str = "safetensors";
@@ -87,15 +88,15 @@ impl TrainPlan {
         TrainPlan { resume: true, ..self.clone() }.full_command()
     }
 
-    /// Returns the outputs: name, path and flag of each.
-    fn outputs(&self) -> Vec<(&'static str, PathBuf, &'static str)> {
+    /// Returns the outputs: name, path and key of each.
+    fn outputs(&self) -> Vec<(&'static str, PathBuf, Key)> {
         let own = [
-            ("the best controller", self.out.clone(), "--out"),
-            ("the last controller", self.last(), "--out"),
-            ("the checkpoint", self.checkpoint(), "--out"),
+            ("the best controller", self.out.clone(), Key::OUT),
+            ("the last controller", self.last(), Key::OUT),
+            ("the checkpoint", self.checkpoint(), Key::OUT),
         ];
-        let csv = self.csv.clone().map(|path| ("the curve", path, "--csv"));
-        let events = self.tensorboard.clone().map(|path| ("the event files", path, "--tensorboard"));
+        let csv = self.csv.clone().map(|path| ("the curve", path, Key::CURVE));
+        let events = self.tensorboard.clone().map(|path| ("the event files", path, Key::EVENTS));
         own.into_iter().chain(csv).chain(events).collect()
     }
 
@@ -105,21 +106,18 @@ impl TrainPlan {
         if self.out.extension().is_some_and(|extension| extension == EXTENSION) {
             Ok(())
         } else {
-            Err(MishandleError::InvalidValue {
-                what: "--out",
-                value: path_text(&self.out),
-                expected: "a path that ends in .safetensors",
-            })
+            Err(invalid("the output file", path_text(&self.out), "a path that ends in .safetensors"))
         }
     }
 
     /// Checks that all outputs have different paths.
     pub(super) fn check_distinct_outputs(&self) -> Result<(), MishandleError> {
         let outputs = self.outputs();
-        for (index, (second, path, flag)) in outputs.iter().enumerate() {
+        for (index, (second, path, key)) in outputs.iter().enumerate() {
             let same = outputs[..index].iter().find(|(_, other, _)| resolved(other) == resolved(path));
             if let Some((first, ..)) = same {
-                return Err(MishandleError::SameOutput { path: path.clone(), first, second, flag });
+                let text = format!("{} is the path of both {first} and {second}", path.display());
+                return Err(problem(text).with(Remedy::Another(*key)));
             }
         }
         Ok(())
@@ -130,16 +128,21 @@ impl TrainPlan {
     pub(super) fn check_existing_files(&self) -> Result<(), MishandleError> {
         if self.resume {
             let path = self.checkpoint();
-            return if path.exists() { Ok(()) } else { Err(MishandleError::NoCheckpoint { path }) };
+            if path.exists() {
+                return Ok(());
+            }
+            let text = format!("there is no checkpoint {} to resume from", path.display());
+            let again =
+                Remedy::Unset(Key::RESUME).when("it starts again, after the output files are deleted");
+            return Err(problem(text).with(again));
         }
-        let files = self.outputs().into_iter().filter(|(.., flag)| *flag != "--tensorboard");
+        let files = self.outputs().into_iter().filter(|(.., key)| *key != Key::EVENTS);
         // A run that was killed in its first iteration left it.
         let is_started = |path: &Path| path.exists() && !has_no_rows(path);
-        let is_taken = |path: &Path, flag: &str| {
-            if flag == "--csv" { is_started(path) } else { path.exists() }
-        };
-        match files.into_iter().find(|(_, path, flag)| is_taken(path, flag)) {
-            Some((_, path, flag)) => Err(MishandleError::Exists { path, flag }),
+        let is_taken =
+            |path: &Path, key: Key| if key == Key::CURVE { is_started(path) } else { path.exists() };
+        match files.into_iter().find(|(_, path, key)| is_taken(path, *key)) {
+            Some((_, path, key)) => Err(exists(&path, key)),
             None => Ok(()),
         }
     }
@@ -210,7 +213,10 @@ mod tests {
         assert!(plan("a.safetensors").check_extension().is_ok());
         for out in ["x.txt", "a", "a.safetensors.old", ".safetensors", "a.SafeTensors"] {
             let error = plan(out).check_extension().unwrap_err().to_string();
-            assert_eq!(error, format!("--out is {out}; it must be a path that ends in .safetensors"));
+            assert_eq!(
+                error,
+                format!("the output file is {out}; it must be a path that ends in .safetensors")
+            );
         }
     }
 
@@ -247,20 +253,22 @@ mod tests {
         let check = |csv: &str, board: &str| {
             let plan =
                 TrainPlan { csv: Some(csv.into()), tensorboard: Some(board.into()), ..plan("a.safetensors") };
-            plan.check_distinct_outputs().map_err(|error| error.to_string())
+            plan.check_distinct_outputs().map_err(|error| (error.to_string(), error.remedies()))
         };
         assert_eq!(check("a.csv", "board"), Ok(()));
-        for (csv, expected) in [
-            ("a.safetensors", "a.safetensors is the path of both the best controller and the curve"),
-            ("./a.last.safetensors", "the last controller and the curve; choose another --csv"),
-            ("src/../a.safetensors.checkpoint", "the checkpoint and the curve; choose another --csv"),
+        for (csv, expected, key) in [
             (
-                "board/",
-                "board is the path of both the curve and the event files; choose another --tensorboard",
+                "a.safetensors",
+                "a.safetensors is the path of both the best controller and the curve",
+                Key::CURVE,
             ),
+            ("./a.last.safetensors", "the last controller and the curve", Key::CURVE),
+            ("src/../a.safetensors.checkpoint", "the checkpoint and the curve", Key::CURVE),
+            ("board/", "board is the path of both the curve and the event files", Key::EVENTS),
         ] {
-            let error = check(csv, "board").unwrap_err();
-            assert!(error.contains(expected), "{error}");
+            let (text, remedies) = check(csv, "board").unwrap_err();
+            assert!(text.ends_with(expected), "{text}");
+            assert_eq!(remedies, [Remedy::Another(key)]);
         }
     }
 

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use mishandle_controllers::Policy;
 use mishandle_controllers::guard::{Guard, Guarded};
+use mishandle_controllers::{ActionLimiter, Fitted};
 use mishandle_evaluation::{decides_strict_success, decides_success, rate};
 use mishandle_rollout::{
     Controller, Environment, Episode, Noise, Request, Rollout, Scenario, Seed, Specification, System,
@@ -31,8 +32,10 @@ pub(super) struct TrainingRecorder<'a> {
     scenarios: TrainingScenarios,
     /// Whether the scenarios contain more than random starts.
     has_scenarios: bool,
-    /// The guard under which the policy trains.
+    /// The limiter of the policy's action interface, and the guard under which it trains.
+    limiter: Option<ActionLimiter>,
     guard: Option<Guard>,
+    further_parts: Vec<String>,
     specification: Specification,
     checkpoint: PathBuf,
     records: Records,
@@ -91,7 +94,7 @@ impl<'a> TrainingRecorder<'a> {
     /// If a file cannot be opened.
     pub(super) fn new(
         plan: &TrainPlan,
-        Prepared { settings, environment, scenarios, guard, .. }: &Prepared,
+        Prepared { settings, environment, scenarios, guard, limiter, .. }: &Prepared,
         specification: Specification,
         resumed: Option<&Checkpoint>,
         observer: &'a mut dyn TrainObserver,
@@ -103,7 +106,9 @@ impl<'a> TrainingRecorder<'a> {
             environment: environment.environment.clone(),
             scenarios: scenarios.clone(),
             has_scenarios,
+            limiter: limiter.clone(),
             guard: guard.clone(),
+            further_parts: settings.episodes().further_parts.clone(),
             specification,
             checkpoint: plan.checkpoint(),
             observer,
@@ -155,7 +160,9 @@ impl<'a> TrainingRecorder<'a> {
         episodes: usize,
         scenario: &dyn Fn(u64) -> Scenario,
     ) -> Result<Rates, MishandleError> {
-        let policy: Arc<dyn Controller> = Arc::new(policy.clone());
+        let (further_parts, limiter) = (self.further_parts.clone(), self.limiter.clone());
+        let policy: Arc<dyn Controller> =
+            Arc::new(Fitted::new(Arc::new(policy.clone()), further_parts, limiter));
         let mut rollout = Rollout::new(
             self.environment.clone(),
             match &self.guard {

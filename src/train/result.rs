@@ -1,6 +1,7 @@
 use mishandle_controllers::ControllerFile;
 use mishandle_results::{
-    Controller, Number, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime, Validation,
+    ActionInterface, Controller, Number, ScenarioRates, Seed, Training, TrainingPlan, TrainingTime,
+    Validation,
 };
 use mishandle_text::path_text;
 use mishandle_training::{Rates, RunSettings};
@@ -102,6 +103,18 @@ fn training_time(
     }
 }
 
+/// Returns an action interface as a result.
+fn action_interface(interface: &mishandle_controllers::ActionInterface) -> ActionInterface {
+    let numbers = |numbers: &[f64]| numbers.iter().copied().map(Number).collect();
+    ActionInterface {
+        velocity: numbers(&interface.velocity),
+        acceleration: numbers(&interface.acceleration),
+        target_velocity: numbers(&interface.target_velocity),
+        margin: Number(interface.margin),
+        lead: Number(interface.lead),
+    }
+}
+
 /// Describes a controller file. `weaknesses` are those that are known of it.
 pub fn controller_result(file: &ControllerFile, weaknesses: &[&str]) -> Controller {
     let header = &file.header;
@@ -123,7 +136,8 @@ pub fn controller_result(file: &ControllerFile, weaknesses: &[&str]) -> Controll
         }),
         policy: file.policy.kind().to_string(),
         sizes: file.policy.network().sizes().iter().map(|size| *size as u64).collect(),
-        controller_hash: file.policy.hash(),
+        action_interface: header.action_interface.as_ref().map(action_interface),
+        controller_hash: file.hash(),
         task_hash: header.task_hash.clone(),
         layout_hash: header.layout.hash(),
         settings: training.settings.clone(),

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use mishandle_results::{Choice, Key, Remedy};
 use mishandle_rollout::{Axis, AxisKind, AxisSet, RolloutError, Space, TrainingScenarios, named_space};
 use mishandle_training::{AlgorithmSettings, AxisSetting, SpaceSetting};
 
 use crate::archive::given_scenarios;
-use crate::error::MishandleError;
+use crate::error::{MishandleError, problem};
 use crate::resolve::{STARTS, TrainingEnvironment, TrainingScene, TrainingTarget, with_settings};
 
 /// Returns the scenarios that settings name, and the environment over their axes of the scene.
@@ -41,10 +42,9 @@ pub(super) fn scenarios(
         let Some((axis, allowed)) = found.not_a_number() else { break found };
         let name = axis.name.clone();
         if settings.scenarios().axes.contains_key(&name) {
-            return Err(MishandleError::NotANumberInTraining {
-                axis: name,
-                allowed: allowed.into_inner().into(),
-            });
+            let text = format!("{name} may show NaN to the policy, from which none can learn");
+            let finite = Choice::Of(name, Box::new(Choice::Range(allowed.into_inner().into())));
+            return Err(problem(text).with(Remedy::set(Key::AXES, finite)));
         }
         settings.scenarios_mut().axes.insert(name, AxisSetting::Range(allowed.into_inner().into()));
     };

@@ -31,10 +31,11 @@ impl WriteFailures {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::RunError;
 
     #[test]
     fn an_error_is_returned_once_until_the_next_successful_write() {
-        let failed = || Err(MishandleError::NoEpisode);
+        let failed = || Err(MishandleError::Run(RunError::NoEpisode));
         let mut failures = WriteFailures::default();
         assert!(failures.record("curve", Ok(())).is_none());
         assert!(failures.record("curve", failed()).is_some());

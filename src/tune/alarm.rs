@@ -8,7 +8,7 @@ use mishandle_store::{RANDOM_TRIAL, RunFile};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 use crate::run::violation::decided;
-use crate::run::{evaluation_request, record};
+use crate::run::{evaluation_request, rows};
 
 /// Number of simulations whose traces are in memory together.
 const BATCH: usize = 256;
@@ -33,7 +33,8 @@ impl Watched {
     /// Reads a watched simulation from its trace.
     fn new(
         number: u32,
-        (formula, fails): (&Formula, bool),
+        formula: &Formula,
+        fails: bool,
         trace: &Trace,
         control_dt: f64,
     ) -> Result<Watched, MishandleError> {
@@ -88,9 +89,12 @@ impl WatchedRun {
         let mut found = WatchedRun::default();
         let mut again = Vec::new();
         let control_dt = resolved.target.control_dt;
+        let watched = |number: u32, fails: bool, trace: &Trace| {
+            Watched::new(number, &requirement.formula, fails, trace, control_dt)
+        };
         for simulation in run.trial_simulations(RANDOM_TRIAL) {
             let simulation = simulation?;
-            let episode = record::episode(&simulation, resolved)?;
+            let episode = rows::episode(&simulation, resolved)?;
             if !episode.end.counts_in_rates() {
                 continue;
             }
@@ -107,13 +111,8 @@ impl WatchedRun {
             // A list of simulations has no traces.
             match run.simulation(RANDOM_TRIAL, number)?.trace {
                 Some(stored) => {
-                    let trace = record::trace(resolved.signal_names(), &stored);
-                    found.simulations.push(Watched::new(
-                        number,
-                        (&requirement.formula, fails),
-                        &trace,
-                        control_dt,
-                    )?);
+                    let trace = rows::trace(resolved.signal_names(), &stored);
+                    found.simulations.push(watched(number, fails, &trace)?);
                 }
                 None => again.push((number, fails)),
             }
@@ -126,8 +125,7 @@ impl WatchedRun {
                     requests.extend(evaluation_request(resolved, RANDOM_TRIAL, *number)?);
                 }
                 for ((number, fails), episode) in batch.iter().zip(system.rollout(&requests)?) {
-                    let rule = (&requirement.formula, *fails);
-                    found.simulations.push(Watched::new(*number, rule, &episode.trace, control_dt)?);
+                    found.simulations.push(watched(*number, *fails, &episode.trace)?);
                 }
             }
         }

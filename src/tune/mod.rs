@@ -15,16 +15,16 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use alarm::{Requirement, WatchedRun};
 use mishandle_files::write_atomically;
-use mishandle_results::GuardTuning;
+use mishandle_results::{Choice, GuardTuning, Key, Remedy};
 use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
 
-use crate::error::MishandleError;
+use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{EvaluatePlan, GuardPlan, Plan, TuneSettings};
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run};
-use alarm::{Requirement, WatchedRun};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 pub use threshold::Least;
 
 /// Indices of the child seeds of the training and of the held-out scenarios.
@@ -102,7 +102,12 @@ fn check_counts(least: &Least, scenarios: u64) -> Result<(), MishandleError> {
     let failures = least.failures.len();
     let successes = least.successes.len();
     if failures.min(successes) < FEWEST {
-        Err(MishandleError::TooFewToTune { failures, successes, scenarios, fewest: FEWEST })
+        let (few, kind, more) =
+            if failures < successes { (failures, "fail", "more") } else { (successes, "succeed", "less") };
+        Err(problem(format!(
+            "{few} of {scenarios} training scenarios {kind}, and a threshold rests on at least {FEWEST}: use more episodes, or a \
+             space in which the controller fails {more} often"
+        )))
     } else {
         Ok(())
     }
@@ -142,29 +147,22 @@ impl<'p> Tuner<'p> {
         settings: &'p TuneSettings,
         folder: &'p Path,
     ) -> Result<Tuner<'p>, MishandleError> {
-        let missing =
-            MishandleError::GuardKey { key: "formula", expected: "a guard to tune: give --guard FILE" };
-        let guard = plan.guard.as_ref().ok_or(missing)?;
+        let missing = || problem("there is no guard to tune").with(Remedy::set(Key::GUARD, Choice::FILE));
+        let guard = plan.guard.as_ref().ok_or_else(missing)?;
         if !(0.0..1.0).contains(&settings.false_alarms) {
-            return Err(MishandleError::InvalidValue {
-                what: "tune.false-alarms",
-                value: settings.false_alarms.to_string(),
-                expected: "from 0 to less than 1",
-            });
+            return Err(invalid("the share of false alarms", settings.false_alarms, "from 0 to less than 1"));
         }
         if let Some(name) = [GUARD, REQUIREMENT].iter().find(|name| plan.requirements.contains_key(**name)) {
-            return Err(MishandleError::InvalidValue {
-                what: "the name of a requirement",
-                value: (*name).to_string(),
-                expected: "another name: the runs of a tuning use it",
-            });
+            return Err(invalid(
+                "the name of a requirement",
+                name,
+                "another name: the runs of a tuning use it",
+            ));
         }
         let has_distance = guard.threshold.is_finite() && guard.return_threshold.is_none_or(f64::is_finite);
         if guard.return_threshold.is_some() && !has_distance {
-            return Err(MishandleError::GuardKey {
-                key: "threshold",
-                expected: "a number beside `return-threshold`: the tuning keeps the distance of both",
-            });
+            let expected = "a number beside `return-threshold`: the tuning keeps the distance of both";
+            return Err(problem(format!("the guard has no `threshold`; expected {expected}")));
         }
         Ok(Tuner { plan, guard, settings, folder })
     }
@@ -217,18 +215,14 @@ impl<'p> Tuner<'p> {
         watch: Watch<'_>,
     ) -> Result<Option<Asked>, MishandleError> {
         let resolved = ResolvedPlan::new(&self.plan(phase, guard))?;
-        fs::create_dir_all(self.folder).map_err(|source| MishandleError::Write {
-            what: "folder",
-            path: self.folder.to_path_buf(),
-            source,
-        })?;
+        fs::create_dir_all(self.folder).map_err(MishandleError::write("folder", self.folder))?;
         let path = self.folder.join(RUNS[phase as usize]);
         let run = continue_run(&resolved, &path)?;
         let mut watch = |progress: &Progress| {
             let Progress { simulations: done, max_simulations: all, .. } = *progress;
             watch(&TuneProgress { phase: phase.name(), done, all })
         };
-        let answer = ask(&resolved, run, Engine::Direct, &mut watch)?;
+        let answer = ask(&resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         let requirement = requirement(&resolved);
         Ok(answer.is_complete().then_some(Asked { resolved, requirement, path }))
     }

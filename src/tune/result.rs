@@ -15,7 +15,7 @@ use super::threshold::Least;
 use super::{Asked, CHOSEN};
 use crate::error::MishandleError;
 use crate::plan::{GuardPlan, TuneSettings};
-use crate::run::record;
+use crate::run::rows;
 
 /// The three evaluations on held-out scenarios.
 pub(super) struct HeldOut {
@@ -102,7 +102,7 @@ fn paired(first: &Asked, second: &Asked) -> Result<PairedRates, MishandleError> 
     let outcomes = |asked: &Asked| -> Result<Vec<Option<Outcome>>, MishandleError> {
         let run = asked.run()?;
         let rows = run.trial_simulations(RANDOM_TRIAL);
-        rows.map(|row| Ok(outcome(&asked.requirement, &record::episode(&row?, &asked.resolved)?))).collect()
+        rows.map(|row| Ok(outcome(&asked.requirement, &rows::episode(&row?, &asked.resolved)?))).collect()
     };
     let mut counts = PairedCounts::default();
     let mut verdicts = [0; 2];

@@ -35,6 +35,7 @@ fn main() {
         "expert" => task.expert().unwrap(),
         path => Arc::new(ControllerFile::load(Path::new(path)).unwrap().policy),
     };
+    let environment = environment.with_further_parts(policy.further_parts()).unwrap();
     let episodes: u64 = episodes.parse().unwrap();
     let seed: u64 = seed.parse().unwrap();
     let folder = Path::new(folder);

@@ -8,6 +8,7 @@ mod command;
 use std::process::ExitCode;
 
 use clap::Parser;
+use mishandle_cli::words::{Shell, described, remedies};
 
 use command::{CommandLine, message};
 
@@ -15,7 +16,8 @@ fn main() -> ExitCode {
     match command::run(&CommandLine::parse()) {
         Ok(code) => code,
         Err(error) => {
-            message(&format!("error: {error:#}"));
+            let text = format!("{error:#}");
+            message(&format!("error: {}", described(&text, &remedies(error.chain()), &Shell)));
             ExitCode::from(2)
         }
     }

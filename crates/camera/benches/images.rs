@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 
 use mishandle_camera::{Camera, Output, Scene, Size, StateShot, Studio};
 use mishandle_random::Seed;
+use mishandle_tasks::sight::view;
 use mishandle_tasks::{TASKS, Task};
 use mishandle_world::{Model, PictureModel, Quality, Renderer, with_elements};
 
@@ -42,7 +43,7 @@ fn main() {
         let scene = Scene::of_model(&model).expect("the scene has few shapes");
         let cameras = |side: usize| {
             let size = Size::new(side, side).expect("the size is in range");
-            states::cameras(*task, &model, size)
+            view(*task, size).expect("the task has a view").1.cameras
         };
         let rate = |side: usize, camera: usize| own_rate(&model, &scene, &cameras(side)[camera], &states);
         let own = [rate(64, 0), rate(64, 1), rate(96, 0), rate(128, 0)].map(Some);

@@ -11,10 +11,12 @@ mod states;
 use std::fs::File;
 use std::path::Path;
 
+use mishandle_camera::sight::View;
 use mishandle_camera::{
     Camera, Form, Lamp, Material, Optics, Output, Pattern, Pose, Scene, Shape, Size, StateShot, Studio,
 };
 use mishandle_random::Seed;
+use mishandle_tasks::sight::view;
 use mishandle_tasks::{TASKS, task};
 use mishandle_world::Model;
 
@@ -34,10 +36,10 @@ fn main() -> Result<(), Error> {
     for (part, tasks) in TASKS.chunks(4).enumerate() {
         let mut images = Vec::new();
         for task in tasks {
-            let (model, states) = states::expert_states(*task, 0.4);
-            let scene = Scene::of_model(&model)?;
-            for camera in states::cameras(*task, &model, size) {
-                images.extend(STEPS.map(|step| render(&model, &states, step, &scene, &camera)));
+            let states = states::expert_states(*task, 0.4).1;
+            let (model, view) = view(*task, size)?;
+            for camera in &view.cameras {
+                images.extend(STEPS.map(|step| render(&model, &states, step, &view.scene, camera)));
             }
         }
         write(&folder.join(format!("tasks_{}.png", part + 1)), &images, side)?;
@@ -96,9 +98,8 @@ fn looks(size: Size) -> Result<Vec<Vec<u8>>, Error> {
         |_, camera| camera.effects.vignette = 0.8,
     ];
     let own = task("cube-stacking").ok_or("the task exists")?;
-    let (model, states) = states::expert_states(own, 0.4);
-    let scene = Scene::of_model(&model)?;
-    let cameras = states::cameras(own, &model, size);
+    let states = states::expert_states(own, 0.4).1;
+    let (model, View { scene, cameras, .. }) = view(own, size)?;
     let look = |change: &Change| {
         let mut scene = scene.clone();
         let mut camera = cameras[0].clone();

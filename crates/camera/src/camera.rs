@@ -26,6 +26,12 @@ impl Size {
         }
     }
 
+    /// Makes a square of at most [`MAX`](Self::MAX) pixels.
+    pub(crate) fn square(side: u16) -> Size {
+        let side = side.clamp(1, Size::MAX);
+        Size { width: side, height: side }
+    }
+
     /// Returns the width, pixels.
     pub fn width(self) -> usize {
         usize::from(self.width)

@@ -56,11 +56,6 @@ impl Mesh {
         mesh
     }
 
-    /// Returns the number of triangles.
-    pub fn triangle_count(&self) -> usize {
-        self.triangles.len()
-    }
-
     /// Returns the positions of the vertices, m.
     pub fn vertices(&self) -> &[[f32; 3]] {
         &self.vertices

@@ -61,6 +61,7 @@ impl Scene {
                 geom: None,
             });
         }
+        scene.reflect();
         if scene.shapes.len() < usize::from(NO_SHAPE) {
             Ok(scene)
         } else {
@@ -74,9 +75,8 @@ impl Form {
     pub fn of_geom(geom: &Geom) -> Option<Form> {
         let [a, b, c] = geom.size.map(|v| v as f32);
         match geom.kind {
-            GeomKind::Plane => {
-                Some(Form::Plane { half: [a, b].map(|half| if half > 0.0 { half } else { f32::INFINITY }) })
-            }
+            // A plane has no end in contacts, whatever size it has for MuJoCo's pictures.
+            GeomKind::Plane => Some(Form::Plane { half: [f32::INFINITY; 2] }),
             GeomKind::Sphere => Some(Form::Sphere { radius: a }),
             GeomKind::Capsule => Some(Form::Capsule { radius: a, half: b }),
             GeomKind::Ellipsoid => Some(Form::Ellipsoid { half: [a, b, c] }),

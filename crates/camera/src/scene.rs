@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::form::Form;
 use crate::material::{Color, Material};
 use crate::mesh::Mesh;
-use crate::vector::Pose;
+use crate::vector::{Pose, add, scale, unit};
 
 /// A shape of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,9 +43,9 @@ pub struct Lamp {
 /// Light from everywhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ambient {
-    /// Brightness of a white surface that faces upwards.
+    /// Brightness of a white surface that faces upwards, which the sky lights.
     pub above: Color,
-    /// Brightness of a white surface that faces downwards.
+    /// Brightness of a white surface that faces downwards, which the ground lights.
     pub below: Color,
 }
 
@@ -103,8 +103,43 @@ impl Lamp {
     pub const SECOND: Lamp = Lamp { direction: [-0.5, 0.6, 0.8], strength: 0.0, ..Lamp::NOMINAL };
 }
 
+/// The share of the light of the ground that reaches a surface above it: the robot and the table
+/// shade the ground around them.
+const BOUNCE: f32 = 0.4;
+
+impl Scene {
+    /// Returns the light that falls on the ground: the brightness of a white one.
+    fn ground_light(&self) -> Color {
+        let lamps = self.lamps.iter().filter(|lamp| lamp.strength > 0.0);
+        lamps.fold(self.ambient.above, |sum, lamp| {
+            let steepness = unit(lamp.direction)[2].max(0.0);
+            add(sum, scale(lamp.color, lamp.strength * steepness))
+        })
+    }
+
+    /// Sets the light from below to the reflection of the ground, in its color.
+    pub fn reflect(&mut self) {
+        let light = self.ground_light();
+        let ground = self.shapes.iter().find(|shape| matches!(shape.form, Form::Plane { .. }));
+        let color = ground.map_or([0.5; 3], |ground| {
+            let [a, b] = ground.material.colors;
+            scale(add(a, b), 0.5)
+        });
+        self.ambient.below = [0, 1, 2].map(|i| BOUNCE * color[i] * light[i]);
+    }
+
+    /// Lights the background as the ground of this scene is lit in comparison with another one.
+    pub(crate) fn light_background(&mut self, nominal: &Scene) {
+        let light = self.ground_light();
+        let usual = nominal.ground_light();
+        for color in [&mut self.background.above, &mut self.background.horizon] {
+            *color = [0, 1, 2].map(|i| color[i] * (light[i] / usual[i]));
+        }
+    }
+}
+
 impl Ambient {
-    /// The nominal ambient light.
+    /// The nominal ambient light; [`Scene::reflect`] replaces that from below.
     pub const NOMINAL: Ambient = Ambient { above: [0.40, 0.40, 0.41], below: [0.24, 0.24, 0.23] };
 }
 

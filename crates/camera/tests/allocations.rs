@@ -1,37 +1,16 @@
 //! An image after the first allocates no memory.
-#![allow(unsafe_code)] // A counting global allocator requires unsafe code.
 #![allow(clippy::unwrap_used)]
 
+#[path = "../../stl/tests/allocation_counter/mod.rs"]
+mod allocation_counter;
 mod states;
 
-use std::alloc::{GlobalAlloc, Layout, System as Allocator};
-use std::cell::Cell;
-
+use allocation_counter::ALLOCATIONS;
 use mishandle_camera::{Optics, Output, PoseReader, Poses, Renderer, Scene, Shot, Size};
 use mishandle_random::Seed;
 use mishandle_tasks::TASKS;
-use states::{cameras, expert_states};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call is forwarded to the system allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
-        unsafe { Allocator.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        unsafe { Allocator.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
+use mishandle_tasks::sight::view;
+use states::expert_states;
 
 #[test]
 fn an_image_after_the_first_does_not_allocate() {
@@ -41,7 +20,7 @@ fn an_image_after_the_first_does_not_allocate() {
         let mut scene = Scene::of_model(&model).unwrap();
         scene.lamps[1].strength = 0.3;
         scene.lamps[1].radius = 0.1;
-        let mut camera = cameras(*task, &model, size).swap_remove(0);
+        let mut camera = view(*task, size).unwrap().1.cameras.swap_remove(0);
         camera.optics = Optics { samples: 2, aperture: 0.01, focus: 1.0, shutter: 0.5 };
         camera.effects.blur = 1.0;
         camera.effects.read_noise = 0.01;
@@ -55,7 +34,7 @@ fn an_image_after_the_first_does_not_allocate() {
         let mut segments = vec![0; size.pixels()];
         let mut allocated = Vec::new();
         for step in [100, 1, 100, 150, 300] {
-            let first = ALLOCATIONS.with(Cell::get);
+            let first = ALLOCATIONS.get();
             reader.read(&states[step - 1], &mut before);
             reader.read(&states[step], &mut now);
             let shot = Shot {
@@ -69,7 +48,7 @@ fn an_image_after_the_first_does_not_allocate() {
             let mut output =
                 Output { rgb: Some(&mut rgb), depth: Some(&mut depth), segments: Some(&mut segments) };
             renderer.render(&shot, &mut output);
-            allocated.push(ALLOCATIONS.with(Cell::get) - first);
+            allocated.push(ALLOCATIONS.get() - first);
         }
         assert!(allocated[0] > 0, "{}", task.definition().name);
         assert_eq!(allocated[2..], [0; 3], "{}", task.definition().name);

@@ -1,11 +1,12 @@
 //! Laws of images: forms, threads, batches, effects and noise.
 
-use crate::states::{cameras, expert_states};
+use crate::states::expert_states;
 use mishandle_camera::{
     Camera, Form, Material, Mesh, NO_SHAPE, Optics, Output, Pose, PoseReader, Poses, Renderer, Scene, Shape,
     Shot, Size, StateShot, Studio,
 };
 use mishandle_random::Seed;
+use mishandle_tasks::sight::view;
 use mishandle_tasks::task;
 use mishandle_world::Model;
 
@@ -80,7 +81,7 @@ fn every_pixel_shows_one_shape_or_none() {
     let mut reader = PoseReader::new(&model);
     let mut poses = Poses::default();
     reader.read(&states[40], &mut poses);
-    for camera in cameras(own, &model, size(64)) {
+    for camera in view(own, size(64)).unwrap().1.cameras {
         let whole = render(&scene, &poses, None, &camera, 0);
         let count = |images: &Images, index: usize| {
             images.segments.iter().filter(|segment| usize::from(**segment) == index).count()
@@ -104,7 +105,7 @@ fn images_do_not_depend_on_threads_or_on_other_images() {
         let own = task(name).unwrap();
         let (model, states) = expert_states(own, 0.5);
         let scene = Scene::of_model(&model).unwrap();
-        let mut cameras = cameras(own, &model, size(40));
+        let mut cameras = view(own, size(40)).unwrap().1.cameras;
         cameras[0].effects.read_noise = 0.05;
         cameras[1].optics = Optics { samples: 3, aperture: 0.004, focus: 0.2, shutter: 0.5 };
         let shots: Vec<StateShot<'_>> = (1..40)
@@ -147,7 +148,7 @@ fn scene_of(name: &str) -> (Camera, Scene, Poses, Poses) {
     reader.read(&states[20], &mut now);
     reader.read(&states[19], &mut before);
     let scene = Scene::of_model(&model).unwrap();
-    (cameras(own, &model, size(64)).swap_remove(0), scene, now, before)
+    (view(own, size(64)).unwrap().1.cameras.swap_remove(0), scene, now, before)
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Depth, segments and shadows against MuJoCo's own rays, on states of all tasks.
 
-use crate::states::{cameras, expert_states};
+use crate::states::expert_states;
 use mishandle_camera::{Camera, NO_SHAPE, Output, Scene, Size, StateShot, Studio};
 use mishandle_random::Seed;
+use mishandle_tasks::sight::view;
 use mishandle_tasks::{TASKS, Task};
 use mishandle_world::{Model, World};
 
@@ -74,6 +75,10 @@ impl Rays {
 fn for_states(mut check: impl FnMut(&dyn Task, &Model, &mut World, &[f64], Scene)) {
     for task in TASKS {
         let (model, states) = expert_states(*task, 0.3);
+        // The size of a plane is that of MuJoCo's pictures, where its rays end, too.
+        let ground = "type=\"plane\" size=\"2 2 0.1\"";
+        let endless = model.document().replace(ground, "type=\"plane\" size=\"0 0 0.1\"");
+        let model = Model::from_xml(&endless).unwrap();
         let mut world = model.world();
         for state in states.iter().step_by(75) {
             world.set_state(state);
@@ -120,7 +125,7 @@ fn depth_and_segments_are_those_of_mujocos_rays() {
     let mut compared = 0;
     let mut grazing = 0;
     for_states(|task, model, world, state, scene| {
-        for camera in cameras(task, model, Size::new(SIDE, SIDE).unwrap()) {
+        for camera in view(task, Size::new(SIDE, SIDE).unwrap()).unwrap().1.cameras {
             let images = render(model, state, &scene, &camera);
             let [same, grazed] = compare(name(task), world, &scene, &camera, &images);
             compared += same;
@@ -187,7 +192,7 @@ fn a_point_is_dark_exactly_if_a_ray_to_the_lamp_hits_a_shape() {
         let toward = scene.lamps[0].direction.map(f64::from);
         let mut open = scene.clone();
         open.lamps[0].casts_shadows = false;
-        for camera in cameras(task, model, Size::new(SIDE, SIDE).unwrap()) {
+        for camera in view(task, Size::new(SIDE, SIDE).unwrap()).unwrap().1.cameras {
             let images = render(model, state, &scene, &camera);
             let without = render(model, state, &open, &camera);
             let rays = Rays::new(world, &camera);

@@ -3,14 +3,14 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use mishandle_camera::Size;
-use mishandle_camera::sight::{ImageFeed, SIGHT_SPACES, Sight};
+use mishandle_camera::sight::{ImageFeed, Sight};
 use mishandle_rollout::{Axis, AxisValues, Scenario, Seed, Space};
 
 const STEPS: usize = 30;
 
 fn sight() -> (Sight, Space) {
     let sight = Sight::of_images(vec!["left".to_string(), "right".to_string()], 0.1, STEPS);
-    let axes = sight.axes().map(|(_, axis)| axis.clone()).collect();
+    let axes = sight.axes().cloned().collect();
     (sight, Space::new("images", axes).unwrap())
 }
 
@@ -48,13 +48,14 @@ const SAME: [[usize; 2]; 2] = [[6, 4], [6, 4]];
 #[test]
 fn axes_are_those_of_images_and_faults_and_nominal_images_keep_their_bytes() {
     let (sight, _) = sight();
-    let mut spaces: Vec<&str> = sight.axes().map(|(space, _)| SIGHT_SPACES[space]).collect();
-    spaces.dedup();
-    assert_eq!(spaces, ["image", "faults-camera"]);
-    assert!(sight.axes().all(|(_, axis)| !["lens_aperture", "shutter"].contains(&axis.name.as_str())));
-    assert!(
-        ["image_noise", "image_shot_noise"].iter().all(|name| sight.random_axes().any(|own| own == *name))
-    );
+    let spaces: Vec<String> = sight.spaces().unwrap().iter().map(|space| space.name().to_string()).collect();
+    let expected = ["occlusion", "image"].map(|factor| (1..=5).map(move |level| format!("{factor}-{level}")));
+    let expected = expected.into_iter().flatten().chain(["faults-camera".to_string()]);
+    assert_eq!(spaces, expected.collect::<Vec<_>>());
+    // Lens and shutter need the scene.
+    let kinds = sight.axes().find(|axis| axis.name == "corruption").unwrap();
+    assert_eq!(kinds.levels(), Some(11));
+    assert!(sight.random_axes().any(|own| own == "corruption"));
     for (step, [left, right]) in seen(&[], SAME, 1).iter().enumerate() {
         assert!(left.iter().all(|byte| usize::from(*byte) == step));
         assert!(right.iter().all(|byte| usize::from(*byte) == 100 + step));
@@ -63,14 +64,14 @@ fn axes_are_those_of_images_and_faults_and_nominal_images_keep_their_bytes() {
 
 #[test]
 fn a_late_image_has_the_noise_with_which_it_was_taken() {
-    let noise = ("image_noise", "0.05");
-    let prompt = seen(&[noise], SAME, 1);
-    let late = seen(&[noise, ("camera_delay", "3")], SAME, 1);
+    let noise = [("corruption", "gaussian-noise"), ("corruption_severity", "1")];
+    let prompt = seen(&noise, SAME, 1);
+    let late = seen(&[&noise[..], &[("camera_delay", "3")]].concat(), SAME, 1);
     for step in 3..STEPS {
         assert_eq!(late[step], prompt[step - 3]);
     }
     assert_ne!(prompt[4][0].iter().map(|byte| byte + 100).collect::<Vec<_>>(), prompt[4][1]);
-    assert_ne!(prompt, seen(&[noise], SAME, 2));
+    assert_ne!(prompt, seen(&noise, SAME, 2));
 }
 
 #[test]
@@ -89,9 +90,13 @@ fn cameras_exchange_images_of_the_same_size_only() {
 }
 
 #[test]
-fn a_patch_is_on_the_first_camera() {
+fn a_patch_is_on_every_camera_and_grows() {
     let plain = seen(&[], SAME, 1);
-    let patched = seen(&[("image_patch_size", "0.35")], SAME, 1);
-    assert_ne!(patched[5][0], plain[5][0]);
-    assert_eq!(patched[5][1], plain[5][1]);
+    let changed = |size: &str| {
+        let patched = seen(&[("occlusion_size", size)], SAME, 1);
+        [0, 1].map(|camera| patched[5][camera].iter().zip(&plain[5][camera]).filter(|(a, b)| a != b).count())
+    };
+    // Of 6 x 4 pixels, half of each side.
+    assert_eq!(changed("0.5"), [3 * 6; 2]);
+    assert!(changed("0.25")[0] < changed("0.5")[0]);
 }

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::sync::LazyLock;
 
+use clap::builder::StyledStr;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 use mishandle::plan::keys;
@@ -136,14 +137,14 @@ fn group_lines() -> String {
     GROUPS.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns a line for each key of the command whose name ends as an unknown flag.
-fn key_lines(error: &clap::Error, arguments: &[OsString]) -> Vec<String> {
+/// Returns a tip for each key of the command whose name ends as an unknown flag.
+fn key_lines(error: &clap::Error, arguments: &[OsString]) -> Vec<StyledStr> {
     let Some(ContextValue::String(flag)) = error.get(ContextKind::InvalidArg) else { return Vec::new() };
     let Some(word) = flag.strip_prefix("--") else { return Vec::new() };
     let command = arguments.get(1).map(|name| name.to_string_lossy()).unwrap_or_default();
     let is_same = |key: &str| key.rsplit_once('.').map_or(key, |(_, name)| name) == word;
     let named = keys().iter().filter(|key| is_same(&key.name) && flags::reads_key(&command, &key.name));
-    named.map(|key| format!("{flag} is a key: -k {}=VALUE", key.name)).collect()
+    named.map(|key| format!("{flag} is a key: -k {}=VALUE", key.name).into()).collect()
 }
 
 /// Prints help, or an error in the arguments of the program.
@@ -153,16 +154,17 @@ pub fn usage(error: &clap::Error, arguments: &[OsString]) {
     let escaped = arguments.iter().map(|argument| escape::name(&argument.to_string_lossy()));
     match CommandLine::parse_words(escaped.map(OsString::from)) {
         // Help goes to stdout, which can be a closed pipe.
-        Err(escaped) => {
+        Err(mut escaped) => {
+            let keys = key_lines(&escaped, arguments);
+            // The parser knows no keys, so its tip is another flag, or to pass the flag as a value.
+            if !keys.is_empty() {
+                escaped.remove(ContextKind::SuggestedArg);
+                escaped.remove(ContextKind::Usage);
+                escaped.insert(ContextKind::Suggested, ContextValue::StyledStrs(keys));
+            }
             drop(escaped.print());
-            match escaped.kind() {
-                ErrorKind::InvalidSubcommand => {
-                    output::message(&format!("The commands:\n{}", group_lines()));
-                }
-                ErrorKind::UnknownArgument => {
-                    key_lines(&escaped, arguments).iter().for_each(|line| output::message(line));
-                }
-                _ => {}
+            if escaped.kind() == ErrorKind::InvalidSubcommand {
+                output::message(&format!("The commands:\n{}", group_lines()));
             }
         }
         // An argument was not UTF-8.

@@ -27,6 +27,7 @@ pub mod mining;
 pub mod mode_survey;
 pub mod modes;
 pub mod output;
+pub mod physics;
 pub mod progress;
 pub mod reasons;
 pub mod regression;

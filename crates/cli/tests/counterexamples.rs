@@ -60,8 +60,24 @@ fn a_replay_says_the_same_scenario_of_a_run_and_of_its_exported_counterexample()
     let bench = Bench::new();
     let asked =
         "falsify point-reaching --controller ppo --space starts+faults-sensing --search random --trials 1";
-    bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
-    bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
+    let said = bench.check(&format!("{asked} --budget 60 --seed 1 --out run.sqlite"), 1);
+    assert!(
+        said.contains("physics: the violation remains with half the physics step (robustness -"),
+        "{said}"
+    );
+    let output = bench.run("regress suite --add run.sqlite -k regress.all=true");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    // Announced before they run.
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("checking the physics of 1 counterexample with at most 3 simulations"),
+        "{message}"
+    );
+    let physics = &read(&bench, "suite/run-mode-1.json")["physics"];
+    assert_eq!(physics["depends_on_solver"], false);
+    let changes: Vec<&Value> =
+        physics["simulations"].as_array().unwrap().iter().map(|simulation| &simulation["change"]).collect();
+    assert_eq!(changes, ["half step", "other collider", "moved start"]);
     let scenario = |said: String| {
         let (_, from_axis) = said.split_once("target_x").unwrap();
         from_axis.to_string()
@@ -96,7 +112,7 @@ fn an_exported_counterexample_replays_in_every_folder_and_a_changed_one_is_repor
         ("/target/hash", "41d0".into(), "target: recorded"),
         ("/scenario/0/unit", "km".into(), "scenario: recorded"),
         ("/scenario/0/axis", "z".into(), "the counterexample has the axes z, y"),
-        ("/target/name", "cart-pole".into(), "made in Python"),
+        ("/target/name", "cart-pole".into(), "runs of Python code"),
         ("/counterexample_format", 7.into(), "use a newer Mishandle"),
     ] {
         let output = change(pointer, to);
@@ -208,11 +224,13 @@ fn a_controller_made_worse_on_purpose_is_caught() {
         1,
     );
     bench.check("regress suite --add run.sqlite -k regress.all=true", 0);
+    let shown = bench.run("show suite");
+    assert!(text(&shown.stderr).contains("`mishandle regress suite`"), "{}", text(&shown.stderr));
     // The controller has the same file name in the suite, and no path of this machine is in it.
     let document = read(&bench, "suite/run-mode-1.json");
     assert_eq!(document["controller"], "./worse.safetensors");
     assert!(!document.to_string().contains(bench.path("").to_str().unwrap()));
-    bench.refuses("replay suite/run-mode-1.json", &["suite/worse.safetensors", "--controller FILE"]);
+    bench.refuses("replay suite/run-mode-1.json", &["suite/worse.safetensors", "-k engine.controller=FILE"]);
     bench.check("replay suite/run-mode-1.json -k engine.controller=./worse.safetensors", 0);
     std::fs::copy(bench.path("worse.safetensors"), bench.path("suite/worse.safetensors")).unwrap();
     bench.check("replay suite/run-mode-1.json", 0);
@@ -288,8 +306,11 @@ fn counterexamples_of_a_python_target_are_listed_and_exported_but_not_simulated(
     assert_eq!(listed("python.sqlite"), listed("run.sqlite"));
     bench.check("regress --add python.sqlite --out suite/python.json", 0);
     assert_eq!(read(&bench, "suite/python.json")["target"]["name"], "cart");
-    bench.refuses("regress --add python.sqlite -k regress.minimize=true --out a.json", &["in Python"]);
-    bench.refuses("replay suite/python.json", &["target `cart`", "in Python"]);
+    bench.refuses(
+        "regress --add python.sqlite -k regress.minimize=true --out a.json",
+        &["target `cart`", "Python"],
+    );
+    bench.refuses("replay suite/python.json", &["target `cart`", "Python"]);
     let output = bench.run("regress suite");
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stdout).contains("0 pass, 1 still fail, 1 error"), "{}", text(&output.stdout));

@@ -6,12 +6,14 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::Command;
 
-use crate::bench::{Bench, text};
 use mishandle::store::{
     IfExists, RunFile, RunHeader, RunWriter, Simulation, SimulationEnd, TrialStatus, TrialSummary,
 };
+use mishandle_cli::words::shell_command;
 use mishandle_evidence::{Signers, Verification};
 use serde_json::{Value, json};
+
+use crate::bench::{Bench, text};
 
 /// Makes an evaluation with failures, which is complete, and its folder.
 fn evaluation() -> Bench {
@@ -152,7 +154,7 @@ fn a_target_of_this_program_cannot_be_declared_not_replayable() {
     seal(&bench, "ev", declared);
     says(&bench, "ev -k evidence.replay=0", "says that its simulations cannot be replayed, but they can");
     forge(&bench, |header| header.target.kind = "python".to_string(), None, |_| true, Some);
-    says(&bench, "forged -k evidence.replay=0", "says that its target toy/sphere-2d is written in Python");
+    says(&bench, "forged -k evidence.replay=0", "says that its target toy/sphere-2d is Python code");
 }
 
 #[test]
@@ -236,7 +238,10 @@ fn only_files_of_evidence_are_replaced() {
     bench.refuses("evidence run.sqlite --out ev --force", &["pages/thesis.tex", "does not list it"]);
     fs::remove_file(bench.path("ev/pages/thesis.tex")).unwrap();
     // The same folder by another path.
-    bench.refuses("evidence ev/../ev/runs/run.sqlite --out ./ev --force", &["--force replaces"]);
+    bench.refuses(
+        "evidence ev/../ev/runs/run.sqlite --out ./ev --force",
+        &["in the folder that would be replaced", "another --out"],
+    );
     fs::rename(bench.path("ev/README.md"), bench.path("README.md")).unwrap();
     bench.refuses("evidence run.sqlite --out ev --force", &["README.md, which SHA256SUMS lists, is missing"]);
     fs::rename(bench.path("README.md"), bench.path("ev/README.md")).unwrap();
@@ -250,7 +255,13 @@ fn an_interruption_is_no_agreement() {
     let bench = evaluation();
     let folder = bench.path("ev");
     let stop_at = |limit: u64| {
-        let request = Verification { folder: &folder, signers: Signers::Unknown, share: 1.0, seed: 1 };
+        let request = Verification {
+            folder: &folder,
+            signers: Signers::Unknown,
+            share: 1.0,
+            seed: 1,
+            words: shell_command,
+        };
         let watch = |done, total| {
             if total > 0 && done >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
@@ -261,7 +272,13 @@ fn an_interruption_is_no_agreement() {
     assert_eq!((found.runs[0].chosen, found.runs[0].replayed.len()), (405, 3));
     assert!(stop_at(u64::MAX).is_verified);
     // The first signal stops it while it hashes.
-    let request = Verification { folder: &folder, signers: Signers::Unknown, share: 1.0, seed: 1 };
+    let request = Verification {
+        folder: &folder,
+        signers: Signers::Unknown,
+        share: 1.0,
+        seed: 1,
+        words: shell_command,
+    };
     let found = mishandle_evidence::verify(&request, |_, _| ControlFlow::Break(())).unwrap();
     assert_eq!((found.files, found.is_complete, found.is_verified), (0, false, false));
 }

@@ -134,7 +134,7 @@ fn a_python_run_without_a_counterexample_says_that_passing_traces_are_not_stored
         "show python.sqlite --simulation first",
         &[
             "no counterexample, and the run has none",
-            "in Python",
+            "Python code",
             "mishandle.replay(\"python.sqlite\", system",
         ],
     );

@@ -95,7 +95,7 @@ fn a_guard_is_tuned_by_a_flag_and_keys() {
     bench.refuses(tune, &["--tune"]);
     bench.refuses(
         &format!("{tune} --tune -k tune.false-alarms=1"),
-        &["tune.false-alarms is 1", "less than 1"],
+        &["the share of false alarms is 1", "less than 1"],
     );
     // The pole does not fall so soon.
     bench.refuses(&format!("{tune} --tune -k tune.episodes=12"), &["of 12 training scenarios fail"]);

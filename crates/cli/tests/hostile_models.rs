@@ -81,7 +81,7 @@ fn the_suite_of_a_target_file_runs_where_it_was_exported() {
     }
     let tests = bench.json("regress suite --json", 1);
     assert_eq!((&tests["fails"], &tests["errors"]), (&1.into(), &0.into()));
-    bench.refuses("replay run.sqlite", &["give its new path as `engine.target`"]);
+    bench.refuses("replay run.sqlite", &["pass -k engine.target=FILE if its folder was moved"]);
     bench.check("replay run.sqlite -k engine.target=elsewhere/arm.toml", 0);
     bench.check("show run.sqlite --simulation first -k engine.target=elsewhere/arm.toml", 1);
     bench.check("falsify --resume run.sqlite -k engine.target=elsewhere/arm.toml", 1);

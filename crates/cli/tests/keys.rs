@@ -103,6 +103,15 @@ fn a_wrong_key_or_value_is_an_error_that_says_what_is_right() {
 }
 
 #[test]
+fn an_empty_list_makes_no_grid() {
+    let bench = Bench::new();
+    bench.write("plan.toml", "target = \"toy/sphere-2d\"\n[falsify]\ntrials = 1\n");
+    for key in ["seed", "target", "falsify.batch"] {
+        bench.refuses(&format!("run plan.toml -k '{key}=[]'"), &[key, "[]", "a list of values"]);
+    }
+}
+
+#[test]
 fn the_help_and_the_completion_of_a_command_list_its_keys() {
     let bench = Bench::new();
     let help = bench.check("risk --help", 0);

@@ -207,9 +207,9 @@ fn a_controller_is_not_written_to_a_file_with_another_extension() {
     let bench = Bench::new();
     bench.refuses(
         "train point-reaching --out x.txt",
-        &["--out is x.txt; it must be a path that ends in .safetensors"],
+        &["the output file is x.txt; it must be a path that ends in .safetensors"],
     );
-    bench.refuses("train point-reaching --out x --dry-run", &["--out is x; it must be"]);
+    bench.refuses("train point-reaching --out x --dry-run", &["the output file is x; it must be"]);
     assert!(Path::new(&bench.path("x.txt")).symlink_metadata().is_err());
 }
 

@@ -25,7 +25,7 @@ fn the_page_of_a_failure_shows_what_the_policy_saw_beside_the_nominal_images() {
     write_policy(&bench);
     let falsify =
         "falsify point-reaching --controller seeing.onnx --trials 1 --budget 3 -k falsify.isolate=false";
-    let pages = [("starts+light", 2), ("starts", 0)].map(|(space, rows)| {
+    let pages = [("starts+light-3", 2), ("starts", 0)].map(|(space, rows)| {
         bench.check(&format!("{falsify} --space {space} --out {space}.sqlite"), 1);
         bench.check(&format!("report {space}.sqlite -k report.probes=0 --out {space}.html"), 0);
         let page = std::fs::read_to_string(bench.path(&format!("{space}.html"))).unwrap();
@@ -53,7 +53,8 @@ fn noise_of_images_is_noise_to_a_policy_that_sees_and_to_no_other() {
     write_policy(&bench);
     let simulate = |controller: &str, noise: &str| {
         let at = format!(
-            "--space starts+image --at image_noise={noise} --repeat 3 -k simulate.scenarios=0 --json"
+            "--space starts+image-2 --at corruption=gaussian-noise,corruption_severity={noise} --repeat 3 \
+             -k simulate.scenarios=0 --json"
         );
         bench.json(
             &format!("simulate point-reaching --controller {controller} {at}"),
@@ -62,7 +63,7 @@ fn noise_of_images_is_noise_to_a_policy_that_sees_and_to_no_other() {
     };
     let simulations = |found: &serde_json::Value| found["repeats"]["simulations"].as_u64().unwrap_or(1);
     for (controller, noise, expected) in
-        [("seeing.onnx", "0.08", 3), ("seeing.onnx", "0", 1), ("expert", "0.08", 1)]
+        [("seeing.onnx", "2", 3), ("seeing.onnx", "0", 1), ("expert", "2", 1)]
     {
         let found = simulate(controller, noise);
         assert_eq!(simulations(&found), expected, "{controller} {noise}: {found}");

@@ -1,7 +1,6 @@
 //! Settings files, dry runs and `mishandle show` of controllers.
 
 use crate::bench::{Bench, SMALL, text};
-use mishandle::training::AlgorithmSettings;
 
 const TRAIN: &str = "train point-reaching --settings ppo.toml";
 
@@ -55,15 +54,27 @@ fn a_dry_run_prints_every_setting_and_creates_no_files() {
         "# task point-reaching, algorithm ppo, reward shaped, seed 3",
         "# 10000 environment steps, to a/b.safetensors",
         "# stop_success: not set",
+        // From the file, from a flag, and a default.
+        "rollout_steps = 16",
         "total_steps = 10000",
+        "gae_lambda = 0.95",
         "[policy]",
     ] {
         assert!(out.lines().any(|found| found == line), "missing line `{line}`:\n{out}");
     }
-    // The output is a settings file with the same settings.
-    let again = AlgorithmSettings::from_toml("ppo", &out).unwrap().unwrap();
-    assert_eq!(bench.json(&format!("{TRAIN} --dry-run --json --steps 1e4"), 0)["settings"], again.to_toml());
-    assert_eq!(names(&bench), ["ppo.toml"]);
+    // The output is a settings file with the same settings, and the task hash does not depend on
+    // them.
+    bench.write("all.toml", &out);
+    let facts = |arguments: &str| bench.json(&format!("train {arguments} --dry-run --json"), 0);
+    let given = facts("point-reaching --settings ppo.toml --steps 1e4");
+    let again = facts("point-reaching --settings all.toml");
+    assert_eq!((&again["settings"], &again["task_hash"]), (&given["settings"], &given["task_hash"]));
+    let original = facts("point-reaching --settings ppo.toml -k train.reward=original");
+    assert_ne!(original["task_hash"], given["task_hash"]);
+    bench.refuses(&format!("{TRAIN} --dry-run --algorithm sad"), &["did you mean `sac`?"]);
+    // A variant has the settings of its base task.
+    assert_eq!(facts("cloth-placing-7x7")["settings"], facts("cloth-placing")["settings"]);
+    assert_eq!(names(&bench), ["all.toml", "ppo.toml"]);
 }
 
 #[test]
@@ -113,25 +124,6 @@ fn a_training_with_a_linear_schedule_cannot_resume_with_another_length() {
         bench.refuses(&format!("{resume} {steps}"), &[&expected]);
     }
     bench.check(&format!("{resume} 2048"), 0);
-}
-
-#[test]
-fn counts_accept_exponents_and_underscores() {
-    let bench = bench();
-    for (steps, total) in [("1e4", 10_000), ("100_000", 100_000), ("2.5e3", 2500), ("300", 300)] {
-        let facts = bench.json(&format!("{TRAIN} --dry-run --json --steps {steps}"), 0);
-        assert_eq!(facts["environment_steps"], total, "{steps}");
-    }
-    for (steps, why) in [
-        ("1.5", "the value is not an integer"),
-        ("1e-3", "the value is not an integer"),
-        ("-3", "the value is negative"),
-    ] {
-        bench.refuses(&format!("{TRAIN} --dry-run --steps {steps}"), &[why, "--steps", "1_000 or 1e3"]);
-    }
-    assert_eq!(bench.json(&format!("{TRAIN} --dry-run --json --seed 1e3"), 0)["seed"], "1000");
-    let evaluate = "evaluate point-reaching --controller expert --episodes 1e1 --json";
-    assert_eq!(bench.json(evaluate, 0)["success_rate"]["n"], 10);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! `mishandle train`: output files, interruption, resumption, early stopping.
 
-use crate::bench::{Bench, SMALL, signal, text};
-use crate::training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 use mishandle::controllers::ControllerFile;
 use mishandle::train::{Curve, CurveRow};
 use serde_json::Value;
+
+use crate::bench::{Bench, SMALL, signal, text};
+use crate::training::{ENDLESS, TRAIN, bench, count_lines, curve, start, wait_until};
 
 /// Writes the page of a curve and returns it.
 fn curve_page(bench: &Bench, curve: &str) -> String {
@@ -141,13 +142,13 @@ fn existing_files_are_never_overwritten() {
     for (flags, expected) in [
         (
             "--out none.safetensors --resume",
-            "there is no checkpoint none.safetensors.checkpoint to resume from",
+            "there is no checkpoint none.safetensors.checkpoint to resume from; leave out --resume if",
         ),
-        ("--out a.safetensors", "a.safetensors exists already; choose another --out, or resume"),
-        ("--out b.safetensors --csv a.csv", "a.csv exists already; choose another --csv, or resume"),
+        ("--out a.safetensors", "a.safetensors exists already; choose another --out, or pass --resume"),
+        ("--out b.safetensors --csv a.csv", "a.csv exists already; choose another --csv, or pass --resume"),
         (
             "--out b.safetensors --tensorboard board",
-            "exists already; choose another --tensorboard, or resume",
+            "exists already; choose another --tensorboard, or pass --resume",
         ),
         ("--out b.safetensors --csv b.last.safetensors", "b.last.safetensors is the path of both"),
         (
@@ -194,7 +195,7 @@ fn settings_and_names_are_checked_before_training() {
     bench.refuses("train point-reaching --axis action_delay=0:9", &["action_delay", "from 0 to 3"]);
     bench.refuses("train point-reaching --axis action_delay=1 --axis action_delay=0:1", &["set twice"]);
     let nan = "train point-reaching --space faults-sensing --axis sensor_fault_fill=nan";
-    bench.refuses(nan, &["give --axis sensor_fault_fill=0:1"]);
+    bench.refuses(nan, &["pass --axis sensor_fault_fill=0:1"]);
     bench.write("shares.toml", "scenarios = { nominal = 0.7, corners = 0.4 }");
     bench.refuses("train point-reaching --settings shares.toml", &["shares.toml", "scenarios.corners"]);
     bench.refuses(
@@ -285,7 +286,7 @@ fn the_page_of_a_curve_says_the_same_training_time_as_train() {
         assert!(page.contains(&format!("<p>{}</p>", parts.join(", "))), "{said}: {page}");
     }
     let out = bench.check(&format!("{TRAIN} --out none.safetensors"), 0);
-    assert!(out.contains("no training time: it needs a curve; use --csv"), "{out}");
+    assert!(out.contains("no training time: it needs a curve; pass --csv FILE"), "{out}");
 }
 
 #[test]
@@ -346,7 +347,7 @@ fn a_robot_of_a_file_is_trained_and_evaluated_by_its_path() {
     bench.check("evaluate pole.toml --controller ./c.safetensors --episodes 4", 0);
     bench.refuses(
         &format!("{train} --out d.safetensors -k train.reward=shaped"),
-        &["train.reward is shaped", "[rewards]"],
+        &["the reward is shaped", "[rewards]"],
     );
     bench.refuses(&format!("{train} --out d.safetensors -k train.device=gpu"), &["only tasks do"]);
 }

@@ -43,7 +43,7 @@ fn the_viewer_gets_the_recorded_states_in_order() {
     let bench = Bench::new();
     bench.check("evaluate point-reaching --controller ppo --episodes 1 --out run.sqlite", 0);
     let path = bench.path("run.sqlite");
-    let scene = recorded_scene(&path, (None, Some(1)), Moved::default(), false).unwrap();
+    let scene = recorded_scene(&path, None, Some(1), Moved::default(), false).unwrap();
     let states = &scene.episodes[0].states;
     fs::create_dir(bench.path("packages")).unwrap();
     fs::create_dir(bench.path("packages/mujoco")).unwrap();

@@ -70,6 +70,53 @@ pub enum ControllerError {
         /// The limit.
         found: f64,
     },
+    /// The layout of a controller with an action interface does not have the joint targets.
+    #[error(
+        "an action interface needs the part `joint_targets` of the observation; the layout does not name it"
+    )]
+    NoJointTargets,
+    /// A limit of the action interface is not a positive number.
+    #[error("one of the {what} of the action interface is {found}; expected positive numbers")]
+    InterfaceLimit {
+        /// The limits.
+        what: &'static str,
+        /// The number.
+        found: f64,
+    },
+    /// The action interface has another number of joints than the arm.
+    #[error("the action interface has {found} {what}; the arm has {expected} joints")]
+    InterfaceJoints {
+        /// The limits.
+        what: &'static str,
+        /// The number of joints of the arm.
+        expected: usize,
+        /// The number of limits.
+        found: usize,
+    },
+    /// The target of a joint may not move as fast as its acceleration and lead demand.
+    #[error("the target of joint {} may move at {found} rad/s; with its acceleration and lead, it needs {least} rad/s", joint + 1)]
+    TargetVelocity {
+        /// Index of the joint.
+        joint: usize,
+        /// Its largest velocity.
+        found: f64,
+        /// The velocity that it needs.
+        least: f64,
+    },
+    /// A number of the action interface is out of its range.
+    #[error(
+        "the {what} of the action interface is {found} {unit}; expected a number from 0 to below {below} {unit}"
+    )]
+    InterfaceNumber {
+        /// The number.
+        what: &'static str,
+        /// Its value.
+        found: f64,
+        /// Bound of the range.
+        below: f64,
+        /// Unit.
+        unit: &'static str,
+    },
     /// The network or the normalizer is invalid.
     #[error(transparent)]
     Network(#[from] NetworkError),

@@ -16,14 +16,15 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::checksum::{EMPTY_CHECKSUM, has_valid_checksum, write_checksum};
+use crate::interface::interface_hash;
 use crate::layout::hexadecimal;
 use crate::policy::{DEFAULT_CLIP, GAUSSIAN, SQUASHED};
-use crate::{ControllerError, FileProblem, Layout, Policy, parse_tensors};
+use crate::{ActionInterface, ControllerError, FileProblem, Layout, Policy, parse_tensors};
 
 /// The newest supported format version. Version 2 has no squashed policies, version 3 no layer
 /// normalization, no clip of observations but 5, and of activations only elu, tanh, relu and
-/// identity, version 4 no history.
-pub const FORMAT_VERSION: u64 = 5;
+/// identity, version 4 no history, version 5 no action interface.
+pub const FORMAT_VERSION: u64 = 6;
 
 /// The oldest supported format version.
 const OLDEST_VERSION: u64 = 2;
@@ -44,6 +45,9 @@ pub struct Header {
     pub reward: String,
     /// The layout of observations and actions.
     pub layout: Layout,
+    /// How actions become joint targets; `None` if they move the targets directly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action_interface: Option<ActionInterface>,
     /// The hash of everything that affects training: physics, initial states, observations, reward.
     /// Empty if unknown.
     pub task_hash: String,
@@ -148,8 +152,11 @@ fn version_of(kind: &str) -> Option<u64> {
     WRITTEN_VERSIONS.iter().find(|(known, _)| *known == kind).map(|(_, version)| *version)
 }
 
-/// Returns the oldest format version that supports a policy.
-fn written_version(policy: &Policy) -> u64 {
+/// Returns the oldest format version that supports a controller.
+fn written_version(header: &Header, policy: &Policy) -> u64 {
+    if header.action_interface.is_some() {
+        return 6;
+    }
     if policy.history().length() > 0 {
         return 5;
     }
@@ -232,6 +239,12 @@ impl ControllerFile {
         Ok(())
     }
 
+    /// Returns the hash of everything that determines the actions of the environment: the
+    /// [policy](Policy::hash) and, if there is one, the action interface.
+    pub fn hash(&self) -> String {
+        interface_hash(self.policy.hash(), self.header.action_interface.as_ref())
+    }
+
     /// Returns the bytes of the file. The same controller and header give the same bytes.
     ///
     /// # Panics
@@ -239,7 +252,7 @@ impl ControllerFile {
     pub fn to_bytes(&self) -> Vec<u8> {
         let network = self.policy.network();
         let stored = StoredHeader {
-            format_version: written_version(&self.policy),
+            format_version: written_version(&self.header, &self.policy),
             sha256: EMPTY_CHECKSUM.to_string(),
             header: self.header.clone(),
             layout_hash: self.header.layout.hash(),
@@ -463,6 +476,7 @@ mod tests {
             preset: "paper".into(),
             reward: "shaped".into(),
             layout,
+            action_interface: None,
             task_hash: "0123".into(),
             training: TrainingRecord { seed: u64::MAX, wall_clock_secs: 1.5, ..TrainingRecord::default() },
         };
@@ -581,6 +595,52 @@ mod tests {
     }
 
     #[test]
+    fn an_action_interface_survives_a_round_trip_as_version_6_and_older_files_have_none() {
+        let mut saved = example();
+        let old = saved.to_bytes();
+        assert_eq!(ControllerFile::from_bytes(&old).unwrap().header.action_interface, None);
+        assert_eq!(saved.hash(), saved.policy.hash());
+        let interface = ActionInterface {
+            velocity: vec![2.175],
+            acceleration: vec![0.1],
+            target_velocity: vec![3.0],
+            margin: 0.05,
+            lead: 0.2,
+        };
+        saved.header.action_interface = Some(interface.clone());
+        let bytes = saved.to_bytes();
+        let loaded = ControllerFile::from_bytes(&bytes).unwrap();
+        assert_eq!(loaded.header.action_interface, Some(interface.clone()));
+        assert_eq!((loaded.hash(), loaded.to_bytes()), (saved.hash(), bytes.clone()));
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        assert!(text(&bytes).contains("version\\\":6") && !text(&old).contains("action_interface"));
+        // Each number belongs to the hash.
+        let other = |change: fn(&mut ActionInterface)| {
+            let mut interface = interface.clone();
+            change(&mut interface);
+            interface_hash(saved.policy.hash(), Some(&interface))
+        };
+        let hashes = [
+            other(|_| {}),
+            other(|interface| interface.velocity[0] = 2.0),
+            other(|interface| interface.acceleration[0] = 0.2),
+            other(|interface| interface.target_velocity[0] = 4.0),
+            other(|interface| interface.margin = 0.0),
+            other(|interface| interface.lead = 0.0),
+            saved.policy.hash(),
+        ];
+        assert_eq!(hashes[0], saved.hash());
+        assert!(hashes.iter().enumerate().all(|(i, hash)| !hashes[..i].contains(hash)));
+
+        // An unknown number.
+        let mut damaged = bytes;
+        let at = damaged.windows(8).position(|window| window == b"\"margin\\").unwrap();
+        damaged[at + 1] = b'M';
+        write_checksum(&mut damaged);
+        assert!(error_message(&damaged).contains("unknown field `Margin`"), "{}", error_message(&damaged));
+    }
+
+    #[test]
     fn the_header_does_not_change_the_hash_of_the_policy() {
         let mut later = example();
         later.header.training.wall_clock_secs = 99.0;
@@ -642,8 +702,8 @@ mod tests {
     fn an_invalid_header_or_one_of_another_version_is_an_error() {
         let version = "format_version\\\":";
         assert_eq!(
-            error_message(&with_header(&format!("{version}2"), &format!("{version}6"))),
-            "the controller has format version 6, but this program supports versions up to 5; use a newer version of the \
+            error_message(&with_header(&format!("{version}2"), &format!("{version}7"))),
+            "the controller has format version 7, but this program supports versions up to 6; use a newer version of the \
              program"
         );
         assert_eq!(

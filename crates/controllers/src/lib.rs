@@ -10,9 +10,12 @@
 mod checksum;
 mod error;
 mod file;
+mod fitted;
 pub mod guard;
 mod history;
+mod interface;
 mod layout;
+mod limited;
 mod policy;
 pub mod squashed;
 mod tensor_file;
@@ -22,7 +25,12 @@ pub use error::{ControllerError, FileProblem};
 pub use file::{
     ControllerFile, FORMAT_VERSION, Header, TrainingRecord, ValidationRecord, WRITTEN_VERSIONS, bytes_hash,
 };
+pub use fitted::Fitted;
 pub use history::{History, remember};
+pub use interface::{
+    ActionInterface, ActionLimiter, JOINT_TARGETS, JointTargets, interface_hash, stopping_velocity,
+};
 pub use layout::{Entry, Layout};
+pub use limited::LimitedPolicy;
 pub use policy::Policy;
 pub use tensor_file::parse_tensors;

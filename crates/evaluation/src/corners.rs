@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 
 use mishandle_results as results;
-use mishandle_results::CornerPoint;
+use mishandle_results::{BoxPoint, CornerPoint};
 use mishandle_rollout::{
     Axis, AxisKind, AxisValues, Episode, EpisodeEnd, Request, Scenario, Seed, Space, System,
 };
@@ -123,7 +123,7 @@ impl Corners {
     ) -> CornerCounter {
         let last = self.points.len().saturating_sub(1);
         let point = |(index, scenario): (usize, &Scenario)| CornerPoint {
-            kind: if index == last { "center" } else { "corner" }.to_string(),
+            kind: if index == last { BoxPoint::Center } else { BoxPoint::Corner },
             scenario: self.names.iter().zip(scenario.values().iter().copied()).collect(),
             reachable: is_reachable(scenario),
             strict_successes: roles.strict.then_some(0),

@@ -79,8 +79,8 @@ pub use screened::{
 };
 pub use sensitivity::{SensitivitySample, total_effects};
 pub use sequential::{
-    ClippedDifferences, Decision, DifferenceSequence, RateSequence, SizeSettings, Sizes, StopRule,
-    anytime_rate, pair_size, rate_size,
+    ClippedDifferences, DifferenceSequence, RateSequence, SizeSettings, Sizes, StopRule, anytime_rate,
+    pair_size, rate_size,
 };
 pub use smooth_region::{NotSmooth, SmoothRegion, smooth_region};
 pub use survival::{Lifetime, LogRank, SurvivalCurve, SurvivalStep, lifetimes, log_rank};

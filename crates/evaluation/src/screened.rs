@@ -216,9 +216,11 @@ impl Repeated {
 }
 
 /// Evaluates `system` on the simulations of `evaluation`. `screening` simulates all of them;
-/// `system` repeats those that the other engine reports as unsuccessful, not strictly successful,
-/// dangerous or without a verdict, and each other one with the probability `sample_rate`. Only
-/// repeated simulations are evidence.
+/// `system` repeats those that the other engine reports as unsuccessful or without a verdict, and
+/// each other one with the probability `sample_rate`. Only repeated simulations are evidence.
+///
+/// The success rate decides, so its formula alone flags. The rates of strict success and of any
+/// danger are unbiased, too, but the sample alone finds their events in successful simulations.
 ///
 /// `watch` gets the progress now and then, and can interrupt the evaluation.
 ///
@@ -241,11 +243,7 @@ pub fn evaluate_screened(
     };
     // No simulation has this seed.
     let mut sample = Sequence::new(evaluation.seed.child(u64::MAX).0, 0);
-    let is_flagged = |episode: &ScreenedEpisode| {
-        let verdict = &episode.verdict;
-        let is_success = if roles.strict { verdict.is_strict_success() } else { verdict.is_success() };
-        !is_success || verdict.is_dangerous()
-    };
+    let is_flagged = |episode: &ScreenedEpisode| !episode.verdict.is_success();
     while report.failures.trials < evaluation.episodes {
         let base = report.failures.trials;
         let confirmed = report.confirmed();

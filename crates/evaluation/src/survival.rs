@@ -1,7 +1,7 @@
 //! Survival analysis: Kaplan-Meier curve, restricted mean and log-rank test of simulations to
 //! failure.
 
-use mishandle_results::Trial;
+use mishandle_results::{Trial, TrialEnd};
 
 use crate::interval::Z;
 use crate::{Estimate, chi_squared_tail};
@@ -36,9 +36,9 @@ impl Lifetime {
 /// Returns the lifetimes of the trials that ended. A search that gave up finds nothing within its
 /// budget, so its trial is censored at the budget.
 pub fn lifetimes(trials: &[Trial], budget: u32) -> Vec<Lifetime> {
-    let lifetime = |trial: &Trial| match (trial.first_violation, trial.end.as_deref()?) {
+    let lifetime = |trial: &Trial| match (trial.first_violation, trial.end?) {
         (Some(number), _) => Some(Lifetime::failed(number)),
-        (None, "search ended") => Some(Lifetime::censored(trial.simulations.max(budget))),
+        (None, TrialEnd::SearchEnded) => Some(Lifetime::censored(trial.simulations.max(budget))),
         (None, _) => Some(Lifetime::censored(trial.simulations)),
     };
     trials.iter().filter_map(lifetime).collect()

@@ -5,9 +5,10 @@
 //! chance once in 1,000 times.
 
 use mishandle_evaluation::{
-    ClippedDifferences, Decision, DifferenceSequence, RateSequence, StopRule, sign_test, wilson,
+    ClippedDifferences, DifferenceSequence, RateSequence, StopRule, sign_test, wilson,
 };
 use mishandle_random::Sequence;
+use mishandle_results::StopDecision;
 
 const REPLICATIONS: u64 = 2000;
 
@@ -115,7 +116,7 @@ fn equal_controllers_are_called_different_in_at_most_5_percent_of_the_comparison
     let found = false_alarms(|difference| {
         difference.look();
         let decision = rule.decide(&difference.estimate());
-        matches!(decision, Some(Decision::Above | Decision::Below))
+        matches!(decision, Some(StopDecision::Above | StopDecision::Below))
     });
     assert!(found <= MISSES, "{found}");
     // McNemar's test, once for each look, is wrong several times as often.
@@ -138,7 +139,7 @@ fn different_controllers_are_called_equivalent_in_at_most_5_percent_of_the_compa
             if n % 64 == 0 {
                 difference.look();
                 if let Some(decision) = rule.decide(&difference.estimate()) {
-                    return decision == Decision::Equivalent;
+                    return decision == StopDecision::Equivalent;
                 }
             }
         }

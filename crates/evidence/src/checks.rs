@@ -8,10 +8,9 @@ use mishandle::Plan;
 use mishandle::check::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, differences, moved, to_json};
 use mishandle::counterexample::Counterexample;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::results::{Check, VerifiedCheck};
+use mishandle::results::{Check, Command, Key, VerifiedCheck, Words};
 use mishandle::store::RunFile;
 use mishandle_report::{CHECK_REPORTS, CheckFigures, check_reports, check_summary};
-use mishandle_text::shell_quote;
 
 use crate::error::EvidenceError;
 use crate::layout::CHECKS;
@@ -26,6 +25,7 @@ pub(crate) fn write(
     home: &Path,
     runs: &[ManifestRun],
     names: &mut BTreeSet<String>,
+    words: Words,
 ) -> Result<ManifestCheck, EvidenceError> {
     let place = format!("{CHECKS}/{}", unique(folder.file_name().unwrap_or_default(), names));
     let then = found.controllers.iter().flat_map(|controller| &controller.runs);
@@ -40,14 +40,14 @@ pub(crate) fn write(
         Some(index) => runs.get(index).map(|run| run.file.clone()),
         None => files.iter().find(|(file, _)| file == path).map(|(_, place)| place.clone()),
     };
-    let found = moved(found, &place, |path| now(path).unwrap_or_default());
+    let found = moved(found, &place, |path| now(path).unwrap_or_default(), words);
     let mut found = Check { requirements_file: format!("{place}/{REQUIREMENTS}"), ..found };
     for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
         let Some(file) = &violation.file else { continue };
         let then = files.iter().find(|(_, place)| place == file).map(|(then, _)| Path::new(then));
         let run = runs.iter().find(|run| run.file == violation.run);
         if let (Some(then), Some(own)) = (then, run.and_then(|run| run.files.as_ref())) {
-            violation.replay = replay(file, &Counterexample::read(then)?.plan, own);
+            violation.replay = words(&replay(file, &Counterexample::read(then)?.plan, own));
         }
     }
     let create = |path: &Path| fs::create_dir_all(path).map_err(EvidenceError::file(path));
@@ -75,14 +75,11 @@ pub(crate) fn write(
     })
 }
 
-/// Returns the command that replays a counterexample with the files of its run in the folder `own`.
-fn replay(file: &str, plan: &Plan, own: &str) -> String {
-    let keys = [("controller", &plan.controller), ("target", &plan.target)];
-    let moved = keys.into_iter().filter_map(|(key, name)| {
-        let place = format!("{own}/{}", name.strip_prefix("./")?);
-        Some(format!(" -k {}", shell_quote(&format!("engine.{key}={place}"))))
-    });
-    format!("mishandle replay {}{}", shell_quote(file), moved.collect::<String>())
+/// Returns what replays a counterexample with the files of its run in the folder `own`.
+fn replay(file: &str, plan: &Plan, own: &str) -> Command {
+    let keys = [(Key::MOVED_CONTROLLER, &plan.controller), (Key::MOVED_TARGET, &plan.target)];
+    let place = |(key, name): (Key, &String)| Some((key, format!("{own}/{}", name.strip_prefix("./")?)));
+    Command::ReplayFile { file: file.to_string(), moved: keys.into_iter().filter_map(place).collect() }
 }
 
 /// Returns the files of a check, without its runs.
@@ -97,7 +94,8 @@ pub(crate) fn files(check: &ManifestCheck) -> Vec<String> {
 pub(crate) fn verify<'r>(
     home: &Path,
     check: &ManifestCheck,
-    (is_of_this_build, replays): (bool, bool),
+    is_of_this_build: bool,
+    replays: bool,
     run: impl Fn(&str) -> Option<&'r RunFile>,
     files: impl Fn(&str) -> Option<&'r str>,
 ) -> (VerifiedCheck, Vec<String>) {

@@ -2,6 +2,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use mishandle::MishandleError;
+use mishandle::results::{Choice, Key, Remedy};
 
 /// An error while a folder of evidence is written or read. What a verification finds is not one.
 #[derive(Debug, thiserror::Error)]
@@ -19,27 +20,27 @@ pub enum EvidenceError {
         source: io::Error,
     },
     /// The folder exists.
-    #[error("{} exists already; choose another folder, or replace it with --force", path.display())]
+    #[error("{} exists already", path.display())]
     Exists {
         /// The folder.
         path: PathBuf,
     },
-    /// The folder that `--force` would replace is something else, or has a file of somebody else.
-    #[error("--force does not replace {}, because {problem}; choose another folder", path.display())]
+    /// The folder to replace is something else, or has a file of somebody else.
+    #[error("{} is not replaced, because {problem}", path.display())]
     Foreign {
         /// The folder.
         path: PathBuf,
         /// The part that is not evidence.
         problem: String,
     },
-    /// A run is in the folder that `--force` would replace.
-    #[error("{} is in the folder that --force replaces; choose another --out", path.display())]
+    /// A run is in the folder to replace.
+    #[error("{} is in the folder that would be replaced", path.display())]
     Inside {
         /// The run file.
         path: PathBuf,
     },
     /// A folder is not that of a finished check.
-    #[error("{} is a folder without a finished check; name run files, or the folder of `mishandle check`", path.display())]
+    #[error("{} is a folder without a finished check; name run files, or the folder of a check", path.display())]
     NotACheck {
         /// The folder.
         path: PathBuf,
@@ -87,6 +88,18 @@ pub enum EvidenceError {
 }
 
 impl EvidenceError {
+    /// Returns what helps.
+    pub fn remedies(&self) -> Vec<Remedy> {
+        match self {
+            EvidenceError::Mishandle(error) => error.remedies(),
+            EvidenceError::Exists { .. } => {
+                vec![Remedy::Another(Key::OUT), Remedy::set(Key::FORCE, Choice::On)]
+            }
+            EvidenceError::Foreign { .. } | EvidenceError::Inside { .. } => vec![Remedy::Another(Key::OUT)],
+            _ => Vec::new(),
+        }
+    }
+
     /// Returns a function that adds a path to an I/O error.
     pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> EvidenceError {
         move |source| EvidenceError::File { path: path.to_path_buf(), source }

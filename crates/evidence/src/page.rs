@@ -1,6 +1,7 @@
 //! The page about a run of a folder.
 
 use mishandle::ResolvedPlan;
+use mishandle::results::Words;
 use mishandle::store::RunFile;
 use mishandle_report::{RunReport, page};
 
@@ -14,8 +15,9 @@ pub(crate) fn text(
     run: &RunFile,
     file: &str,
     resolved: Result<&ResolvedPlan, &str>,
+    words: Words,
 ) -> Result<String, EvidenceError> {
-    let mut report = RunReport::load(run, file, resolved.ok())?;
+    let mut report = RunReport::load(run, file, resolved.ok(), words)?;
     report.hide_paths();
     if let Err(why) = resolved {
         report.add_note(format!("Simulations cannot be replayed from the folder of evidence: {why}."));

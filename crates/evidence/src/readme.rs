@@ -1,5 +1,6 @@
 //! The file of the folder for people.
 
+use mishandle::results::{Command, Words};
 use mishandle_report::CHECK_REPORTS;
 
 use crate::layout::{CHECKS, FILES, MANIFEST, PAGES, RUNS, SIGNATURE, SUMS};
@@ -26,7 +27,7 @@ fn code(text: &str) -> String {
 }
 
 /// Returns the text. It does not depend on a signature, which can be made later.
-pub fn text(manifest: &Manifest) -> String {
+pub fn text(manifest: &Manifest, words: Words) -> String {
     let rows: String = manifest
         .runs
         .iter()
@@ -60,6 +61,7 @@ pub fn text(manifest: &Manifest) -> String {
         )
     };
     let program = &manifest.program;
+    let verify = words(&Command::VerifyEvidence);
     format!(
         "# Evidence of simulations\n\nThis folder holds simulations of robot controllers, with what others need to check them. \
          Mishandle {} made it\n(commit {}, {}, MuJoCo {}).\n\n| run and page | target | simulations | failures | requirement | \
@@ -70,7 +72,7 @@ pub fn text(manifest: &Manifest) -> String {
          ALLOWED_SIGNERS is a file of yours with a line `NAME KEY` for each key that you trust. Without `{SIGNATURE}`, the \
          folder is\nnot signed: its hashes then show accidents, but anybody can change a file and its hash.\n\n\
          With Mishandle, which also finds further files, checks the records, and simulates a random share of them again:\n\n\
-         ```bash\nmishandle evidence --verify . --allowed-signers ALLOWED_SIGNERS\n```\n\n\
+         ```bash\n{verify}\n```\n\n\
          A replay agrees to the bit if the program has the version, the commit and the architecture above.\n\n\
          ## Files\n\n- `{MANIFEST}`: program, machine, plans, and the identities of targets and controllers.\n\
          - `{RUNS}`: the run files (SQLite), byte for byte. A run whose controller was a file contains its path at that time.\n\

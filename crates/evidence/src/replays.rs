@@ -70,10 +70,12 @@ pub(crate) fn check(
     }
     for check in &manifest.checks {
         let run = |name: &str| opened.iter().find(|next| next.run.file == name);
-        let request_share = (manifest.is_of_this_build(), request.share > 0.0);
+        let is_of_this_build = manifest.is_of_this_build();
+        let replays = request.share > 0.0;
         let file = |name: &str| run(name).map(|next| &next.file);
         let files = |name: &str| run(name).and_then(|next| next.run.files.as_deref());
-        let (verified, problems) = checks::verify(request.folder, check, request_share, file, files);
+        let (verified, problems) =
+            checks::verify(request.folder, check, is_of_this_build, replays, file, files);
         found.checks.push(verified);
         found.problems.extend(problems);
     }
@@ -107,9 +109,8 @@ fn open(request: &Verification<'_>, run: &ManifestRun) -> Result<RunFile, String
 /// Resolves the plan of a run with the files of the folder alone.
 fn resolve(request: &Verification<'_>, run: &ManifestRun, file: &RunFile) -> Result<ResolvedPlan, String> {
     if is_python(&file.header().target.kind) {
-        return Err(
-            "its system is written in Python: replay it with mishandle.replay and your code".to_string()
-        );
+        return Err("its system is Python code, which is not part of the folder: replay it with your code"
+            .to_string());
     }
     let place = request.folder.join(run.files.as_deref().unwrap_or(""));
     resolve_in(file.header(), &place).map_err(|error| reason(&error))
@@ -139,7 +140,7 @@ impl Opened<'_> {
             (Err(_), _) if is_python(&header.target.kind) && !can_be_python(header) => {
                 let name = &header.target.name;
                 found.problems.push(of(&format!(
-                    "it says that its target {name} is written in Python, but the plan names another kind of target"
+                    "it says that its target {name} is Python code, but the plan names another kind of target"
                 )));
             }
             (Err(why), Some(_)) if names_built_in(header) => found.problems.push(cannot(why)),
@@ -181,7 +182,7 @@ impl Opened<'_> {
             // Then the folder differs already.
             (None, Err(_)) => return None,
         };
-        match page::text(&self.file, &self.run.file, resolved) {
+        match page::text(&self.file, &self.run.file, resolved, request.words) {
             Ok(text) => match std::fs::read(request.folder.join(page)) {
                 Ok(bytes) if bytes == text.as_bytes() => None,
                 Ok(_) => Some(format!("{page}: it is not the page that follows from {}", self.run.file)),

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use mishandle::build::build;
 use mishandle::files::{read_text_bounded, refuse_link};
-use mishandle::results::{EvidenceVerification, Seed, VerifiedRun};
+use mishandle::results::{EvidenceVerification, Seed, VerifiedRun, Words};
 use mishandle_text::path_text;
 
 use crate::checks;
@@ -30,6 +30,8 @@ pub struct Verification<'a> {
     pub share: f64,
     /// Seed that chooses them.
     pub seed: u64,
+    /// How pages and results name commands.
+    pub words: Words,
 }
 
 /// Returns a seed that nobody can foresee, so that a forger does not know which simulations will be
@@ -98,7 +100,7 @@ pub fn verify(
     // Without the signature that the caller demands, no run file is opened.
     let is_refused =
         found.signature == WRONG || (status == MISSING && !matches!(request.signers, Signers::Unknown));
-    let checked = check_files(folder, &list, is_refused, &mut found, &mut || watch(0, 0));
+    let checked = check_files(request, &list, is_refused, &mut found, &mut || watch(0, 0));
     let done = match checked {
         Ok(Some(manifest)) => replays::check(request, &manifest, &mut found, &mut watch),
         Ok(None) => return Ok(found),
@@ -131,12 +133,13 @@ fn read(folder: &Path, name: &str, limit: u64, problems: &mut Vec<String>) -> Op
 /// Compares all files with the list of hashes and with the manifest. Returns the manifest if they
 /// agree.
 fn check_files(
-    folder: &Path,
+    request: &Verification<'_>,
     list: &str,
     is_refused: bool,
     found: &mut EvidenceVerification,
     watch: Watch<'_>,
 ) -> Result<Option<Manifest>, EvidenceError> {
+    let folder = request.folder;
     let listed = match sums::parse(list) {
         Ok(listed) => listed,
         Err(problem) => {
@@ -211,7 +214,7 @@ fn check_files(
     found.pages_compared = manifest.is_of_this_build();
     if found.pages_compared
         && let Some(text) = read(folder, README, manifest::MAX_SIZE, &mut found.problems)
-        && text != readme::text(&manifest)
+        && text != readme::text(&manifest, request.words)
     {
         found.problems.push(format!("{README}: it is not the text that follows from {MANIFEST}"));
     }

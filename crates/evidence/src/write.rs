@@ -10,7 +10,7 @@ use mishandle::check::verified;
 use mishandle::files::AtomicFolder;
 use mishandle::portable::{copy_files, resolve_in};
 use mishandle::resolve::{Moved, is_python};
-use mishandle::results::{Evidence, EvidenceCheck, EvidenceRun};
+use mishandle::results::{Evidence, EvidenceCheck, EvidenceRun, Words};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, Plan, ResolvedPlan};
 use mishandle_text::path_text;
@@ -39,6 +39,8 @@ pub struct Collection<'a> {
     pub moved: Moved<'a>,
     /// The key that signs; `None`: no signature.
     pub key: Option<&'a Key>,
+    /// How pages and results name commands.
+    pub words: Words,
 }
 
 /// Makes a folder of evidence. It appears when it is complete. If `watch` stops it, nothing is
@@ -68,15 +70,23 @@ pub fn write(
             runs.push(add(path, home, &mut names, collection, watch)?);
             continue;
         }
-        let found = verified(path)?.ok_or_else(|| EvidenceError::NotACheck { path: path.clone() })?;
+        let found = verified(path, collection.words)?
+            .ok_or_else(|| EvidenceError::NotACheck { path: path.clone() })?;
         let first = runs.len();
         for run in found.controllers.iter().flat_map(|controller| &controller.runs) {
             runs.push(add(run.run.as_ref(), home, &mut names, collection, watch)?);
         }
-        found_checks.push(checks::write(path, &found, home, &runs[first..], &mut check_names)?);
+        found_checks.push(checks::write(
+            path,
+            &found,
+            home,
+            &runs[first..],
+            &mut check_names,
+            collection.words,
+        )?);
     }
     let manifest = Manifest::new(runs, found_checks);
-    write_file(&home.join(README), readme::text(&manifest).as_bytes())?;
+    write_file(&home.join(README), readme::text(&manifest, collection.words).as_bytes())?;
     let files = hashed(home, watch)?;
     let bytes: u64 = files.iter().map(|file| file.size).sum();
     let manifest = Manifest { files, ..manifest };
@@ -154,9 +164,21 @@ fn add(
     let run = RunFile::open(&copy)?;
     run.check()?;
     let (files, resolved) = files(&run, home, collection, watch)?;
-    let text = page::text(&run, &file, resolved.as_ref().map_err(String::as_str))?;
+    let text = page::text(&run, &file, resolved.as_ref().map_err(String::as_str), collection.words)?;
     write_file(&home.join(&page_name), text.as_bytes())?;
     ManifestRun::new(&run, [file, page_name], files, resolved.err())
+}
+
+/// Gives the copy of a moved file the name by which the plan of the run finds it.
+fn rename(place: &Path, now: &str, recorded: &str) -> Result<(), EvidenceError> {
+    let [Some(now), Some(then)] = [now, recorded].map(|path| Path::new(path).file_name()) else {
+        return Ok(());
+    };
+    let [now, then] = [now, then].map(|name| place.join(name));
+    if now == then || !now.is_file() {
+        return Ok(());
+    }
+    fs::rename(&now, &then).map_err(EvidenceError::file(&now))
 }
 
 /// Copies the files of a run. Returns their folder, and the plan as it resolves there, or why it
@@ -169,7 +191,7 @@ fn files(
 ) -> Result<(Option<String>, Result<ResolvedPlan, String>), EvidenceError> {
     let header = run.header();
     if is_python(&header.target.kind) {
-        let why = "its system is written in Python, and its code is not part of the folder".to_string();
+        let why = "its system is Python code, which is not part of the folder".to_string();
         return Ok((None, Err(why)));
     }
     let (number, place) = (1..)
@@ -177,11 +199,16 @@ fn files(
         .find(|(_, place)| !place.exists())
         .unwrap_or_default();
     let moved = collection.moved;
-    let mut plan = Plan::from_toml(&header.plan)?;
+    let recorded = Plan::from_toml(&header.plan)?;
+    let mut plan = recorded.clone();
     plan.controller = moved.controller.map_or(plan.controller, str::to_string);
     plan.target = moved.target.map_or(plan.target, str::to_string);
     let resolved = match copy_files(&plan, &place) {
-        Ok(_) => resolve_in(header, &place),
+        Ok(_) => {
+            rename(&place, &plan.controller, &recorded.controller)?;
+            rename(&place, &plan.target, &recorded.target)?;
+            resolve_in(header, &place)
+        }
         Err(error) => Err(error),
     };
     let remove = |place: &Path| {

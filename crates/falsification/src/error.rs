@@ -1,3 +1,4 @@
+use mishandle_results::PhysicsCheck;
 use mishandle_rollout::RolloutError;
 use mishandle_search::SearchError;
 
@@ -48,6 +49,16 @@ pub enum FalsificationError {
     NotACounterexample {
         /// Robustness of the simulation, or the reason why it has none.
         robustness: String,
+    },
+    /// The violation vanishes under a change of the physics that no real robot would notice.
+    #[error("simulation {simulation} of trial {trial} {}", crate::physics_text(check))]
+    DependsOnSolver {
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation within the trial.
+        simulation: u32,
+        /// The check of its physics.
+        check: PhysicsCheck,
     },
     /// The dimension of the search differs from the number of axes of the space.
     #[error(

@@ -9,6 +9,7 @@
 //!
 //! [`minimize`](minimize()) moves a counterexample toward the nominal scenario,
 //! [`repeat`](repeat()) simulates it with other seeds, and [`Repeated`] says how often.
+//! [`PhysicsChecks`] simulate it under changes of the physics that it may not depend on.
 //! [`margin`](margin()) searches for the smallest disturbance that violates the requirement.
 //! [`metamorphic`](metamorphic()) compares the results of pairs of scenarios.
 //!
@@ -50,6 +51,7 @@ mod metamorphic;
 mod minimize;
 mod modes;
 mod outcome;
+mod physics;
 mod repeat;
 mod screened;
 mod trial;
@@ -74,6 +76,7 @@ pub use modes::{
     unit_scenario,
 };
 pub use outcome::{FalsificationOutcome, Minimum, TrialOutcome, Unevaluated};
+pub use physics::{PhysicsChecks, Survivor, physics_text};
 pub use repeat::{Repeated, measure_noise, repeat, repeat_seeds};
 pub use screened::ScreenedCounts;
 pub use trial::{SearchFactory, Trial, TrialEnd};

@@ -16,8 +16,9 @@ const RESOLUTION: f64 = 0.01;
 pub struct Minimized {
     /// The simulation of the minimized scenario; it fails.
     pub episode: Episode,
-    /// The simulation of the original scenario; it fails.
-    pub original: Episode,
+    /// The failing simulations on the way to it: the original scenario first, each further one
+    /// nearer to nominal, without the result.
+    pub path: Vec<Episode>,
     /// Number of simulations.
     pub simulations: u64,
     /// Whether the minimization came to its end: no axis can go to nominal alone, and none can move
@@ -55,15 +56,22 @@ pub fn minimize(
         let robustness = original.robustness().map_or("undecided".to_string(), |rho| rho.to_string());
         return Err(FalsificationError::NotACounterexample { robustness });
     }
-    let mut search = Search::new(system, original.clone(), budget, watch);
+    let mut search = Search::new(system, original, budget, watch);
     search.simulations = 1;
     let is_complete = match search.run() {
         Ok(()) => true,
         Err(Stop::Budget | Stop::Interrupted) => false,
         Err(Stop::Error(error)) => return Err(*error),
     };
-    let Search { best, simulations, has_fewest_axes, .. } = search;
-    Ok(Minimized { episode: best, original, simulations, is_complete, has_fewest_axes })
+    let Search { best, path, simulations, has_fewest_axes, .. } = search;
+    Ok(Minimized { episode: best, path, simulations, is_complete, has_fewest_axes })
+}
+
+impl Minimized {
+    /// Returns the simulation of the original scenario.
+    pub fn original(&self) -> &Episode {
+        self.path.first().unwrap_or(&self.episode)
+    }
 }
 
 /// Returns the number of axes with another value than the nominal one. Random draws do not count.
@@ -109,6 +117,8 @@ pub(crate) struct Search<'a, W> {
     space: Space,
     /// The failing simulation nearest to nominal so far.
     pub(crate) best: Episode,
+    /// Those before it.
+    path: Vec<Episode>,
     budget: u64,
     pub(crate) simulations: u64,
     watch: W,
@@ -119,7 +129,8 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Starts at a failure.
     pub(crate) fn new(system: &'a mut dyn System, failure: Episode, budget: u64, watch: W) -> Search<'a, W> {
         let space = system.space().clone();
-        Search { system, space, best: failure, budget, simulations: 0, watch, has_fewest_axes: false }
+        let path = Vec::new();
+        Search { system, space, best: failure, path, budget, simulations: 0, watch, has_fewest_axes: false }
     }
 
     fn run(&mut self) -> Result<(), Stop> {
@@ -172,10 +183,9 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the
     /// present one.
     fn try_any(&mut self, scenarios: &[Scenario]) -> Result<bool, Stop> {
-        let least = lowest_violation(self.simulate(scenarios)?);
-        let has_failed = least.is_some();
-        self.best = least.unwrap_or_else(|| self.best.clone());
-        Ok(has_failed)
+        let Some(least) = lowest_violation(self.simulate(scenarios)?) else { return Ok(false) };
+        self.path.push(std::mem::replace(&mut self.best, least));
+        Ok(true)
     }
 
     /// Simulates the scenarios with the seed of the failure.
@@ -416,7 +426,7 @@ mod tests {
         assert_eq!((found[1], found[3]), (0.0, 0.0));
         assert!(minimized.is_complete && minimized.has_fewest_axes);
         assert!(minimized.episode.is_violated());
-        assert_eq!(minimized.original.request.scenario, [0.9, 0.3, -0.5, -0.8].into());
+        assert_eq!(minimized.original().request.scenario, [0.9, 0.3, -0.5, -0.8].into());
     }
 
     #[test]

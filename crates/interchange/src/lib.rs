@@ -15,5 +15,5 @@ mod torch;
 pub use error::{InterchangeError, OnnxProblem, PolicyPart, TorchProblem};
 #[cfg(feature = "onnx")]
 pub use onnx::{Chunk, Interface, Padding};
-pub use onnx::{OnnxPolicy, OnnxSummary, OnnxTensor, onnx_bytes};
+pub use onnx::{OnnxDescription, OnnxPolicy, OnnxSummary, OnnxTensor, onnx_bytes};
 pub use torch::{ACTIVATIONS, ImportOptions, Imported, Normalization, ObservationNormalizer, import};

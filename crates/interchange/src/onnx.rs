@@ -50,6 +50,8 @@ mod policy;
 #[cfg(feature = "onnx")]
 mod summary;
 
+use mishandle_controllers::ActionInterface;
+
 #[cfg(not(feature = "onnx"))]
 pub use absent::OnnxPolicy;
 #[cfg(feature = "onnx")]
@@ -71,6 +73,17 @@ pub struct OnnxSummary {
     pub inputs: Vec<OnnxTensor>,
     /// The outputs.
     pub outputs: Vec<OnnxTensor>,
+}
+
+/// The statements of a model about its controller, read without running it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OnnxDescription {
+    /// The task that it names.
+    pub task: Option<String>,
+    /// The parts of the observation that it names.
+    pub parts: Vec<String>,
+    /// How its actions become joint targets.
+    pub action_interface: Option<ActionInterface>,
 }
 
 /// An input or an output of a model.

@@ -78,6 +78,7 @@ fn an_exported_history_acts_as_that_of_the_controller() {
             preset: String::new(),
             reward: String::new(),
             layout: layout(2, 1),
+            action_interface: None,
             task_hash: String::new(),
             training: TrainingRecord::default(),
         };

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use mishandle_results::{
-    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, Severity, WorstPart,
+    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, Severity, Windows, WorstPart,
 };
 use mishandle_stl::{Formula, TimeUnit, is_violated};
 
@@ -186,7 +186,7 @@ pub fn document(
     Monitor {
         robustness: first.robustness,
         violated: first.violated,
-        windows: if strict_horizon { "whole" } else { "cut" }.to_string(),
+        windows: if strict_horizon { Windows::Whole } else { Windows::Cut },
         cuts_windows: first.cuts_windows,
         robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),
         robustness_times: times,

@@ -3,7 +3,7 @@
 use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{
     Clock, DenseMonitor, DenseSignal, Diagnosis, Formula, Monitor, MonitorError, SubformulaNode, TimeUnit,
-    Trace, is_violated,
+    Trace, Windows, is_violated,
 };
 use mishandle_text::{number_text, visible};
 
@@ -20,6 +20,12 @@ pub struct Evaluation {
     pub unit: Option<TimeUnit>,
     /// Whether only windows inside the log count, instead of cutting them at its end.
     pub strict_horizon: bool,
+}
+
+impl Evaluation {
+    fn windows(self) -> Windows {
+        if self.strict_horizon { Windows::Whole } else { Windows::Cut }
+    }
 }
 
 /// The verdict of a formula on a log.
@@ -273,10 +279,10 @@ impl Even<'_> {
         let texts: Vec<String> = formula.subformulas().collect();
         let mut violations = Vec::new();
         let mut worst = None;
-        for (position, reach) in parts(&nodes) {
+        for (position, (first, last)) in parts(&nodes) {
             let text = &texts[position];
             let Ok(part) = Formula::parse(text) else { continue };
-            let found = self.part(&part, reach)?;
+            let found = self.part(&part, first, last)?;
             violations.extend(found.runs.into_iter().map(|run| Interval {
                 formula: text.clone(),
                 start: self.at(run.first),
@@ -302,7 +308,7 @@ impl Even<'_> {
     }
 
     /// Evaluates a part where the formula requires it and it is decided.
-    fn part(&self, part: &Formula, (first, last): Reach) -> Result<Runs> {
+    fn part(&self, part: &Formula, first: usize, last: Option<usize>) -> Result<Runs> {
         let mut monitor = Monitor::new(part, self.trace.names(), self.clock)?;
         let mut found = Runs::default();
         if last == Some(0) {
@@ -311,11 +317,7 @@ impl Even<'_> {
         }
         let samples = first..last.map_or(usize::MAX, |last| last.saturating_add(1));
         let visit = |first: usize, values: &[f64]| found.extend(first, values);
-        if self.evaluation.strict_horizon {
-            monitor.visit_decided_robustness(self.trace, samples, visit)?;
-        } else {
-            monitor.visit_robustness(self.trace, samples, visit)?;
-        }
+        monitor.visit_robustness(self.trace, samples, self.evaluation.windows(), visit)?;
         Ok(found)
     }
 }
@@ -400,11 +402,7 @@ fn dense(signals: &[DenseSignal], formula: &Formula, evaluation: &Evaluation) ->
         let monitor = DenseMonitor::new(&part, &names, evaluation.unit)?;
         let from = start + first as f64 * tick;
         let to = last.map_or(end, |last| start + last as f64 * tick);
-        let values = if evaluation.strict_horizon {
-            monitor.decided_robustness_within(signals, from, to)?
-        } else {
-            monitor.robustness_within(signals, from, to)?
-        };
+        let values = monitor.robustness_within(signals, from, to, evaluation.windows())?;
         violations.extend(values.violations().into_iter().map(|found| Interval {
             formula: texts[position].clone(),
             start: in_secs(found.start),

@@ -1,39 +1,17 @@
-//! No function allocates after the creation of a monitor. Counting allocations requires a global
-//! allocator and therefore `unsafe`; it counts and forwards every call to the system allocator.
+//! No function allocates after the creation of a monitor.
 #![allow(unsafe_code)]
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "../../stl/tests/allocation_counter/mod.rs"]
+mod allocation_counter;
+
 use std::ptr::null_mut;
 
+use allocation_counter::ALLOCATIONS;
 use mishandle_monitor::{
     MishandleStatus, MishandleVerdict, mishandle_monitor_bounds, mishandle_monitor_create,
     mishandle_monitor_decided, mishandle_monitor_destroy, mishandle_monitor_push, mishandle_monitor_reset,
     mishandle_monitor_verdict,
 };
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is forwarded to the system allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller fulfills the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller fulfills the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
 
 #[test]
 fn nothing_is_allocated_after_the_creation() {

@@ -268,7 +268,6 @@ impl RunningNormalizer {
 ///
 /// ```text
 /// normalize(x) = clamp((x − mean) / (√variance + 1e-8), −5, 5)
-/// invert(y) = √variance · clamp(y, −5, 5) + mean
 /// ```
 ///
 /// Mean and standard deviation are rounded to `T` once, then the formula is computed in `T`. NaN
@@ -281,8 +280,6 @@ impl RunningNormalizer {
 /// let mut rows = [12.0, 8.0, 1000.0];
 /// normalizer.normalize(&mut rows);
 /// assert_eq!(rows, [1.0, -1.0, 5.0]);
-/// normalizer.invert(&mut rows);
-/// assert_eq!(rows, [12.0, 8.0, 20.0]);
 /// # Ok::<(), mishandle_network::NetworkError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
@@ -325,18 +322,6 @@ impl<T: Scalar> Normalizer<T> {
     /// If the length of `rows` is not a multiple of the number of columns.
     pub fn normalize(&self, rows: &mut [T]) {
         let epsilon = T::from_f64(EPSILON);
-        self.for_each(rows, |x, mean, std, clip| clamp((x - mean) / (std + epsilon), clip));
-    }
-
-    /// Inverts [`normalize`](Normalizer::normalize) in place, except for the clipping.
-    ///
-    /// # Panics
-    /// If the length of `rows` is not a multiple of the number of columns.
-    pub fn invert(&self, rows: &mut [T]) {
-        self.for_each(rows, |y, mean, std, clip| std * clamp(y, clip) + mean);
-    }
-
-    fn for_each(&self, rows: &mut [T], f: impl Fn(T, T, T, T) -> T) {
         let columns = self.mean.len();
         assert!(
             columns > 0 && rows.len().is_multiple_of(columns),
@@ -345,7 +330,7 @@ impl<T: Scalar> Normalizer<T> {
         );
         for row in rows.chunks_exact_mut(columns) {
             for (((x, mean), std), clip) in row.iter_mut().zip(&self.mean).zip(&self.std).zip(&self.clip) {
-                *x = f(*x, *mean, *std, *clip);
+                *x = clamp((*x - *mean) / (*std + epsilon), *clip);
             }
         }
     }

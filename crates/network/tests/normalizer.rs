@@ -72,19 +72,13 @@ fn normalized_rows_have_mean_zero_and_variance_one() {
     let mut rows: Vec<f32> = random.normals::<f32>(2 * 20_000).iter().map(|x| 7.0 + 0.1 * x).collect();
     let mut normalizer = RunningNormalizer::new(2);
     normalizer.update(&rows);
-    let kept = rows.clone();
-    let frozen = normalizer.freeze::<f32>();
-    frozen.normalize(&mut rows);
+    normalizer.freeze::<f32>().normalize(&mut rows);
     let moments = Moments::of_rows(&rows, 2);
     for (mean, variance) in moments.mean().iter().zip(moments.variance()) {
         // The initial row is 70 standard deviations away and has the weight 1/20001: variance 1 +
         // 70² / 20001.
         assert!(mean.abs() < 5e-3, "{mean}");
         assert!((variance - 1.0 / (1.0 + 5000.0 / 20_001.0)).abs() < 0.01, "{variance}");
-    }
-    frozen.invert(&mut rows);
-    for (back, kept) in rows.iter().zip(&kept) {
-        assert!((back - kept).abs() < 1e-5, "{back}, was {kept}");
     }
 }
 

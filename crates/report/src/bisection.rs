@@ -4,9 +4,9 @@ use std::path::Path;
 
 use mishandle::MishandleError;
 use mishandle::inspect::compare;
-use mishandle::results::{BisectedCandidate, Bisection};
+use mishandle::results::{BisectedCandidate, BisectedResult, Bisection, Command, Words};
 use mishandle::store::RunFile;
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle_text::{path_text, plural};
 
 use crate::comparison::comparison_section;
 use crate::html::{lines, percent, short, table, text};
@@ -36,6 +36,7 @@ impl BisectionEvidence {
         found: &Bisection,
         violated: impl FnOnce([&BisectedCandidate; 2]) -> Option<ViolatedCounterexamples>,
         mut read: impl FnMut(&Path) -> Result<Option<(RunFile, RunReport)>, E>,
+        words: Words,
     ) -> Result<Option<BisectionEvidence>, E> {
         let mut evidence = BisectionEvidence::default();
         let Some(neighbors) = found.neighbors() else { return Ok(Some(evidence)) };
@@ -48,14 +49,14 @@ impl BisectionEvidence {
             evidence.reports.push(report);
         }
         if let [good, bad] = &runs[..] {
-            evidence.comparison = comparison_section(&compare(good, bad)?, [good, bad])?;
+            evidence.comparison = comparison_section(&compare(good, bad, words)?, [good, bad])?;
         }
         Ok(Some(evidence))
     }
 }
 
 /// Returns the page about a bisection: one HTML file without scripts, which loads nothing.
-pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String {
+pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence, words: Words) -> String {
     let headline = match &found.first_bad {
         Some(name) if found.undecided.is_empty() => {
             format!("<code>{}</code> is the first that fails", text(&short(name, 80)))
@@ -92,7 +93,7 @@ pub fn bisection_page(found: &Bisection, evidence: &BisectionEvidence) -> String
             ""
         }
     );
-    body += &format!("<h3>Run it again</h3>\n<pre>{}</pre>\n</section>\n", lines(&commands(found)));
+    body += &format!("<h3>Run it again</h3>\n<pre>{}</pre>\n</section>\n", lines(&commands(found, words)));
     body += &evidence.violated.html();
     if !evidence.comparison.is_empty() {
         body +=
@@ -112,10 +113,10 @@ fn tested(found: &Bisection, place: usize) -> Option<&BisectedCandidate> {
 fn strip(found: &Bisection) -> String {
     let one = |(place, name): (usize, &String)| {
         let tested = tested(found, place);
-        let (class, mark, result) = match tested.map(|tested| tested.result.as_str()) {
-            Some("passes") => (" passes", "○", "passes"),
-            Some("fails") => (" fails", "✕", "fails"),
-            Some(_) => (" undecided", "?", "undecided"),
+        let (class, mark, result) = match tested.map(|tested| tested.result) {
+            Some(BisectedResult::Passes) => (" passes", "○", "passes"),
+            Some(BisectedResult::Fails) => (" fails", "✕", "fails"),
+            Some(BisectedResult::Undecided) => (" undecided", "?", "undecided"),
             None => ("", "·", "not tested"),
         };
         let is_first = found.first_bad.as_ref() == Some(name) && tested.is_some();
@@ -155,10 +156,10 @@ fn candidates(found: &Bisection, evidence: &BisectionEvidence) -> String {
                 percent(rate.high?)
             ))
         });
-        let class = match candidate.result.as_str() {
-            "passes" => "pass",
-            "fails" => "fail",
-            _ => "count",
+        let class = match candidate.result {
+            BisectedResult::Passes => "pass",
+            BisectedResult::Fails => "fail",
+            BisectedResult::Undecided => "count",
         };
         let name = text(&short(&candidate.name, 40));
         vec![
@@ -167,7 +168,7 @@ fn candidates(found: &Bisection, evidence: &BisectionEvidence) -> String {
                 Some(href) => format!("<a class=\"whole\" href=\"{href}\"><code>{name}</code></a>"),
                 None => format!("<code class=\"whole\">{name}</code>"),
             },
-            format!("<span class=\"{class}\">{}</span>", text(&candidate.result)),
+            format!("<span class=\"{class}\">{}</span>", candidate.result),
             rate.unwrap_or("–".to_string()),
             candidate.simulations.to_string(),
             candidate.reason.as_deref().map_or(String::new(), text),
@@ -179,11 +180,11 @@ fn candidates(found: &Bisection, evidence: &BisectionEvidence) -> String {
 }
 
 /// Returns the command of the bisection, and those that show more about its answer.
-fn commands(found: &Bisection) -> Vec<String> {
+fn commands(found: &Bisection, words: Words) -> Vec<String> {
     let mut commands = vec![found.command.clone()];
     if let Some([good, bad]) = found.neighbors() {
         if let (Some(good), Some(bad)) = (&good.run, &bad.run) {
-            commands.push(format!("mishandle compare {} {}", shell_quote(good), shell_quote(bad)));
+            commands.push(words(&Command::Compare(Some([good.clone(), bad.clone()]))));
         }
         let folder = |file: &String| match Path::new(file).parent().map(path_text) {
             Some(folder) if !folder.is_empty() => folder,
@@ -192,12 +193,8 @@ fn commands(found: &Bisection) -> Vec<String> {
         let mut suites: Vec<String> = bad.violated.iter().map(folder).collect();
         suites.dedup();
         commands.extend(suites.into_iter().map(|suite| {
-            format!(
-                "mishandle regress {} --controller {} --baseline {}",
-                shell_quote(&suite),
-                shell_quote(&bad.controller),
-                shell_quote(&good.controller)
-            )
+            let controller = bad.controller.clone();
+            words(&Command::Regress { suite, controller, baseline: Some(good.controller.clone()) })
         }));
     }
     commands

@@ -276,7 +276,7 @@ fn ranking(pairs: &[ComparedPair], space: &[Axis], is_random: bool) -> Ranking {
     let has_values = |axis: &usize| pairs.iter().any(|pair| value(pair, *axis).is_some_and(f64::is_finite));
     let axes: Vec<usize> =
         (0..space.len()).filter(|axis| !space[*axis].is_fixed() && has_values(axis)).collect();
-    Ranking::new(space, &axes, (pairs, is_random), value, change)
+    Ranking::new(space, &axes, pairs, is_random, value, change)
 }
 
 /// Returns the change of the robustness if it is finite.
@@ -475,7 +475,7 @@ impl View<'_> {
         let mut notes = Vec::new();
         if all > MAX_ROWS as u64 {
             notes.push(format!(
-                "The first {MAX_ROWS} of {all} are shown; <code>mishandle compare --json</code> lists {}.",
+                "The first {MAX_ROWS} of {all} are shown; the JSON document of the comparison lists {}.",
                 if all > pairs.len() as u64 { "more" } else { "all" }
             ));
         }

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use mishandle::MishandleError;
 use mishandle::harden::{ExampleSource, ModeExample, ModeExamples};
-use mishandle::results::{HardenedMode, Hardening, ModeChange};
+use mishandle::results::{Command, HardenedMode, Hardening, ModeChange, Recorded, Words};
 use mishandle::rollout::{Axis, Scenario};
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle_text::{path_text, plural};
 
 use crate::controller_pair::{ControllerName, ControllerPair};
 use crate::html::{lines, short, table, text};
@@ -84,7 +84,7 @@ impl HardenedModes {
             }
             let controller = &examples.controllers()[mode.failing()];
             let (card, missing) =
-                card(mode, examples.example(mode)?, (controller.space.axes(), &controller.plan.controller));
+                card(mode, examples.example(mode)?, controller.space.axes(), &controller.plan.controller);
             modes.cards.push(card);
             let note = missing.map(|error| format!("There are no pictures of the failures: {error}."));
             modes.notes.extend(note.filter(|note| !modes.notes.contains(note)));
@@ -93,8 +93,8 @@ impl HardenedModes {
     }
 
     /// Returns the modes as HTML.
-    pub(crate) fn html(&self, found: &Hardening) -> String {
-        let mut out: String = self.cards.iter().map(|card| card.html(found)).collect();
+    pub(crate) fn html(&self, found: &Hardening, words: Words) -> String {
+        let mut out: String = self.cards.iter().map(|card| card.html(found, words)).collect();
         let left_out = found.modes.len().saturating_sub(self.cards.len());
         if left_out > 0 && !self.cards.is_empty() {
             out.push_str(&format!(
@@ -135,7 +135,8 @@ fn shown(modes: &[HardenedMode]) -> Vec<&HardenedMode> {
 fn card(
     mode: &HardenedMode,
     ModeExample { source, simulated }: ModeExample,
-    (axes, controller): (&[Axis], &str),
+    axes: &[Axis],
+    controller: &str,
 ) -> (Card, Option<PictureError>) {
     let scenario = simulated[0].episode.request.scenario.clone();
     let (pair, missing) = ControllerPair::draw(simulated, CONTROLLERS, mode.failing());
@@ -146,7 +147,7 @@ fn card(
 }
 
 impl Card {
-    fn html(&self, found: &Hardening) -> String {
+    fn html(&self, found: &Hardening, words: Words) -> String {
         let mode = &self.mode;
         let predicate = match mode.predicate.as_str() {
             "" => "the whole formula".to_string(),
@@ -165,7 +166,7 @@ impl Card {
             self.source_text(),
             self.pair.html(&self.scenario_table())
         );
-        out + &self.commands(found) + "</article>\n"
+        out + &self.commands(found, words) + "</article>\n"
     }
 
     fn source_text(&self) -> String {
@@ -205,27 +206,30 @@ impl Card {
     }
 
     /// Returns the commands that run the failure again, folded.
-    fn commands(&self, found: &Hardening) -> String {
-        let commands = match &self.source {
+    fn commands(&self, found: &Hardening, words: Words) -> String {
+        let commands: Vec<Command> = match &self.source {
             ExampleSource::Worst { run, trial, number } => {
-                let run = shell_quote(&path_text(run));
-                // The run has the path of the machine where it ran.
-                let controller = shell_quote(&format!("engine.controller={}", self.controller));
-                let at = format!("--trial {trial} --simulation {number} -k {controller}");
-                vec![
-                    format!("mishandle show {run} {at}"),
-                    format!("mishandle render {run} {at} --out failure.mp4"),
-                ]
+                let recorded = Recorded {
+                    run: path_text(run),
+                    trial: *trial,
+                    simulation: *number,
+                    // The run has the path of the machine where it ran.
+                    controller: Some(self.controller.clone()),
+                };
+                vec![Command::Explain(recorded.clone()), Command::Render(recorded)]
             }
             ExampleSource::Minimized { file, .. } => {
-                let suite = file.parent().unwrap_or(Path::new("."));
-                let file = shell_quote(&path_text(file));
-                let after = found.after.as_ref().map(|after| shell_quote(after));
-                let suite = shell_quote(&path_text(suite));
-                let with_after = after.map(|after| format!("mishandle regress {suite} --controller {after}"));
-                std::iter::once(format!("mishandle replay {file}")).chain(with_after).collect()
+                let suite = path_text(file.parent().unwrap_or(Path::new(".")));
+                let regress = |controller: &String| Command::Regress {
+                    suite,
+                    controller: controller.clone(),
+                    baseline: None,
+                };
+                let replay = Command::ReplayFile { file: path_text(file), moved: Vec::new() };
+                std::iter::once(replay).chain(found.after.as_ref().map(regress)).collect()
             }
         };
+        let commands: Vec<String> = commands.iter().map(words).collect();
         format!("<details><summary>Run it again</summary><pre>{}</pre></details>\n", lines(&commands))
     }
 }

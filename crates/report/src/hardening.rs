@@ -1,6 +1,6 @@
 //! The page about a hardening: a controller before and after.
 
-use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening, ModeChange};
+use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening, ModeChange, Words};
 use mishandle::rollout::Axis;
 use mishandle_text::{p_value_text, plural};
 
@@ -60,6 +60,7 @@ pub fn hardening_page(
     failures: &HardenedModes,
     reports: &[RunReport],
     up: Option<&str>,
+    words: Words,
 ) -> String {
     let target = text(&short(&found.target, 60));
     let mut out = format!(
@@ -77,7 +78,7 @@ pub fn hardening_page(
     );
     out.push_str(&tiles(found));
     out.push_str(&format!("<h3>Before and after</h3>\n{}{}{}", measures(found), others(found), NOTE));
-    out.push_str(&format!("<h3>Failure modes</h3>\n{}{}", modes(found), failures.html(found)));
+    out.push_str(&format!("<h3>Failure modes</h3>\n{}{}", modes(found), failures.html(found, words)));
     out.push_str(&format!("<h3>Rounds</h3>\n{}", rounds(found)));
     out.push_str(&format!("<h3>What it cost</h3>\n<p>{}</p>\n</section>\n", cost(found)));
     for (id, report) in (1..).zip(reports) {

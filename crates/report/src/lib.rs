@@ -1,9 +1,9 @@
 //! Pages about runs: HTML files without scripts that load nothing.
 //!
 //! [`RunReport::load`] reads what the page shows from a run file, of any target.
-//! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, repeats
-//! under noise, corners and pictures. [`page`] writes the HTML, [`markdown`] the most important of
-//! it. [`campaign_page`] and [`run_page`]
+//! [`RunReport::measure`] adds what takes simulations: the size of the failing patches, checks
+//! of the physics, repeats under noise, corners and pictures. [`page`] writes the HTML,
+//! [`markdown`] the most important of it. [`campaign_page`] and [`run_page`]
 //! write those of a campaign, [`statistics_page`] compares its runs, [`comparison_page`] writes the
 //! page of two evaluations on the same scenarios and seeds, [`learning_curve_page`] that of a
 //! training run, [`hardening_page`] that of a hardening, with [`HardenedModes`]. [`log_page`]

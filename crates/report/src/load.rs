@@ -7,7 +7,7 @@ use mishandle::inspect::{
     ExplainedSimulation, FailureModes, ModeSurvey, explain, failure_modes, mode_survey,
 };
 use mishandle::portable::portable_plan;
-use mishandle::results::{Answer, AxisRates, Requirement};
+use mishandle::results::{Answer, AxisRates, Requirement, Words};
 use mishandle::rollout::Axis;
 use mishandle::run::{recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
@@ -36,6 +36,8 @@ pub const MAX_MODES: usize = 6;
 #[derive(Debug)]
 pub struct RunReport {
     pub(crate) path: String,
+    /// How the page names commands.
+    pub(crate) words: Words,
     pub(crate) header: RunHeader,
     /// `None` if this program cannot read the plan.
     pub(crate) plan: Option<Plan>,
@@ -110,7 +112,7 @@ impl From<Simulation> for Point {
 
 impl RunReport {
     /// Reads the facts of a run. `path` is its name on the page and in the commands that the page
-    /// shows.
+    /// shows, which `words` states.
     ///
     /// `resolved` is the plan of the run with a target that is not part of this program, such as a
     /// Python system, or whose files were moved. If the answer takes the target, and it is missing,
@@ -122,6 +124,7 @@ impl RunReport {
         run: &RunFile,
         path: &str,
         resolved: Option<&ResolvedPlan>,
+        words: Words,
     ) -> Result<RunReport, MishandleError> {
         let header = run.header().clone();
         let counts = run.counts()?;
@@ -220,6 +223,7 @@ impl RunReport {
         notes.extend(preflight.chain(reasons));
         Ok(RunReport {
             path: path.to_string(),
+            words,
             plan,
             answer,
             witness: witness.transpose()?,
@@ -242,7 +246,7 @@ impl RunReport {
     /// Says on the page that nothing was simulated, and why.
     pub fn note_no_simulations(&mut self, reason: &str) {
         self.no_simulations = Some(format!(
-            "Sizes of failing patches, repeats with other seeds, corners, the share of noise and pictures are missing, because \
+            "Sizes of failing patches, checks of the physics, repeats with other seeds, corners, the share of noise and pictures are missing, because \
              they take simulations: {reason}."
         ));
     }

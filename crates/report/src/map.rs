@@ -122,7 +122,8 @@ pub fn figures(report: &RunReport, id: usize) -> String {
             let ranking = Ranking::new(
                 &report.axes,
                 &axes,
-                (&decided, has_random_rows(&report.header)),
+                &decided,
+                has_random_rows(&report.header),
                 |point, axis| value(point, axis),
                 |point| point.robustness,
             );

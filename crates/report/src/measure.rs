@@ -1,12 +1,13 @@
-//! Measurements that take simulations: failing patches, repeats under noise, corners and pictures.
+//! Measurements that take simulations: failing patches, checks of the physics, repeats under noise,
+//! corners and pictures.
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
 use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, wilson};
-use mishandle::falsification::{Repeated, measure_noise, repeat, repeat_seeds};
+use mishandle::falsification::{PhysicsChecks, Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
-use mishandle::results::{self, Noise};
+use mishandle::results::{self, Noise, PhysicsCheck};
 use mishandle::rollout::{Axis, AxisValues, Episode, Request, Scenario, Seed, Space, Stream, System};
 use mishandle::store::RunFile;
 use mishandle::{MishandleError, ResolvedPlan};
@@ -30,6 +31,8 @@ const BATCH: usize = 64;
 pub struct Measured {
     pub patches: Vec<Option<Patch>>,
     pub repeats: Vec<Option<Repeats>>,
+    /// Checks of the physics; empty for a target whose physics MuJoCo C does not step.
+    pub physics: Vec<PhysicsCheck>,
     pub strips: Vec<Pictures>,
     /// Pictures of the witness of a margin.
     pub witness: Option<Pictures>,
@@ -84,8 +87,9 @@ enum Drawn<'a> {
 }
 
 impl RunReport {
-    /// Adds what takes simulations: the size of each mode's failing patch, how often its
-    /// representative fails with other seeds, the share of noise, corners, and pictures of tasks.
+    /// Adds what takes simulations: the size of each mode's failing patch, whether its
+    /// representative depends on the solver of the physics, how often it fails with other seeds,
+    /// the share of noise, corners, and pictures of tasks.
     /// Calls `watch` after each simulation with the number of simulations so far and in total; it
     /// can end them after the running batch.
     ///
@@ -159,11 +163,24 @@ impl RunReport {
         let modes = self.representatives.len() as u64;
         let noise = if depends_on_seed { NOISE.0 * NOISE.1 } else { 0 };
         let repeats = if depends_on_seed { Repeated::Representative.simulations() } else { 0 };
+        let mut checks = resolved.physics_checks()?;
+        let checked = if checks.are_possible() { PhysicsChecks::most(modes) } else { 0 };
         let total = modes * (u64::from(probes) + repeats)
+            + checked
             + noise
             + sensitivity::simulations(&resolved.space, sensitivity)
             + corners.as_ref().map_or(0, |corners| u64::from(corners.simulations()));
-        let mut done = 0;
+        let mut measured = Measured::default();
+        if checks.are_possible() {
+            let representatives = self.modes.modes.iter().take(MAX_MODES).map(FailureMode::representative);
+            let failures: Vec<Request> =
+                representatives.map(|found| Request::new(Scenario::from(found), Seed(found.seed))).collect();
+            match checks.check(&failures, &mut |done| watch(done, total))? {
+                Some(found) => measured.physics = found,
+                None => return Ok(Measurement::Interrupted),
+            }
+        }
+        let mut done = checked;
         let is_interrupted = Cell::new(false);
         let mut count = |_: &Episode| {
             done += 1;
@@ -171,13 +188,12 @@ impl RunReport {
             is_interrupted.set(is_interrupted.get() || flow.is_break());
             flow
         };
-        let mut measured = Measured::default();
         for (index, mode) in (0..).zip(self.modes.modes.iter().take(MAX_MODES)) {
             let unit_box = unit_box(axes, mode).filter(|_| probes > 0);
             measured.patches.push(match unit_box {
                 Some(bounds) => {
                     let seed = seed.child(index);
-                    Some(patch(&mut *system, &resolved.space, &bounds, (seed, probes), &mut count)?)
+                    Some(patch(&mut *system, &resolved.space, &bounds, seed, probes, &mut count)?)
                 }
                 None => None,
             });
@@ -199,8 +215,9 @@ impl RunReport {
             measured.noise = measure_noise(&mut *system, seed, scenarios, repeats, &mut count)?;
         }
         if sensitivity > 0 {
-            let sample = (seed.child(u64::MAX), sensitivity);
-            measured.sensitivity = sensitivity::measure(&mut *system, &resolved.space, sample, &mut count)?;
+            let seed = seed.child(u64::MAX);
+            measured.sensitivity =
+                sensitivity::measure(&mut *system, &resolved.space, seed, sensitivity, &mut count)?;
         }
         if let Some(corners) = corners {
             let requests: Vec<Request> =
@@ -271,7 +288,8 @@ fn patch(
     system: &mut dyn System,
     space: &Space,
     bounds: &[[f64; 2]],
-    (seed, probes): (Seed, u32),
+    seed: Seed,
+    probes: u32,
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Patch, MishandleError> {
     let scenario = |probe: u32| {

@@ -2,6 +2,7 @@
 //! each.
 
 use mishandle::evaluation::Estimate;
+use mishandle::falsification::physics_text;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
 use mishandle::run::has_random_rows;
 use mishandle::store::RunHeader;
@@ -103,6 +104,10 @@ fn card(
         "<li>Robustness {}.</li>",
         with_unit(representative.robustness, &text(&short(&explained.explanation.unit, 20)))
     ));
+    if let Some(check) = measured.and_then(|measured| measured.physics.get(index)) {
+        let label = if check.depends_on_solver { "<strong>Physics</strong>" } else { "Physics" };
+        out.push_str(&format!("<li>{label}: {}.</li>", text(&physics_text(check))));
+    }
     let repeats = measured.and_then(|measured| measured.repeats.get(index)).and_then(Option::as_ref);
     if let Some(repeats) = repeats {
         out.push_str(&format!(

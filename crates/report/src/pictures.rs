@@ -6,7 +6,7 @@ use mishandle::picture::{Drawing, FrameCaptions, FrameRenderer};
 use mishandle::rollout::Request;
 use mishandle::store::{RunFile, RunHeader};
 use mishandle::world::{CAMERAS, Picture, PictureModel, Size, WorldError, animated_png, png};
-use mishandle::{MishandleError, ResolvedPlan};
+use mishandle::{Compared, MishandleError, ResolvedPlan};
 
 use crate::seen::{Seen, seen};
 
@@ -99,7 +99,7 @@ pub fn strips(
     simulations
         .iter()
         .take(MAX_STRIPS)
-        .map(|explained| strip(&model, size, run, explained, (controller, &mut *must_end)))
+        .map(|explained| strip(&model, size, run, explained, controller, &mut *must_end))
         .collect()
 }
 
@@ -141,7 +141,7 @@ fn painted_strip(
     let pictures = painter.take();
     let replayed = replayed?;
     if !replayed.differences.is_empty() {
-        return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
+        return Err(MishandleError::differs(Compared::Plan, replayed.differences).into());
     }
     let pictures = pictures.map_err(PictureError::Painter)?;
     let bytes = 3 * (PICTURE.0 * PICTURE.1) as usize;
@@ -172,7 +172,7 @@ fn painted_strip(
 /// Returns the samples of the pictures of a simulation with samples 0 to `last`.
 pub fn strip_samples(event: Option<&Event>, last: usize) -> Vec<usize> {
     let decisive = event.map_or(last, |event| event.sample);
-    mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, (0, last))
+    mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, 0, last)
 }
 
 fn strip(
@@ -180,13 +180,14 @@ fn strip(
     size: Size,
     run: &RunFile,
     explained: &ExplainedSimulation,
-    (controller, must_end): (Option<&str>, MustEnd<'_>),
+    controller: Option<&str>,
+    must_end: MustEnd<'_>,
 ) -> Result<Pictures, PictureError> {
     let trial = explained.recorded.trial;
     let number = explained.recorded.number;
     let (replayed, trajectory) = mishandle::picture::replay_states(run, trial, number, controller)?;
     if !replayed.differences.is_empty() {
-        return Err(MishandleError::RunMismatch { differences: replayed.differences }.into());
+        return Err(MishandleError::differs(Compared::Plan, replayed.differences).into());
     }
     let shown = Shown::new(run.header(), &trajectory.states, &explained.explanation);
     let pictures = shown.pictures(model, size, &mut *must_end)?;
@@ -233,7 +234,7 @@ pub fn instants(instants: &[Instant<'_>]) -> Result<Vec<Frame>, PictureError> {
     let mut frames = Vec::new();
     for Instant { header, states, explanation, sample } in instants {
         let shown = Shown::new(header, states, explanation);
-        frames.extend(shown.frames(&model, size, (&[*sample], &view), &mut || false)?);
+        frames.extend(shown.frames(&model, size, &[*sample], &view, &mut || false)?);
     }
     Ok(frames)
 }
@@ -262,7 +263,7 @@ impl<'a> Shown<'a> {
         let event = self.event.as_ref();
         let samples = strip_samples(event, last);
         let view: Vec<&[f64]> = samples.iter().map(|sample| self.states[*sample].as_slice()).collect();
-        let frames = self.frames(model, size, (&samples, &view), &mut *must_end)?;
+        let frames = self.frames(model, size, &samples, &view, &mut *must_end)?;
         let mut renderer = self.renderer(model, size)?;
         let film = film(&mut renderer, self.states, event, self.header.control_dt, must_end)?;
         Ok(Pictures { frames, film: Some(film), seen: None })
@@ -274,7 +275,7 @@ impl<'a> Shown<'a> {
         let explanation = Some(self.explanation);
         let event = self.event.as_ref();
         let captions = FrameCaptions::new(header.control_dt, &header.signals, explanation, event, last);
-        Ok(FrameRenderer::new(model, size, Drawing::Rays, (&CAMERAS[..1], None), Some(captions))?)
+        Ok(FrameRenderer::new(model, size, Drawing::Rays, &CAMERAS[..1], None, Some(captions))?)
     }
 
     /// Renders samples in a view that shows all states of `view`.
@@ -282,7 +283,8 @@ impl<'a> Shown<'a> {
         &self,
         model: &PictureModel,
         size: Size,
-        (samples, view): (&[usize], &[&[f64]]),
+        samples: &[usize],
+        view: &[&[f64]],
         must_end: MustEnd<'_>,
     ) -> Result<Vec<Frame>, PictureError> {
         let mut renderer = self.renderer(model, size)?;

@@ -41,7 +41,8 @@ impl Ranking {
     pub fn new<T>(
         space: &[Axis],
         axes: &[usize],
-        (rows, is_random): (&[T], bool),
+        rows: &[T],
+        is_random: bool,
         value: impl Fn(&T, usize) -> Option<f64>,
         result: impl Fn(&T) -> Option<f64>,
     ) -> Ranking {
@@ -91,8 +92,8 @@ impl Ranking {
         if !self.is_random {
             return format!(
                 "The space has {all}. The simulations were not all drawn at random, so they cannot tell which axes have an effect \
-                 on {result}; the maps show the first {shown}. Random samples can tell: <code>mishandle evaluate</code>, or \
-                 <code>--search random</code>."
+                 on {result}; the maps show the first {shown}. Random samples can tell: those of an \
+                 evaluation or of the search <code>random</code>."
             );
         }
         if self.values < MIN_VALUES {
@@ -186,7 +187,8 @@ mod tests {
         let ranking = Ranking::new(
             &space,
             &[0, 1, 2, 3],
-            (&rows, true),
+            &rows,
+            true,
             |row, axis| Some(row[axis]),
             |row| Some(result(row)),
         );

@@ -75,7 +75,7 @@ pub fn seen(
     let decisive = event.map_or(last, |event| event.sample.min(last));
     let occlusion = view.occlusion(decisive);
     let camera = |(index, image): (usize, &Image)| -> Result<Camera, PictureError> {
-        let instant = |step: &usize| instant((&view, nominal.as_ref()), (index, *step));
+        let instant = |step: &usize| instant(&view, nominal.as_ref(), index, *step);
         let changes = occlusion.as_ref().map(|occlusion| &occlusion.images[index]);
         let heat = changes.map(|changes| heat(image, view.image(index, decisive), changes)).transpose()?;
         let instants = steps.iter().map(instant).collect::<Result<_, _>>()?;
@@ -90,8 +90,10 @@ pub fn seen(
 }
 
 fn instant(
-    (view, nominal): (&PolicyView, Option<&PolicyView>),
-    (index, step): (usize, usize),
+    view: &PolicyView,
+    nominal: Option<&PolicyView>,
+    index: usize,
+    step: usize,
 ) -> Result<Instant, PictureError> {
     let image = &view.images[index];
     let saw = view.image(index, step);

@@ -49,7 +49,8 @@ fn varying(space: &Space) -> impl Iterator<Item = usize> {
 pub fn measure(
     system: &mut dyn System,
     space: &Space,
-    (seed, n): (Seed, u32),
+    seed: Seed,
+    n: u32,
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Option<Sensitivity>, MishandleError> {
     let axes: Vec<usize> = varying(space).collect();
@@ -159,7 +160,7 @@ mod tests {
         let outcome = |request: &Request| SimulatedEnd::Robustness(0.5 - request.scenario.get(1).unwrap());
         let mut system = FunctionSystem::new(space.clone(), outcome);
         let found =
-            measure(&mut system, &space, (Seed(1), 256), |_| ControlFlow::Continue(())).unwrap().unwrap();
+            measure(&mut system, &space, Seed(1), 256, |_| ControlFlow::Continue(())).unwrap().unwrap();
         assert_eq!((found.scenarios, found.simulations), (256, simulations(&space, 256)));
         assert_eq!(found.effects[0].0, 1);
         assert!((found.effects[0].1.value.unwrap() - 1.0).abs() < 0.2, "{found:?}");
@@ -180,7 +181,7 @@ mod tests {
         let outcome = |request: &Request| SimulatedEnd::Robustness(request.scenario.get(1).unwrap() - 0.3);
         let mut system = FunctionSystem::new(space.clone(), outcome);
         let found =
-            measure(&mut system, &space, (Seed(1), 2000), |_| ControlFlow::Continue(())).unwrap().unwrap();
+            measure(&mut system, &space, Seed(1), 2000, |_| ControlFlow::Continue(())).unwrap().unwrap();
         let effect = |axis: usize| found.effects.iter().find(|(index, _)| *index == axis).unwrap().1.value;
         assert!((effect(0).unwrap() - 0.8).abs() < 0.06, "{found:?}");
         assert!((effect(1).unwrap() - 0.4).abs() < 0.06, "{found:?}");

@@ -1,6 +1,6 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
-use mishandle::results::{Answer, CornerPoint, Estimate, Requirement};
+use mishandle::results::{Answer, BoxPoint, CornerPoint, Estimate, Requirement};
 use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
 
@@ -273,7 +273,7 @@ pub fn corners(report: &RunReport) -> Option<String> {
     // An interrupted evaluation has not simulated all of them.
     let points: Vec<&CornerPoint> = found.points.iter().filter(|point| point.counts && point.n > 0).collect();
     let (corners, center): (Vec<&CornerPoint>, Vec<&CornerPoint>) =
-        points.iter().copied().partition(|point| point.kind == "corner");
+        points.iter().copied().partition(|point| point.kind == BoxPoint::Corner);
     let n = corners.len();
     let without_verdict = corners.iter().filter(|point| !point.has_verdict()).count();
     let failing_corners = corners.iter().filter(|point| point.violations() > 0).count();

@@ -36,7 +36,10 @@ fn predicate_figure(
     let end = time(explained.trace.len().saturating_sub(1).max(1) as f64);
     let history = explained.explanation.history.as_ref().filter(|_| is_decisive);
     let decided = explained.explanation.diagnosis.predicate.as_ref().filter(|_| is_decisive);
-    let violated = history.map_or(Vec::new(), |history| spans(&history.robustness, history.window));
+    let violated = history.map_or(Vec::new(), |history| {
+        let (first, last) = history.window;
+        spans(&history.robustness, first, last)
+    });
     let violated = violated
         .into_iter()
         .map(|(from, to)| [time(from as f64 - 0.5).max(0.0), time(to as f64 + 0.5).min(end)])
@@ -64,7 +67,7 @@ fn predicate_figure(
 }
 
 /// Returns the first and last sample of each violation within the window.
-fn spans(robustness: &[f64], (first, last): (usize, usize)) -> Vec<(usize, usize)> {
+fn spans(robustness: &[f64], first: usize, last: usize) -> Vec<(usize, usize)> {
     let mut spans: Vec<(usize, usize)> = Vec::new();
     for sample in first..=last {
         if robustness.get(sample).is_none_or(|rho| is_satisfied(*rho)) {
@@ -84,6 +87,6 @@ mod tests {
 
     #[test]
     fn a_violation_is_a_list_of_spans_within_the_window() {
-        assert_eq!(spans(&[-1.0, -1.0, 0.0, -1.0, -1.0, -1.0], (1, 4)), [(1, 1), (3, 4)]);
+        assert_eq!(spans(&[-1.0, -1.0, 0.0, -1.0, -1.0, -1.0], 1, 4), [(1, 1), (3, 4)]);
     }
 }

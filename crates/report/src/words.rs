@@ -219,6 +219,16 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
                 number(worst)
             ) } else { format!("The closest simulation has robustness {}; a violation would be below 0.", number(worst)) });
     }
+    let checks = || report.measured.iter().flat_map(|measured| &measured.physics);
+    let depends = checks().filter(|check| check.depends_on_solver).count();
+    if depends > 0 {
+        sentences.push(format!(
+            "<strong>{depends} of {} shown below {} on the solver of the physics</strong>: the violation vanishes under a change \
+             that no real robot would notice.",
+            mishandle_text::plural(checks().count() as u64, "failure"),
+            if depends == 1 { "depends" } else { "depend" }
+        ));
+    }
     let repeats: Vec<_> =
         report.measured.iter().flat_map(|measured| measured.repeats.iter().flatten()).collect();
     if let Some(least) = repeats.iter().filter_map(|repeat| repeat.failure_rate.value).reduce(f64::min) {

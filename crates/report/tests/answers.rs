@@ -23,7 +23,7 @@ fn asked(plan: &Plan, calls: u64) -> (Answer, String) {
     });
     let answer = answer.unwrap();
     let run = RunFile::open(&path).unwrap();
-    let report = RunReport::load(&run, "runs/run.sqlite", None).unwrap();
+    let report = RunReport::load(&run, "runs/run.sqlite", None, crate::data).unwrap();
     (answer, page(&[report]))
 }
 
@@ -50,7 +50,7 @@ fn the_page_of_a_margin_has_the_amplitudes_and_the_witness() {
             "of its range makes toy/car-following violate its requirement",
             "smallest amplitude with a violation",
             &format!("simulation {}, seed {}.</p>", witness.simulation, witness.seed.0),
-            &format!("--trial 1 --simulation {}", witness.simulation),
+            &format!("trial: 1, simulation: {}", witness.simulation),
             "The dashed line is at the smallest amplitude with a violation.",
             "Scenario of the witness",
         ],
@@ -84,8 +84,8 @@ fn the_page_of_relations_has_the_broken_pairs_and_a_chart_of_each_relation() {
             "Pairs that break moved",
             "Robustness of the pairs of same",
             &format!("moved: {} follow-up cases out of bounds", moved.out_of_bounds),
-            &format!("--trial 1 --simulation {}", worst.pair),
-            &format!("--trial 2 --simulation {}", worst.pair),
+            &format!("trial: 1, simulation: {}", worst.pair),
+            &format!("trial: 2, simulation: {}", worst.pair),
             "of the change is enough: x by",
         ],
     );

@@ -76,7 +76,7 @@ fn first_mode(folder: &Path, searches: &str) -> (RunFile, FailureMode) {
     (run, mode)
 }
 
-fn named((run, mode): &(RunFile, FailureMode), [before, after]: [u64; 2]) -> HardenedMode {
+fn named(run: &RunFile, mode: &FailureMode, [before, after]: [u64; 2]) -> HardenedMode {
     let name = |axis: &usize| run.header().axes[*axis].name.clone();
     HardenedMode {
         predicate: mode.representative().predicate.clone(),
@@ -132,19 +132,17 @@ fn example(folder: &Path, found: &Hardening, mode: &HardenedMode) -> Result<Mode
 fn the_commands_of_a_failure_name_files_as_the_user_named_the_folder() {
     let home = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
     let folder = folder(home.path());
-    let mode = named(&first_mode(&folder, "final/before-search"), [6, 0]);
-    let found = hardening(&folder, vec![mode]);
+    let (run, mode) = first_mode(&folder, "final/before-search");
+    let found = hardening(&folder, vec![named(&run, &mode, [6, 0])]);
     let here = std::env::current_dir().unwrap();
     let up: PathBuf = here.components().skip(1).map(|_| "..").collect();
     let relative = up.join(folder.strip_prefix("/").unwrap());
     let failures = HardenedModes::simulate(&relative, &found, || false).unwrap();
-    let html = hardening_page(&found, &failures, &[], None);
-    // A path with a space stands in quotes.
-    let html = html.replace("&#39;", "");
-    let command = format!("mishandle show {}/final/before-search-", relative.display());
-    let controller = format!("engine.controller={}/before.safetensors", relative.display());
+    let html = hardening_page(&found, &failures, &[], None, crate::data);
+    let command = format!("run: &quot;{}/final/before-search-", relative.display());
+    let controller = format!("controller: Some(&quot;{}/before.safetensors", relative.display());
     assert!(html.contains(&command) && html.contains(&controller), "{html}");
-    assert!(!html.contains(&format!(" {}", folder.display())), "{html}");
+    assert!(!html.contains(&format!("&quot;{}", folder.display())), "{html}");
 }
 
 #[test]
@@ -153,7 +151,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     let folder = folder(home.path());
     let before = first_mode(&folder, "final/before-search");
     let after = first_mode(&folder, "final/after-search");
-    let modes = vec![named(&before, [6, 0]), named(&after, [0, 4])];
+    let modes = vec![named(&before.0, &before.1, [6, 0]), named(&after.0, &after.1, [0, 4])];
     let found = hardening(&folder, modes.clone());
 
     // Without a minimized failure: the worst one of the final searches.
@@ -175,7 +173,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     let of_round = first_mode(&folder, "round-1/search");
     let smaller = of_round.1.representative();
     let json = Counterexample::from_run(&of_round.0, smaller.trial, smaller.number).unwrap().to_json();
-    let mode = named(&of_round, [6, 0]);
+    let mode = named(&of_round.0, &of_round.1, [6, 0]);
     let file = folder.join("round-1/failures/mode-1.json");
     fs::create_dir_all(file.parent().unwrap()).unwrap();
     fs::write(&file, &json).unwrap();
@@ -195,7 +193,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     fs::write(&file, json).unwrap();
 
     let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
-    let html = hardening_page(&found, &failures, &[], None);
+    let html = hardening_page(&found, &failures, &[], None, crate::data);
     let appeared = html.find("<h4>Appeared: ").unwrap();
     let vanished = html.find("<h4>Vanished: ").unwrap();
     assert!(appeared < vanished);
@@ -208,7 +206,7 @@ fn each_mode_has_a_failure_that_both_controllers_run() {
     // The page is made without the controllers, and says what it lacks.
     fs::remove_file(folder.join("round-1/controller.safetensors")).unwrap();
     let failures = HardenedModes::simulate(&folder, &found, || false).unwrap();
-    let html = hardening_page(&found, &failures, &[], None);
+    let html = hardening_page(&found, &failures, &[], None, crate::data);
     assert!(html.contains("which take simulations, are missing: ") && !html.contains("<h4>"), "{html}");
 }
 
@@ -230,7 +228,7 @@ fn a_page_without_an_accepted_round_says_that_no_modes_are_compared() {
         adjusted_p_value: None,
     });
     let failures = HardenedModes::simulate(home.path(), &found, || false).unwrap();
-    let html = hardening_page(&found, &failures, &[], None);
+    let html = hardening_page(&found, &failures, &[], None, crate::data);
     assert!(html.contains("there are no modes to compare") && html.contains("0 of 1"), "{html}");
     // Nothing was compared, so nothing was fixed or broken, not even 0.
     for absent in [" fixed, ", " broken", "failure probability after"] {

@@ -6,3 +6,8 @@
 mod answers;
 mod hardening;
 mod page;
+
+/// Names commands by their data.
+fn data(command: &mishandle::results::Command) -> String {
+    format!("{command:?}")
+}

@@ -104,7 +104,7 @@ fn html(axes: usize, text: &str, plan: &str, trials: &[(u32, bool)]) -> String {
     let path = folder.path().join("run.sqlite");
     write(&path, &RunHeader { plan: plan.into(), ..header(axes, text) }, trials);
     let run = RunFile::open(&path).unwrap();
-    let mut report = RunReport::load(&run, &format!("runs/{text}.sqlite"), None).unwrap();
+    let mut report = RunReport::load(&run, &format!("runs/{text}.sqlite"), None, crate::data).unwrap();
     report.add_note(format!("note {text}"));
     page(&[report])
 }
@@ -153,7 +153,7 @@ fn hostile_names_are_text_in_tables_of_rates_and_in_markdown() {
     let plan = "target = \"toy/sphere-2d\"\n[evaluate]\nepisodes = 300\n";
     let header = RunHeader { kind: RunKind::Evaluate, plan: plan.into(), ..header(3, HOSTILE) };
     write(&path, &header, &[(300, true)]);
-    let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite", None).unwrap();
+    let report = RunReport::load(&RunFile::open(&path).unwrap(), "run.sqlite", None, crate::data).unwrap();
     let html = page(std::slice::from_ref(&report));
     let text = markdown(&[report]);
     assert!(html.contains("Which axes matter</h3>"), "{html}");

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use mishandle_results::{FormulaDescription, FormulaHorizon, FormulaTrap, Number, Signal};
+use mishandle_results::{FormulaDescription, FormulaHorizon, FormulaTrap, Number, Signal, TrapSeverity};
 use mishandle_stl::{Clock, EvaluationTime, Formula, Monitor, TimeUnit, Trace};
 
 use crate::error::Result;
@@ -77,7 +77,7 @@ pub fn describe_formula(formula: &Formula, context: &Context) -> Result<FormulaD
     };
     let signals = formula.signals().into_iter();
     let mut traps: Vec<FormulaTrap> = traps::find(&tree, context);
-    traps.sort_by_key(|trap| (trap.severity == "note", trap.line, trap.column));
+    traps.sort_by_key(|trap| (trap.severity == TrapSeverity::Note, trap.line, trap.column));
     Ok(FormulaDescription {
         pattern: None,
         formula: formula.to_string(),

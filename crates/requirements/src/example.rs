@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use mishandle_random::Sequence;
-use mishandle_results::FormulaExample;
+use mishandle_results::{ExampleKind, FormulaExample};
 use mishandle_stl::{Clock, Formula, Monitor, SyntaxKind, Trace, is_satisfied, is_violated};
 
 use crate::describe::Context;
@@ -53,7 +53,7 @@ pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample
     let named = [("satisfied", satisfied), ("violated", violated)];
     let drawn = named.into_iter().filter_map(|(name, trace)| {
         let trace = trace?;
-        let drawn = draw(formula, "found", name, &trace, search.clock).ok()?;
+        let drawn = draw(formula, ExampleKind::Found, name, &trace, search.clock).ok()?;
         Some(with_values(drawn, &trace, &formula.signals()))
     });
     drawn.collect()

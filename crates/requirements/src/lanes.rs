@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use mishandle_results::{FormulaExample, FormulaLane, FormulaValues, LaneSpan, Number};
+use mishandle_results::{
+    ExampleKind, FormulaExample, FormulaLane, FormulaValues, LaneSpan, LaneState, Number,
+};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 
 use crate::error::Result;
@@ -21,7 +23,7 @@ const MAX_LANES: usize = 40;
 /// As for [`Monitor::new`] and [`Monitor::robustness_signal`].
 pub fn draw(
     formula: &Formula,
-    kind: &str,
+    kind: ExampleKind,
     name: &str,
     trace: &Trace,
     clock: Clock,
@@ -41,7 +43,7 @@ pub fn draw(
     }
     let robustness = Monitor::new(formula, trace.names(), clock)?.robustness(trace)?;
     Ok(FormulaExample {
-        kind: kind.to_owned(),
+        kind,
         name: name.to_owned(),
         robustness: Number(robustness),
         violated: is_violated(robustness),
@@ -65,13 +67,13 @@ fn spans(values: &[f64], decided: usize) -> Vec<LaneSpan> {
     for (sample, value) in values.iter().enumerate() {
         let state = match (sample < decided, is_violated(*value)) {
             // Also with a cut window: a row must not hide what the verdict comes from.
-            (_, true) => "violated",
-            (false, false) => "undecided",
-            (true, false) => "holds",
+            (_, true) => LaneState::Violated,
+            (false, false) => LaneState::Undecided,
+            (true, false) => LaneState::Holds,
         };
         match spans.last_mut() {
             Some(last) if last.state == state => last.last = sample as u64,
-            _ => spans.push(LaneSpan { state: state.to_owned(), first: sample as u64, last: sample as u64 }),
+            _ => spans.push(LaneSpan { state, first: sample as u64, last: sample as u64 }),
         }
     }
     spans
@@ -84,7 +86,7 @@ pub(crate) fn draw_shown(formula: &Formula, shown: &Shown) -> Result<Vec<Formula
     let draw = |(name, columns): (&str, &[&[f64]])| {
         let columns = columns.iter().map(|values| values.to_vec()).collect();
         let trace = Trace::from_columns(Arc::clone(&names), columns);
-        let example = draw(formula, "pattern", name, &trace, Clock::steps(1.0))?;
+        let example = draw(formula, ExampleKind::Pattern, name, &trace, Clock::steps(1.0))?;
         Ok(with_values(example, &trace, shown.signals))
     };
     traces.into_iter().map(draw).collect()

@@ -40,6 +40,6 @@ pub use lanes::{draw, with_values};
 pub use mining::{
     MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine, parse_with_ranges,
 };
-pub use pattern::{PATTERNS, ParameterKind, Pattern, Shown, Slot, page as pattern_page, pattern};
+pub use pattern::{PATTERNS, Pattern, Shown, Slot, page as pattern_page, pattern};
 pub use template::{TEMPLATES, template};
 pub use units::unit_of;

@@ -139,7 +139,7 @@ fn examples_have_the_verdict_of_the_monitor() {
                     covered = span.last + 1;
                     for sample in span.first..=span.last {
                         let value = signal[usize::try_from(sample).expect("a sample")];
-                        match span.state.as_str() {
+                        match span.state.name() {
                             "holds" => assert!(!is_violated(value), "{text}"),
                             "violated" => assert!(is_violated(value), "{text}"),
                             _ => {}
@@ -178,10 +178,11 @@ fn a_cut_window_does_not_hide_the_violating_sample() {
     let formula = Formula::parse("always(p >= 1 implies eventually[0:2](q >= 1))").expect("a formula");
     let names: Arc<[String]> = vec!["p".to_owned(), "q".to_owned()].into();
     let trace = Trace::from_columns(names, vec![vec![0.0, 0.0, 0.0, 0.0, 2.0], vec![0.0; 5]]);
-    let drawn = draw(&formula, "log", "a", &trace, Clock::unknown()).expect("drawn");
+    let drawn =
+        draw(&formula, mishandle_results::ExampleKind::Log, "a", &trace, Clock::unknown()).expect("drawn");
     assert!(drawn.violated);
     for lane in &drawn.lanes[..2] {
         let last = lane.spans.last().expect("a span");
-        assert_eq!((last.state.as_str(), last.last), ("violated", 4), "{}", lane.formula);
+        assert_eq!((last.state.name(), last.last), ("violated", 4), "{}", lane.formula);
     }
 }

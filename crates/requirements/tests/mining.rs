@@ -45,7 +45,7 @@ fn the_tightest_limit_is_the_greatest_value_of_the_logs() {
     let traces = [log("a", &[1.0, 3.1, 2.0], &[0.0; 3]), log("b", &[0.0, 7.3, 1.0], &[0.0; 3])];
     let found = ask("always(x <= limit)", &[range("limit", 0.0, 50.0)], 1.0, &traces).expect("mined");
     let point = &found.points[0];
-    assert_eq!((found.outcome.as_str(), point.values[0].0), ("found", 7.3));
+    assert_eq!((found.outcome.name(), point.values[0].0), ("found", 7.3));
     assert_eq!(point.formula, "always(x <= 7.3)");
     assert_eq!((point.decisive.as_deref(), point.decisive_sample), (Some("b"), Some(1)));
     assert_eq!((point.satisfied, point.violated_if_tighter[0]), (2, Some(1)));
@@ -61,7 +61,7 @@ fn the_tightest_deadline_is_the_first_sample_that_meets_the_goal() {
     assert_eq!(found.points[0].values[0].0, 3.0 * PERIOD);
     assert_eq!(found.points[0].formula, "eventually[0s:1.5s](x >= 1)");
     let held = ask("always[0:T](x <= 0.5)", &[deadline], 1.0, &traces).expect("mined");
-    assert_eq!((held.points[0].values[0].0, held.parameters[0].tightest.as_str()), (2.0 * PERIOD, "high"));
+    assert_eq!((held.points[0].values[0].0, held.parameters[0].tightest.name()), (2.0 * PERIOD, "high"));
 }
 
 #[test]
@@ -75,9 +75,9 @@ fn a_mined_formula_has_plain_numbers() {
 fn ends_of_the_range_are_not_mined() {
     let traces = [log("a", &[5.0], &[0.0])];
     let low = ask("always(x <= limit)", &[range("limit", 0.0, 4.0)], 1.0, &traces).expect("an answer");
-    assert_eq!((low.outcome.as_str(), low.points.len()), ("loosest-fails", 0));
+    assert_eq!((low.outcome.name(), low.points.len()), ("loosest-fails", 0));
     let high = ask("always(x <= limit)", &[range("limit", 6.0, 9.0)], 1.0, &traces).expect("an answer");
-    assert_eq!((high.outcome.as_str(), high.points[0].values[0].0), ("tightest-holds", 6.0));
+    assert_eq!((high.outcome.name(), high.points[0].values[0].0), ("tightest-holds", 6.0));
 }
 
 #[test]
@@ -111,7 +111,7 @@ fn a_trace_shorter_than_the_window_supports_nothing() {
     let found = ask("always[0:T](x <= 1)", &[time], 1.0, &traces).expect("mined");
     let point = &found.points[0];
     assert_eq!(
-        (found.outcome.as_str(), point.satisfied, point.support, point.cut),
+        (found.outcome.name(), point.satisfied, point.support, point.cut),
         ("tightest-holds", 2, 1, 1)
     );
     assert_eq!(point.decisive, None);
@@ -197,8 +197,11 @@ fn fronts_are_those_of_the_whole_grid() {
             let found = ask(formula, &parameters, 1.0, &traces).expect("mined");
             let all = |values: &[f64]| traces.iter().all(|trace| holds(formula, &parameters, values, trace));
             // Greater is looser for an axis whose tightest value is the low one.
-            let signs: Vec<f64> =
-                found.parameters.iter().map(|p| if p.tightest == "low" { 1.0 } else { -1.0 }).collect();
+            let signs: Vec<f64> = found
+                .parameters
+                .iter()
+                .map(|p| if p.tightest.name() == "low" { 1.0 } else { -1.0 })
+                .collect();
             let grid = |n: usize| {
                 let range = &parameters[n];
                 let count = ((range.high - range.low) / steps[n]).round() as usize;
@@ -206,7 +209,7 @@ fn fronts_are_those_of_the_whole_grid() {
             };
             let valid: Vec<[f64; 2]> =
                 grid(0).flat_map(|a| grid(1).map(move |b| [a, b])).filter(|values| all(values)).collect();
-            assert_eq!(found.outcome == "loosest-fails", valid.is_empty(), "{formula}");
+            assert_eq!(found.outcome.name() == "loosest-fails", valid.is_empty(), "{formula}");
             for point in &found.points {
                 let values: Vec<f64> = point.values.iter().map(|value| value.0).collect();
                 assert!(all(&values), "{formula} {values:?}");

@@ -169,12 +169,12 @@ fn operators_written_like_functions() {
     ] {
         let found = describe(text, &Context::default()).expect("a formula").traps;
         let found =
-            found.iter().map(|trap| (trap.name.as_str(), trap.severity.as_str(), trap.instead.as_deref()));
+            found.iter().map(|trap| (trap.name.as_str(), trap.severity.name(), trap.instead.as_deref()));
         assert_eq!(found.collect::<Vec<_>>(), [("precedence", "warning", Some(meant))], "{text}");
         check(meant, &[]);
     }
     let found = describe("always[0:2s](x) <= 3", &Context::default()).expect("a formula").traps;
-    assert_eq!((found.len(), found[0].severity.as_str()), (1, "note"));
+    assert_eq!((found.len(), found[0].severity.name()), (1, "note"));
     let instead = found[0].instead.as_deref().expect("a suggestion");
     assert!(instead.contains("(always[0s:2s] x) <= 3"), "{instead}");
     for text in [

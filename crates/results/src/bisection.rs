@@ -1,6 +1,12 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Estimate;
+use crate::word::words;
+
+words! {
+    /// Result of the test of a candidate.
+    pub enum BisectedResult { Passes = "passes", Fails = "fails", Undecided = "undecided" }
+}
 
 /// The first of an ordered list of controllers that fails a test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +53,7 @@ pub struct BisectedCandidate {
     /// Path of the controller.
     pub controller: String,
     /// `passes`, `fails` or `undecided`.
-    pub result: String,
+    pub result: BisectedResult,
     /// Of a test by a rate: success rate with an interval that holds at any time; `null` otherwise.
     pub success_rate: Option<Estimate>,
     /// Number of simulations.

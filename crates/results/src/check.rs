@@ -1,32 +1,21 @@
 use serde::{Deserialize, Serialize};
 
-use crate::{Estimate, Number, Seed};
+use crate::word::words;
+use crate::{Estimate, Number, PhysicsCheck, Seed};
 
-/// Severity of the violation of a requirement, the worst first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Severity {
-    /// A person can be hurt.
-    Critical,
-    /// The system must not be used so.
-    #[default]
-    Error,
-    /// Someone should look at it.
-    Warning,
-}
+words! {
+    /// Severity of the violation of a requirement, the worst first.
+    #[derive(Default)]
+    pub enum Severity { Critical = "critical", #[default] Error = "error", Warning = "warning" }
 
-impl Severity {
-    /// All severities, the worst first.
-    pub const ALL: [Severity; 3] = [Severity::Critical, Severity::Error, Severity::Warning];
-
-    /// Returns the name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Severity::Critical => "critical",
-            Severity::Error => "error",
-            Severity::Warning => "warning",
-        }
+    /// Verdict of a requirement.
+    pub enum CheckVerdict {
+        Violated = "violated", NotViolated = "not violated", NoVerdict = "no verdict",
+        NotApplicable = "not applicable",
     }
+
+    /// Scenarios of a run of a check.
+    pub enum CheckRunKind { Random = "random", Search = "search" }
 }
 
 /// A file of requirements checked on a target with one or several controllers: a traceability
@@ -49,7 +38,6 @@ pub struct Check {
     /// Kind of the target.
     pub target_kind: String,
     /// Least severity of a violation with exit code 1: `critical`, `error` or `warning`.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub fail_on: Severity,
     /// Whether requirements whose signals the target lacks are accepted.
     pub allows_inapplicable: bool,
@@ -81,7 +69,6 @@ pub struct CheckedRequirement {
     /// Text of the formula that `formula` names; `null` if `formula` is the text.
     pub named_formula: Option<String>,
     /// Severity of a violation: `critical`, `error` or `warning`.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub severity: Severity,
     /// Clauses of standards that ask for it.
     pub clauses: Vec<String>,
@@ -114,7 +101,7 @@ pub struct CheckRun {
     /// Path of the run file.
     pub run: String,
     /// `random` scenarios, or a `search`.
-    pub kind: String,
+    pub kind: CheckRunKind,
     /// Scenario space.
     pub space: String,
     /// The requirement that the search tries to violate; `null` for random scenarios.
@@ -136,7 +123,7 @@ pub struct CheckCell {
     /// `violated`; `not violated` in the simulations that were run, which proves nothing about
     /// others; `no verdict`: the simulations do not decide, or one of them has no verdict; or `not
     /// applicable`: the target lacks signals of the formula.
-    pub verdict: String,
+    pub verdict: CheckVerdict,
     /// The evidence in a sentence.
     pub evidence: String,
     /// Signals of the formula that the target lacks.
@@ -188,6 +175,8 @@ pub struct CheckCounterexample {
     pub robustness: Number,
     /// Counterexample file; `null` for a system that the command line cannot simulate.
     pub file: Option<String>,
+    /// The check of its physics; `null` for a target whose physics MuJoCo C does not step.
+    pub physics: Option<PhysicsCheck>,
     /// Command, or call in Python, that simulates it again.
     pub replay: String,
 }
@@ -206,15 +195,6 @@ pub struct CheckedValue {
     pub nominal: Option<f64>,
 }
 
-/// A violation was found, or the failure rate is above its limit.
-pub const VIOLATED: &str = "violated";
-/// No violation was found.
-pub const NOT_VIOLATED: &str = "not violated";
-/// The simulations do not decide.
-pub const NO_VERDICT: &str = "no verdict";
-/// The target lacks signals.
-pub const NOT_APPLICABLE: &str = "not applicable";
-
 impl CheckedRequirement {
     /// Returns the text of the formula.
     pub fn formula_text(&self) -> &str {
@@ -225,7 +205,7 @@ impl CheckedRequirement {
 impl CheckCell {
     /// Returns whether it is not violated only because nothing was tested.
     pub fn is_untested(&self) -> bool {
-        self.verdict == NOT_VIOLATED && self.is_constant
+        self.verdict == CheckVerdict::NotViolated && self.is_constant
     }
 }
 
@@ -242,15 +222,15 @@ impl Check {
 
     /// Returns whether a cell gives exit code 1.
     pub fn fails(&self, cell: &CheckCell) -> bool {
-        cell.verdict == VIOLATED && self.counts(cell)
+        cell.verdict == CheckVerdict::Violated && self.counts(cell)
     }
 
     /// Returns whether a cell gives exit code 2: a requirement that counts was not checked.
     pub fn is_open(&self, cell: &CheckCell) -> bool {
-        let is_unchecked = match cell.verdict.as_str() {
-            NO_VERDICT => true,
-            NOT_APPLICABLE => !self.allows_inapplicable,
-            _ => false,
+        let is_unchecked = match cell.verdict {
+            CheckVerdict::NoVerdict => true,
+            CheckVerdict::NotApplicable => !self.allows_inapplicable,
+            CheckVerdict::Violated | CheckVerdict::NotViolated => false,
         };
         is_unchecked && self.counts(cell)
     }
@@ -266,7 +246,7 @@ impl Check {
     }
 
     /// Returns the number of cells with a verdict.
-    pub fn count(&self, verdict: &str) -> usize {
+    pub fn count(&self, verdict: CheckVerdict) -> usize {
         self.cells.iter().filter(|cell| cell.verdict == verdict).count()
     }
 }

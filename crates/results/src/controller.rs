@@ -30,6 +30,8 @@ pub struct Controller {
     pub policy: String,
     /// Layer sizes.
     pub sizes: Vec<u64>,
+    /// How its actions become joint targets; `null` if they move the targets directly.
+    pub action_interface: Option<ActionInterface>,
     /// Hash of what the controller does.
     pub controller_hash: String,
     /// Hash of the task.
@@ -40,6 +42,22 @@ pub struct Controller {
     pub settings: String,
     /// Known weaknesses of a shipped controller `TASK/NAME`, from the notes on its task.
     pub weaknesses: Vec<String>,
+}
+
+/// Action interface of a controller: an action of 1 asks for the largest velocity of a joint.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ActionInterface {
+    /// Largest commanded velocity of each joint, rad/s.
+    pub velocity: Vec<Number>,
+    /// Largest commanded acceleration of each joint, rad/s².
+    pub acceleration: Vec<Number>,
+    /// Largest velocity of the target of each joint, rad/s.
+    pub target_velocity: Vec<Number>,
+    /// Distance of the targets from the ends of the joints' ranges, rad.
+    pub margin: Number,
+    /// Time by which the targets lead the commanded motion, s.
+    pub lead: Number,
 }
 
 /// Validation of a policy during training.

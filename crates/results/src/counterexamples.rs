@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{AxisFacts, FailureMode, Number, Repeats, Scenario, Seed};
+use crate::{AxisFacts, CheckedFailure, FailureMode, Number, PhysicsCheck, Repeats, Scenario, Seed};
 
 /// The failure modes of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -40,7 +40,8 @@ pub struct Exports {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ExportedCounterexample {
-    /// Path of the file; `null` if it was not written.
+    /// Path of the file; `null` if it was not written: it is the same as another one, or depends on
+    /// the solver of the physics.
     pub file: Option<String>,
     /// Path of a file whose minimized scenario differs by at most 1 % of the width of each axis, so
     /// that this one was not written; `null` if it was.
@@ -61,6 +62,9 @@ pub struct ExportedCounterexample {
     pub predicate: Option<String>,
     /// The minimization; `null` without `regress.minimize`.
     pub minimized: Option<Minimized>,
+    /// The check of the physics; `null` for a target whose physics MuJoCo C does not step. A
+    /// counterexample that depends on the solver is not written.
+    pub physics: Option<PhysicsCheck>,
 }
 
 /// How a counterexample was minimized.
@@ -86,4 +90,9 @@ pub struct Minimized {
     pub same_predicate: bool,
     /// Simulations of the minimized scenario with other seeds; `null` without randomness.
     pub repeats: Option<Repeats>,
+    /// Whether it went back toward the recorded scenario, because nearer failures depend on the
+    /// solver of the physics.
+    pub went_back: bool,
+    /// The failures whose physics was checked, in order.
+    pub checked: Vec<CheckedFailure>,
 }

@@ -1,5 +1,6 @@
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use crate::word::words;
 use crate::{
     AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential, Subject,
 };
@@ -55,15 +56,14 @@ pub struct Evaluation {
     pub failures: Option<Vec<ScreenedFailure>>,
 }
 
-/// Region from which an evaluation draws initial states.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StartRegion {
-    /// The whole initial box.
-    #[default]
-    Whole,
-    /// The part of the box from which the task is feasible.
-    Reachable,
+words! {
+    /// Region from which an evaluation draws initial states.
+    #[derive(Default)]
+    pub enum StartRegion { #[default] Whole = "whole", Reachable = "reachable" }
+
+    /// A point of the initial box that an evaluation tests besides random scenarios.
+    #[derive(Default)]
+    pub enum BoxPoint { #[default] Corner = "corner", Center = "center" }
 }
 
 /// The same starts and seeds with every other axis at nominal: what the controller does without the
@@ -240,7 +240,7 @@ pub struct Corners {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CornerPoint {
     /// `corner` or `center`.
-    pub kind: String,
+    pub kind: BoxPoint,
     /// Value by axis name.
     pub scenario: Scenario,
     /// Whether success is possible from there; `null` if this is unknown.

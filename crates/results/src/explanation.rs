@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{AxisFacts, GuardFacts, LogVerdict, Number, Scenario, Seed, Signal};
+use crate::{AxisFacts, BoxPoint, GuardFacts, LogVerdict, Number, Scenario, Seed, Signal};
 
 /// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
 /// count from 0.
@@ -38,13 +38,13 @@ pub struct Explanation {
     #[serde(flatten)]
     pub decision: Decision,
     /// The failure with each axis alone at its nominal value; left out by other commands than
-    /// `explain`, with `--axes 0`, if the requirement is satisfied, and without an axis off
+    /// `show`, if `report.axes` is 0, if the requirement is satisfied, and without an axis off
     /// nominal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axes_at_nominal: Option<AxesAtNominal>,
     /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
     /// evaluation; otherwise `null`.
-    pub point: Option<String>,
+    pub point: Option<BoxPoint>,
     /// The axes of the scenario space.
     pub space_axes: Vec<AxisFacts>,
     /// Time between two samples, s.

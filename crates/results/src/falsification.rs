@@ -1,6 +1,10 @@
 use serde::Serialize;
 
-use crate::{EndReasons, Estimate, Modes, Named, Number, Repeats, Scenario, Screening, Seed, Subject};
+use crate::word::words;
+use crate::{
+    CheckedFailure, EndReasons, Estimate, Modes, Named, Number, PhysicsCheck, Repeats, Scenario, Screening,
+    Seed, Subject,
+};
 
 /// Counterexamples that the trials of a search found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -71,6 +75,14 @@ pub struct Falsification {
     pub screening: Option<Screening>,
 }
 
+words! {
+    /// End of a trial.
+    pub enum TrialEnd {
+        Falsified = "falsified", BudgetSpent = "budget spent", SearchEnded = "search ended",
+        ModesDriedUp = "modes dried up",
+    }
+}
+
 /// A trial: one search with its own random seed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -96,7 +108,7 @@ pub struct Trial {
     pub seed: Option<Seed>,
     /// `falsified`, `budget spent`, `search ended` or, with `falsify.keep-going`, `modes dried up`;
     /// `null` if the run was interrupted before.
-    pub end: Option<String>,
+    pub end: Option<TrialEnd>,
     /// Number of simulations that diverged.
     pub diverged: u32,
     /// Number of simulations that ended in a value that is not finite.
@@ -112,6 +124,9 @@ pub struct Trial {
     /// Simulations of the counterexample with other seeds; `null` without a counterexample, without
     /// randomness, and in a campaign.
     pub repeats: Option<Repeats>,
+    /// The check of the physics of the counterexample; `null` without a counterexample, in a
+    /// campaign, and for a target whose physics MuJoCo C does not step.
+    pub physics: Option<PhysicsCheck>,
     /// The axes that cause the failure; `null` without a counterexample, in a campaign, with
     /// `falsify.keep-going`, with `falsify.isolate = false` and with a screening.
     pub cause: Option<Cause>,
@@ -166,8 +181,18 @@ pub struct Cause {
     /// Axes that must be exactly on a bound: `scenario` does not fail if they move inside by a
     /// millionth of their width. Empty if it fails there, too, or if no axis is on a bound.
     pub only_on_bounds: Vec<String>,
-    /// Failures of `scenario` with other seeds; `null` if the target is not random.
+    /// Failures of `scenario` with other seeds; `null` if the target is not random, or if it went
+    /// back after they were simulated.
     pub other_seeds: Option<Estimate>,
+    /// Whether `scenario` went back toward the counterexample, because nearer failures depend on
+    /// the solver of the physics.
+    pub went_back: bool,
+    /// The check of the physics of `scenario`; `null` where that of the counterexample is. If the
+    /// counterexample depends on the solver, `scenario` does not go back.
+    pub physics: Option<PhysicsCheck>,
+    /// The failures on the way back whose physics was checked, in order, without the
+    /// counterexample.
+    pub checked: Vec<CheckedFailure>,
 }
 
 /// A simulation without a verdict.

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "schema")]
 use crate::Number;
+use crate::word::words;
 use crate::{Estimate, GuardFacts, Seed, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
@@ -152,7 +153,6 @@ pub struct HardenedMode {
     /// Axes by which its failures were grouped.
     pub axes: Vec<String>,
     /// `vanished`, `stayed` or `appeared`.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub change: ModeChange,
     /// Number of its failures before.
     pub before: u64,
@@ -168,16 +168,9 @@ impl HardenedMode {
     }
 }
 
-/// Change of a failure mode, the most important one for a decision first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ModeChange {
-    /// Only the controller after has failures.
-    Appeared,
-    /// Both controllers have failures.
-    Stayed,
-    /// Only the controller before has failures.
-    Vanished,
+words! {
+    /// Change of a failure mode, the most important one for a decision first.
+    pub enum ModeChange { Appeared = "appeared", Stayed = "stayed", Vanished = "vanished" }
 }
 
 impl ModeChange {
@@ -187,15 +180,6 @@ impl ModeChange {
             (0, _) => ModeChange::Appeared,
             (_, 0) => ModeChange::Vanished,
             _ => ModeChange::Stayed,
-        }
-    }
-
-    /// Returns its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            ModeChange::Appeared => "appeared",
-            ModeChange::Stayed => "stayed",
-            ModeChange::Vanished => "vanished",
         }
     }
 }

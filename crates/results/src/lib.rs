@@ -54,6 +54,7 @@ mod margin;
 mod metamorphic;
 mod modes;
 mod monitor;
+mod physics;
 mod protocol;
 mod reasons;
 mod regression;
@@ -71,26 +72,27 @@ mod simulation;
 mod subject;
 mod training;
 mod values;
+mod word;
 
 pub use answer::{Answer, OtherQuestion};
 pub use axis_rates::{AxisRate, AxisRates, PairRate, RateBin, ValueRange};
-pub use bisection::{BisectedCandidate, Bisection};
+pub use bisection::{BisectedCandidate, BisectedResult, Bisection};
 pub use campaign::{Campaign, CampaignRun};
 pub use catalog::{
     Axis, Formula, InitialAxis, Listing, Note, Search, SearchOption, Signal, Space, Target, Task,
 };
 pub use check::{
-    Check, CheckCell, CheckCounterexample, CheckCounts, CheckRun, CheckedController, CheckedRequirement,
-    CheckedValue, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, Severity, VIOLATED,
+    Check, CheckCell, CheckCounterexample, CheckCounts, CheckRun, CheckRunKind, CheckVerdict,
+    CheckedController, CheckedRequirement, CheckedValue, Severity,
 };
 pub use comparison::{ComparedPair, ComparedRun, Comparison, PairedMeans, PairedRates};
-pub use controller::{Controller, ControllerExport, ControllerImport, Validation};
+pub use controller::{ActionInterface, Controller, ControllerExport, ControllerImport, Validation};
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
 pub use demonstrations::Demonstrations;
 pub use document::{SCHEMA, Versioned};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{
-    Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure, StartRegion,
+    BoxPoint, Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure, StartRegion,
 };
 pub use evidence::{
     Evidence, EvidenceCheck, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation,
@@ -100,7 +102,9 @@ pub use explanation::{
     AxesAtNominal, AxisAtNominal, Conjunct, Decision, EvaluatedCount, Explanation, Instant, LogExplanation,
     LogExplanations, MaskedConjunct, Masking, PathStep, Predicate, SignalRow, SignalTable, Window,
 };
-pub use falsification::{Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, Unevaluated};
+pub use falsification::{
+    Cause, Falsification, Requirement, SearchValue, SmoothRegion, Trial, TrialEnd, Unevaluated,
+};
 pub use guard::{AlarmLead, GuardAlarms, GuardCurvePoint, GuardTuning};
 pub use hardening::{
     HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode, HardenedSearch,
@@ -112,16 +116,19 @@ pub use metamorphic::{
 };
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::{
-    FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, WorstPart,
+    FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, MonitorEvent, Windows,
+    WorstPart,
 };
+pub use physics::{CheckedFailure, PhysicsCheck, SolverChange, SolverSimulation};
 pub use protocol::{ProtocolCheck, ProtocolFinding};
 pub use reasons::EndReasons;
-pub use regression::{BaselineTest, Regression, RegressionTest};
-pub use remedy::{Choice, Command, Key, Remedy};
+pub use regression::{BaselineTest, Regression, RegressionResult, RegressionTest};
+pub use remedy::{Choice, Command, Key, Recorded, Remedy, Words};
 pub use replay::Replay;
 pub use requirements::{
-    FormulaDescription, FormulaExample, FormulaHorizon, FormulaLane, FormulaTrap, FormulaValues, LaneSpan,
-    MinedParameter, MinedPoint, MinedTrace, Mining, PatternParameter, RequirementPattern,
+    ExampleKind, FormulaDescription, FormulaExample, FormulaHorizon, FormulaLane, FormulaTrap, FormulaValues,
+    LaneSpan, LaneState, MinedParameter, MinedPoint, MinedTrace, Mining, MiningOutcome, ParameterKind,
+    PatternParameter, RequirementPattern, Tightest, TrapSeverity,
 };
 pub use risk::{
     AxisDistribution, Chain, Exploration, Importance, MonteCarlo, Probability, Risk, RiskFailure, Splitting,
@@ -133,7 +140,7 @@ pub use runs::{RelationCounts, RunFacts, RunShown, RunSummary};
 #[cfg(feature = "schema")]
 pub use schema::Document;
 pub use screening::{Confirmed, Finding, Screening};
-pub use sequential::{ExpectedPairs, SampleSize, Sequential};
+pub use sequential::{ExpectedPairs, Measure, SampleSize, Sequential, StopDecision};
 pub use simulation::{Noise, RequirementVerdict, Simulation};
 pub use subject::{AxisFacts, AxisValues, GuardFacts, NeededAxis, Subject};
 pub use training::{ScenarioRates, Training, TrainingPlan, TrainingTime};

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{Named, Number, Scenario, Seed};
+use crate::{Named, Number, PhysicsCheck, Scenario, Seed};
 
 /// Findings of trials that keep going: failure modes, estimates of the unseen ones, coverage of the
 /// space.
@@ -71,6 +71,9 @@ pub struct FailureMode {
     pub robustness: Number,
     /// Root mean square of its offsets from nominal over the axes, as fractions of their widths.
     pub distance_from_nominal: f64,
+    /// The check of its physics; `null` in the documents of commands that simulate nothing, and for
+    /// a target whose physics MuJoCo C does not step.
+    pub physics: Option<PhysicsCheck>,
 }
 
 /// Estimates of the failure modes that no trial found, from the numbers of trials that found each

@@ -1,6 +1,15 @@
 use serde::Serialize;
 
+use crate::word::words;
 use crate::{Number, RequirementVerdict, Severity};
+
+words! {
+    /// Windows of operators at the end of a trace.
+    pub enum Windows { Cut = "cut", Whole = "whole" }
+
+    /// Reason for a line of `monitor --follow`.
+    pub enum MonitorEvent { Verdict = "verdict", End = "end", Interrupted = "interrupted", Bounds = "bounds" }
+}
 
 /// Robustness of formulas on recorded logs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -13,7 +22,7 @@ pub struct Monitor {
     pub violated: bool,
     /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with
     /// `log.strict-horizon`.
-    pub windows: String,
+    pub windows: Windows,
     /// Whether `robustness` depends on a window that is cut.
     pub cuts_windows: bool,
     /// Robustness at each sample, with `monitor.values`; with `log.strict-horizon` at the first
@@ -45,7 +54,6 @@ pub struct LogVerdict {
     pub description: Option<String>,
     /// `critical`, `error` or `warning`: a violated formula with `warning` does not give exit
     /// code 1.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub severity: Severity,
     /// Formula.
     pub formula: String,
@@ -137,7 +145,7 @@ pub struct MonitorChange {
     /// `verdict`: no continuation changes the verdict. `end`: the samples have ended before that,
     /// and the verdict is that of `monitor` without `--follow`. `interrupted`: a signal ended the
     /// command. `bounds`, with `monitor.bounds`: the bounds have changed.
-    pub event: String,
+    pub event: MonitorEvent,
     /// Name of the requirement; `null` for that of `--formula`.
     pub name: Option<String>,
     /// Number of samples so far.

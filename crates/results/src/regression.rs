@@ -1,6 +1,15 @@
 use serde::Serialize;
 
+use crate::word::words;
 use crate::{Number, Repeats};
+
+words! {
+    /// Result of the test of a counterexample.
+    pub enum RegressionResult {
+        Passes = "passes", Fixed = "fixed", Fails = "still fails", NewFailure = "new failure",
+        Error = "error",
+    }
+}
 
 /// Counterexamples of a folder, simulated again. The document is printed also if a test could not
 /// run (exit code 2).
@@ -39,7 +48,7 @@ pub struct RegressionTest {
     /// Target; `null` if the file is not a counterexample.
     pub target: Option<String>,
     /// `passes`, `still fails` or `error`; with `--baseline` also `new failure` and `fixed`.
-    pub result: String,
+    pub result: RegressionResult,
     /// Robustness in the file.
     pub recorded_robustness: Option<Number>,
     /// Robustness now, with the recorded seed.

@@ -19,6 +19,26 @@ macro_rules! keys {
 }
 
 keys! {
+    ACTION_NOISE = "action-noise",
+    ALGORITHM_SETTINGS = "train.settings",
+    ANY_BUILD = "engine.any-build",
+    AXES = "axes",
+    COMMAND = "command",
+    CONTROLLER = "controller",
+    CURVE = "train.csv",
+    EVENTS = "train.tensorboard",
+    FORCE = "force",
+    GUARD = "guard",
+    MOVED_CONTROLLER = "engine.controller",
+    MOVED_TARGET = "engine.target",
+    OUT = "out",
+    RATE = "evaluate.rate",
+    RECORD_FORMAT = "record.format",
+    RECORD_SUCCESSFUL = "record.successful",
+    RELABEL = "record.relabel",
+    RESUME = "resume",
+    REWARD = "train.reward",
+    TRAINER = "harden.trainer",
     LOG_TIME = "log.time",
     LOG_TIME_UNIT = "log.time-unit",
     LOG_UTC_OFFSET = "log.utc-offset",
@@ -42,7 +62,7 @@ keys! {
 }
 
 impl Key {
-    /// Returns the name.
+    /// Returns the name with the table.
     pub fn name(self) -> &'static str {
         self.0
     }
@@ -64,6 +84,8 @@ pub enum Choice {
     Text(String),
     /// A value that only the user knows, such as `SECONDS`.
     Shape(&'static str),
+    /// A range of numbers.
+    Range([f64; 2]),
     /// A value for this name, of a setting that has several.
     Of(String, Box<Choice>),
 }
@@ -77,12 +99,87 @@ impl Choice {
     pub const SECONDS: Choice = Choice::Shape("SECONDS");
 }
 
-/// Something else to ask, as a remedy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Something else to ask.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
+    /// Compare two runs, or these ones.
+    Compare(Option<[String; 2]>),
+    /// Explain a recorded simulation.
+    Explain(Recorded),
+    /// Draw a recorded simulation.
+    Render(Recorded),
+    /// Simulate the counterexamples of a folder with a controller.
+    Regress {
+        /// The folder.
+        suite: String,
+        /// The controller.
+        controller: String,
+        /// A controller for comparison.
+        baseline: Option<String>,
+    },
+    /// Replay the file of a counterexample.
+    ReplayFile {
+        /// The file.
+        file: String,
+        /// Present paths of its files.
+        moved: Vec<(Key, String)>,
+    },
+    /// Verify the present folder of evidence.
+    VerifyEvidence,
+    /// Resume both runs of a comparison that stops by itself.
+    ResumeComparison {
+        /// Whether its system is Python code.
+        is_python: bool,
+    },
+    /// Resume an evaluation.
+    ResumeEvaluation {
+        /// The run file.
+        run: String,
+        /// Whether its system is Python code.
+        is_python: bool,
+    },
+    /// Search a target for all failures.
+    Falsify {
+        /// The target.
+        target: String,
+    },
     /// Import the policy of another tool.
     Import,
+    /// List the things of a word, such as `targets`, or describe what has this name.
+    List {
+        /// Word or name.
+        what: String,
+        /// Whether more than the first screen is meant.
+        is_long: bool,
+    },
+    /// Replay a recorded simulation.
+    Replay {
+        /// The run file.
+        run: String,
+        /// Number of the trial.
+        trial: u32,
+        /// Number of the simulation.
+        simulation: u32,
+        /// Whether its system is Python code.
+        is_python: bool,
+    },
 }
+
+/// A simulation of a run file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recorded {
+    /// The run file.
+    pub run: String,
+    /// Number of the trial.
+    pub trial: u32,
+    /// Number of the simulation.
+    pub simulation: u32,
+    /// Present path of the controller, if it was moved.
+    pub controller: Option<String>,
+}
+
+/// How a front words what to ask, on one line.
+pub type Words = fn(&Command) -> String;
 
 /// One way to avoid an error. An error has a list of them; each is enough.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,8 +188,14 @@ pub enum Remedy {
     Set(Vec<(Key, Choice)>),
     /// Leave out a setting.
     Unset(Key),
+    /// Choose another value.
+    Another(Key),
     /// Ask this first.
     Run(Command),
+    /// Do this, beside settings.
+    Advice(&'static str),
+    /// A sentence that guesses what was meant.
+    Hint(String),
     /// The remedy helps under this condition.
     If(String, Box<Remedy>),
 }
@@ -113,8 +216,8 @@ impl Remedy {
     pub fn keys(&self) -> Vec<Key> {
         match self {
             Remedy::Set(settings) => settings.iter().map(|(key, _)| *key).collect(),
-            Remedy::Unset(key) => vec![*key],
-            Remedy::Run(_) => Vec::new(),
+            Remedy::Unset(key) | Remedy::Another(key) => vec![*key],
+            Remedy::Run(_) | Remedy::Advice(_) | Remedy::Hint(_) => Vec::new(),
             Remedy::If(_, remedy) => remedy.keys(),
         }
     }

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{AxisFacts, GuardFacts, Number, Scenario, Seed};
+use crate::{AxisFacts, BoxPoint, GuardFacts, Number, Scenario, Seed};
 
 /// A recorded simulation, simulated again.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,7 +23,7 @@ pub struct Replay {
     pub simulation: u32,
     /// `corner` or `center` for a simulation at the corners of the initial box, trial 2 of an
     /// evaluation; otherwise `null`.
-    pub point: Option<String>,
+    pub point: Option<BoxPoint>,
     /// The values of `scenario` in the order of `axes`.
     pub initial_configuration: Vec<Option<f64>>,
     /// Scenario by axis; a value that is drawn at random is `null`.

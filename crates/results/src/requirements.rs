@@ -1,6 +1,31 @@
 use serde::Serialize;
 
+use crate::word::words;
 use crate::{Number, Signal};
+
+words! {
+    /// Severity of a trap.
+    pub enum TrapSeverity { Warning = "warning", Note = "note" }
+
+    /// Source of an example.
+    pub enum ExampleKind {
+        Log = "log", Episode = "episode", Simulation = "simulation", Found = "found", Pattern = "pattern",
+    }
+
+    /// Verdict of a sub-formula at a sample.
+    pub enum LaneState { Holds = "holds", Violated = "violated", Undecided = "undecided" }
+
+    /// Kind of value of a parameter.
+    pub enum ParameterKind { Condition = "condition", Signal = "signal", Number = "number", Time = "time" }
+
+    /// Answer to the question for the tightest values.
+    pub enum MiningOutcome {
+        Found = "found", LoosestFails = "loosest-fails", TightestHolds = "tightest-holds",
+    }
+
+    /// The direction in which a parameter is tighter.
+    pub enum Tightest { Low = "low", High = "high" }
+}
 
 /// A formula: in words, its traps, and what it says about traces.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -50,7 +75,7 @@ pub struct FormulaTrap {
     /// Name of the trap, such as `vacuous-implication`.
     pub name: String,
     /// `warning`, or `note` for one that is often intended. `--strict` counts warnings.
-    pub severity: String,
+    pub severity: TrapSeverity,
     /// Line of the text, from 1; `null` if it concerns the whole formula.
     pub line: Option<u64>,
     /// Column of the text in characters, from 1.
@@ -69,7 +94,7 @@ pub struct FormulaTrap {
 pub struct FormulaExample {
     /// `log`, `episode` (of a target), `found` (by a search for an example), or `pattern` (that of
     /// a pattern).
-    pub kind: String,
+    pub kind: ExampleKind,
     /// Name of the log or of the target; `satisfied` or `violated` for an example.
     pub name: String,
     /// Robustness at time 0.
@@ -115,7 +140,7 @@ pub struct FormulaLane {
 pub struct LaneSpan {
     /// `holds`, `violated` (also with a window that is cut at the end), or `undecided`: not
     /// violated, but a window of the sub-formula reaches beyond the end of the trace.
-    pub state: String,
+    pub state: LaneState,
     /// First sample, from 0.
     pub first: u64,
     /// Last sample.
@@ -145,7 +170,7 @@ pub struct PatternParameter {
     /// Name.
     pub name: String,
     /// `condition` (a formula), `signal` (a number over time), `number` or `time`.
-    pub kind: String,
+    pub kind: ParameterKind,
     /// Default; `null` if it must be set.
     pub default: Option<String>,
     /// Meaning.
@@ -166,7 +191,7 @@ pub struct Mining {
     pub share: Number,
     /// `found`; `loosest-fails`: too few traces satisfy the formula with the loosest values;
     /// `tightest-holds`: they satisfy it with the tightest values, so that the ranges decide.
-    pub outcome: String,
+    pub outcome: MiningOutcome,
     /// The tightest values; with several parameters, the Pareto front. Empty if the loosest values
     /// fail.
     pub points: Vec<MinedPoint>,
@@ -188,7 +213,7 @@ pub struct MinedParameter {
     /// that counts samples.
     pub unit: Option<String>,
     /// Whether the least or the greatest value is the tightest: `low` or `high`.
-    pub tightest: String,
+    pub tightest: Tightest,
     /// Step of the values; `null` if they are exact to the next number.
     pub resolution: Option<Number>,
 }

@@ -11,9 +11,9 @@ pub struct Screening {
     pub device: String,
     /// Number of screened simulations.
     pub simulations: u64,
-    /// Number of these that were flagged: with a violation or without a verdict there, for a
-    /// falsification also those with a lower robustness than all earlier ones of their trial.
-    /// MuJoCo C repeated all of them.
+    /// Number of these that were flagged: with a violation (for an evaluation without success) or
+    /// without a verdict there, for a falsification also those with a lower robustness than all
+    /// earlier ones of their trial. MuJoCo C repeated all of them.
     pub flagged: u64,
     /// Number of others that MuJoCo C repeated: a random sample.
     pub audit_sample: u64,
@@ -24,7 +24,8 @@ pub struct Screening {
     /// Number of simulations of MuJoCo C without a verdict.
     pub confirmed_without_verdict: u64,
     /// Findings of MuJoCo C, by kind: `failure`, and for an evaluation `strict_failure` and
-    /// `dangerous` if the target has these formulas; missing for a falsification.
+    /// `dangerous` if the target has these formulas, which do not flag; missing for a
+    /// falsification.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub findings: Option<Named<Finding>>,
     /// Of a falsification, the simulations of MuJoCo C by their reason: `violated`,

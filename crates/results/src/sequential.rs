@@ -1,6 +1,16 @@
 use serde::Serialize;
 
+use crate::word::words;
 use crate::{Estimate, Number, Seed};
+
+words! {
+    /// Quantity that a rule watches.
+    #[derive(Default)]
+    pub enum Measure { #[default] Success = "success", Robustness = "robustness" }
+
+    /// Reason that ended the simulations.
+    pub enum StopDecision { Narrow = "narrow", Above = "above", Below = "below", Equivalent = "equivalent" }
+}
 
 /// A rule that ends simulations, and what it found. Its interval holds at any time: at all ends of
 /// batches together, it contains the true value with a probability of at least 95 %.
@@ -10,7 +20,7 @@ pub struct Sequential {
     /// The rule: `decided` or `width=W`.
     pub until: String,
     /// Quantity that the rule watches: `success` or `robustness`.
-    pub measure: String,
+    pub measure: Measure,
     /// The rate that `decided` compares with; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate: Option<Number>,
@@ -27,7 +37,7 @@ pub struct Sequential {
     pub p_value: Option<f64>,
     /// Reason that ended the simulations: `narrow`, `above`, `below` or `equivalent`; `null` if the
     /// rule did not end them.
-    pub decision: Option<String>,
+    pub decision: Option<StopDecision>,
     /// Number of simulations, or of pairs.
     pub simulations: u64,
     /// Largest number of simulations, or of pairs.

@@ -103,12 +103,17 @@ impl fmt::Display for Marginal {
 }
 
 impl Marginal {
-    /// Returns the distribution that the axis itself declares.
+    /// Returns the distribution that the axis itself declares. Without a lower part, a continuous
+    /// axis is uniform over the whole of its bounds: weak values are part of a risk.
     pub fn of(axis: &Axis) -> Marginal {
-        match (axis.distribution, &axis.values) {
-            (Distribution::Normal, _) => Marginal::Normal { mean: 0.0, std: 1.0 },
-            (Distribution::Uniform, AxisValues::Logarithmic) => Marginal::LogUniform,
-            (Distribution::Uniform, _) => Marginal::Uniform,
+        match (axis.distribution, &axis.values, axis.levels()) {
+            (Distribution::Normal, _, _) => Marginal::Normal { mean: 0.0, std: 1.0 },
+            (Distribution::Upper(from), _, Some(levels)) => {
+                let first = (from * levels as f64).floor() as usize;
+                Marginal::Weights((0..levels).map(|level| f64::from(u8::from(level >= first))).collect())
+            }
+            (_, AxisValues::Logarithmic, _) => Marginal::LogUniform,
+            (Distribution::Uniform | Distribution::Upper(_), _, _) => Marginal::Uniform,
         }
     }
 

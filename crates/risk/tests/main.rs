@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+#[path = "../../rollout/tests/function_controller/mod.rs"]
+mod function_controller;
 mod known;
 mod sequence;
 mod sequences;

@@ -1,7 +1,7 @@
 //! The cameras of a file, and what they see.
 
 use mishandle_camera::sight::{Part, PartBodies, Sight, SightCamera, SightEyes, View};
-use mishandle_camera::{Camera, Size, focal_length};
+use mishandle_camera::{Camera, Lamp, Size, focal_length};
 use mishandle_rollout::{Axis, Image, RolloutError, Space};
 use mishandle_world::{Body, CAMERAS, CameraMount, ElementKind, GeomKind, Model, PictureModel};
 
@@ -155,9 +155,10 @@ impl RobotCameras {
             is_mounted: camera.body != Body::WORLD.index(),
         };
         let of_sight = cameras.iter().zip(&placed).map(of_sight).collect();
-        let sight = Sight::new(of_sight, &parts(&bodies, model), period, steps);
+        let lamp = Lamp::NOMINAL.direction.map(f64::from);
+        let sight = Sight::new(of_sight, &parts(&bodies, model), lamp, period, steps);
         let own = |axis: &Axis| description.axes.iter().find(|named| named.key.name == axis.name);
-        if let Some(taken) = sight.axes().find_map(|(_, axis)| own(axis)) {
+        if let Some(taken) = sight.axes().find_map(own) {
             let message = format!(
                 "every robot with cameras has an axis `{}` already; give this one another name",
                 taken.key.name
@@ -247,6 +248,7 @@ fn parts(bodies: &PartBodies, model: &Model) -> Vec<Part> {
 }
 
 /// The cameras that a controller sees through, with the model whose states they show.
+#[derive(Clone)]
 pub(crate) struct Seen {
     sight: Sight,
     model: Model,

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{
-    Controller, Disturbance, Environment, Noise, Rollout, RolloutError, Space, Specification, System,
-    SystemFactory,
+    Controller, Disturbance, Environment, Noise, Rollout, RolloutError, SolverVariant, Space, Specification,
+    System, SystemFactory,
 };
 
 use crate::environment::{Robot, RobotEnvironment};
@@ -46,6 +46,17 @@ impl ControlledRobot {
     ) -> Result<Rollout, RolloutError> {
         Rollout::new(environment, self.controller.clone(), specification.clone(), self.noise)?
             .with_disturbances(space.clone(), &self.disturbances)
+    }
+
+    /// Returns the factories of the robot under changes of its physics.
+    pub(crate) fn solver_variants(&self) -> Vec<SolverVariant> {
+        SolverVariant::all(|change| {
+            let controlled = self.clone();
+            Arc::new(move |space: &Space, specification: &Specification| {
+                let robot = Arc::new(controlled.robot.with_solver_change(change));
+                (ControlledRobot { robot, ..controlled.clone() }.factory())(space, specification)
+            })
+        })
     }
 
     pub(crate) fn factory(self) -> Arc<SystemFactory> {

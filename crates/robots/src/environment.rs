@@ -1,7 +1,10 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Eyes, Image, RolloutError, Space};
+use mishandle_rollout::{
+    Axis, Environment, EnvironmentFacts, EnvironmentWorker, Eyes, Image, RolloutError, START_OFFSET,
+    SolverChange, Space,
+};
 use mishandle_world::{Body, FullState, Mocap, Model, Servo, frame};
 
 use crate::axes::{Draw, Parameter};
@@ -13,6 +16,7 @@ use crate::phase::Phase;
 use crate::worker::RobotWorker;
 
 /// The compiled expressions and numbers of a robot.
+#[derive(Clone)]
 pub(crate) struct Robot {
     pub name: String,
     /// The model without visual geoms, at the start of an episode.
@@ -28,6 +32,8 @@ pub(crate) struct Robot {
     pub start_mocap: Vec<Mocap>,
     /// Physics steps between the start and sample 0.
     pub settling: usize,
+    /// Distance by which every joint coordinate moves at the end of a start, rad or m.
+    pub start_offset: f64,
     /// Conditions under which no episode starts.
     pub invalid: Phase,
     /// Places of the parts of the memory; their start values are the last ones of `start`.
@@ -47,6 +53,8 @@ pub(crate) struct Robot {
     pub measured: Phase,
     /// Reduction and index among the signals of each.
     pub reductions: Vec<(Over, usize)>,
+    /// Number of physics steps from one of their values to the next.
+    pub measured_every: usize,
     /// Parts of the observation, then the other signals, then the rewards, then the ends.
     pub sample: Phase,
     /// First entry and size of each part of the observation.
@@ -87,7 +95,7 @@ pub(crate) struct Robot {
 #[derive(Clone)]
 pub struct RobotEnvironment {
     pub(crate) robot: Arc<Robot>,
-    space: Space,
+    facts: EnvironmentFacts,
     /// The parameters that the first axes set; the others are of sight.
     pub(crate) parameters: Arc<[Parameter]>,
 }
@@ -102,8 +110,20 @@ impl RobotEnvironment {
         let own = space.axes().iter().filter_map(parameter);
         let (mut axes, parameters): (Vec<Axis>, Vec<Parameter>) = own.unzip();
         axes.extend(space.axes().iter().filter(|axis| robot.sight_axes.contains(&axis.name)).cloned());
-        let space = Space::new(space.name(), axes)?;
-        Ok(RobotEnvironment { robot, space, parameters: parameters.into() })
+        let facts = EnvironmentFacts {
+            name: robot.name.clone(),
+            space: Space::new(space.name(), axes)?,
+            signals: robot.signals.clone(),
+            reward_terms: robot.reward_terms.clone(),
+            observation_size: robot.observation_size,
+            exact_size: 0,
+            action_size: robot.action_size,
+            action_limit: robot.action_limit,
+            state_size: robot.model.state_size() + robot.tail_size(),
+            control_dt: robot.control_dt,
+            episode_steps: robot.episode_steps,
+        };
+        Ok(RobotEnvironment { robot, facts, parameters: parameters.into() })
     }
 
     /// Returns the environment over the axes of `space` that belong to it. The others belong to
@@ -122,6 +142,22 @@ impl RobotEnvironment {
 }
 
 impl Robot {
+    /// Returns the robot under a change of its physics that no verdict may depend on. Signals over
+    /// physics steps have values at the same instants.
+    pub(crate) fn with_solver_change(&self, change: SolverChange) -> Robot {
+        match change {
+            SolverChange::HalfStep => Robot {
+                model: self.model.with_timestep(0.5 * self.model.timestep()),
+                substeps: 2 * self.substeps,
+                settling: 2 * self.settling,
+                measured_every: 2 * self.measured_every,
+                ..self.clone()
+            },
+            SolverChange::OtherCollider => Robot { model: self.model.with_other_collider(), ..self.clone() },
+            SolverChange::MovedStart => Robot { start_offset: START_OFFSET, ..self.clone() },
+        }
+    }
+
     /// Returns the expression of the controls of a control step, in which an action has arrived or
     /// not.
     pub(crate) fn controls(&self, has_arrived: bool) -> &Phase {
@@ -166,49 +202,13 @@ impl Robot {
 }
 
 impl Environment for RobotEnvironment {
-    fn name(&self) -> &str {
-        &self.robot.name
-    }
-
-    fn space(&self) -> &Space {
-        &self.space
-    }
-
-    fn signals(&self) -> &Arc<[String]> {
-        &self.robot.signals
-    }
-
-    fn reward_terms(&self) -> &[String] {
-        &self.robot.reward_terms
-    }
-
-    fn observation_size(&self) -> usize {
-        self.robot.observation_size
-    }
-
-    fn action_size(&self) -> usize {
-        self.robot.action_size
-    }
-
-    fn action_limit(&self) -> f64 {
-        self.robot.action_limit
-    }
-
-    fn state_size(&self) -> usize {
-        self.robot.model.state_size() + self.robot.tail_size()
-    }
-
-    fn control_dt(&self) -> f64 {
-        self.robot.control_dt
-    }
-
-    fn episode_steps(&self) -> usize {
-        self.robot.episode_steps
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
 
     fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
         match &self.robot.seen {
-            Some(seen) => Ok(Arc::new(seen.eyes(&self.robot.name, &self.space, images)?)),
+            Some(seen) => Ok(Arc::new(seen.eyes(&self.robot.name, self.space(), images)?)),
             None => {
                 let camera = images.first().map(|image| image.camera.clone()).unwrap_or_default();
                 let environment = self.robot.name.clone();

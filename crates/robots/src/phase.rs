@@ -8,6 +8,7 @@ use crate::library::Library;
 use crate::quantity::{Currency, Quantity, View};
 
 /// Expressions that are evaluated together, and the places of their values.
+#[derive(Clone)]
 pub(crate) struct Phase {
     program: Program<Quantity>,
     places: Vec<Place>,

@@ -238,6 +238,9 @@ impl EnvironmentWorker for RobotWorker {
         if self.settle(values, memory, action) == StepStatus::Diverged {
             return StepStatus::Diverged;
         }
+        if robot.start_offset != 0.0 {
+            self.world.move_joints(robot.start_offset);
+        }
         self.world.read_state(physics);
         if [&robot.sample, &robot.measured, &robot.invalid].iter().any(|phase| phase.reads_forces()) {
             self.world.refresh_sensors();
@@ -288,14 +291,16 @@ impl RobotWorker {
                 self.world.push(body, robot.force_on(body, model.events, now));
             }
             self.physics_step();
-            self.measure(now + timestep, values, memory, action, substep);
+            if (substep + 1) % robot.measured_every == 0 {
+                self.measure(now + timestep, values, memory, action, substep / robot.measured_every);
+            }
         }
         if self.world.take_divergence() {
             return StepStatus::Diverged;
         }
         self.world.read_state(physics);
         let status = self.end_step(tail, &mut sample);
-        self.write_reduced(robot.substeps, &mut sample);
+        self.write_reduced(robot.substeps / robot.measured_every, &mut sample);
         status
     }
 }

@@ -1,15 +1,16 @@
 //! A cart-pole in a file, against a loop written by hand.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use mishandle_robots::{RobotFile, RobotPolicy};
 use mishandle_rollout::{
-    Component, Controller, ControllerWorker, Environment, Episode, Noise, Request, Sample, Scenario, Seed,
-    Specification, StepStatus, Target,
+    Component, Environment, Episode, Noise, Request, Sample, Scenario, Seed, Specification, StepStatus,
+    Target,
 };
 use mishandle_stl::Formula;
 use mishandle_world::{Change, FieldOperation, Model, ModelField};
+
+use crate::function_controller::controller;
 
 const MODEL: &str = r#"<mujoco>
   <option timestep="0.005"/>
@@ -350,32 +351,12 @@ fn a_condition_of_the_file_ends_training_episodes_and_no_evaluated_ones() {
     assert!(angles[..ended - 1].iter().all(|angle| *angle <= 0.35) && angles[ended - 1] > 0.35, "{angles:?}");
     let component =
         Component { role: "controller".into(), name: "e".into(), hash: "h".into(), file_hash: String::new() };
-    let target = robot.target(Arc::new(Still), vec![component], Noise::default()).unwrap();
+    let still = controller([2, 1, 0], |_, _, action| action.fill(0.0));
+    let target = robot.target(still, vec![component], Noise::default()).unwrap();
     let episode = &simulate(&target, "starts", &[vec![0.3]])[0];
     assert_eq!(episode.trace.len(), 121);
     let angle = episode.trace.column(0).to_vec();
     assert_eq!(angle[1..=ended], angles, "the same simulation");
-}
-
-/// A controller that does nothing.
-struct Still;
-
-impl Controller for Still {
-    fn observation_size(&self) -> usize {
-        2
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Still)
-    }
-}
-
-impl ControllerWorker for Still {
-    fn act(&mut self, _rows: usize, _observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
-        actions.fill(0.0);
-    }
 }
 
 #[test]

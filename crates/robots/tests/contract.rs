@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mishandle_robots::{RobotFile, RobotPolicy};
-use mishandle_rollout::{
-    Component, Controller, ControllerWorker, Noise, Request, Scenario, Seed, Specification,
-};
+use mishandle_rollout::{Component, Controller, Noise, Request, Scenario, Seed, Specification};
 use mishandle_stl::Formula;
+
+use crate::function_controller::controller;
 
 /// Two sliders whose actuators are in the other order than the joints, and a box that floats.
 const MODEL: &str = r#"<mujoco>
@@ -143,31 +143,9 @@ fn wrong_groups_name_the_line() {
     assert!(message.contains("has 2 numbers, but 3 numbers are needed"), "{message}");
 }
 
-/// A policy that answers by a function of the observation.
-struct Answer(fn(&[f32]) -> [f32; 2]);
-
-impl Controller for Answer {
-    fn observation_size(&self) -> usize {
-        4
-    }
-
-    fn action_size(&self) -> usize {
-        2
-    }
-
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Answer(self.0))
-    }
-}
-
-impl ControllerWorker for Answer {
-    fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
-
-    fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
-        for row in 0..rows {
-            actions[2 * row..][..2].copy_from_slice(&(self.0)(&observations[4 * row..][..4]));
-        }
-    }
+/// Returns a policy that answers by a function of the observation.
+fn answering(answer: fn(&[f32]) -> [f32; 2]) -> Arc<dyn Controller> {
+    controller([4, 2, 0], move |observation, _, action| action.copy_from_slice(&answer(observation)))
 }
 
 #[test]
@@ -175,7 +153,7 @@ fn a_policy_that_does_not_fit_is_found_before_the_first_episode() {
     let folder = tempfile::tempdir().unwrap();
     let robot = read(folder.path(), FILE).unwrap();
     let check = |answer: fn(&[f32]) -> [f32; 2]| {
-        robot.check_contract(&Answer(answer)).map_err(|error| error.to_string())
+        robot.check_contract(&*answering(answer)).map_err(|error| error.to_string())
     };
     // It pushes both sliders, and reads where they are. The command may be constant.
     assert_eq!(check(|x| [1.0 - x[0], 2.0 - x[1]]).unwrap(), Vec::<String>::new());
@@ -201,7 +179,7 @@ fn a_part_of_the_observation_that_never_changes_is_reported() {
     let file = file.replace("command = ", "fixed = \"body_pos('world')[:1]\"\ncommand = ");
     let file = file.replace("[2 * shift, 1]", "[2 * shift]");
     let robot = read(folder.path(), &file).unwrap();
-    let warnings = robot.check_contract(&Answer(|x| [1.0 - x[0], 1.0])).unwrap();
+    let warnings = robot.check_contract(&*answering(|x| [1.0 - x[0], 1.0])).unwrap();
     assert!(
         matches!(&warnings[..], [one] if one.starts_with("the part `fixed` of the observation never changes")),
         "{warnings:?}"
@@ -217,7 +195,7 @@ fn a_nominal_scenario_that_diverges_is_an_error_that_names_the_joint() {
     );
     let check = |file: &str| {
         let robot = read_with(folder.path(), &stiff, file).unwrap();
-        robot.check_contract(&Answer(|x| [1.0 - x[0], 2.0 - x[1]])).map_err(|error| error.to_string())
+        robot.check_contract(&*answering(|x| [1.0 - x[0], 2.0 - x[1]])).map_err(|error| error.to_string())
     };
     let error = check(FILE).unwrap_err();
     assert!(
@@ -235,7 +213,7 @@ fn a_start_whose_quaternion_is_no_rotation_is_an_error() {
     for quaternion in ["0, 0, 0, 0", "0, 0, 0.2, 1.9"] {
         let file = FILE.replace("*quat_euler(0, 0, pi / 2)", quaternion);
         let robot = read(folder.path(), &file).unwrap();
-        let error = robot.check_contract(&Answer(|x| [1.0 - x[0], 1.0])).unwrap_err().to_string();
+        let error = robot.check_contract(&*answering(|x| [1.0 - x[0], 1.0])).unwrap_err().to_string();
         assert!(error.contains("joint `root` at the nominal start") && error.contains("not 1"), "{error}");
     }
 }

@@ -10,10 +10,13 @@ mod events;
 mod expression;
 mod first_file;
 mod first_file_models;
+#[path = "../../rollout/tests/function_controller/mod.rs"]
+mod function_controller;
 mod mjcf_edit;
 mod mjcf_read;
 mod names;
 mod noise;
 mod program;
 mod screening;
+mod solver;
 mod start;

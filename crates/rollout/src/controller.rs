@@ -6,6 +6,12 @@ use crate::{EpisodeEnd, Image, Seed, Signal};
 pub trait Controller: Send + Sync {
     /// Returns the length of an observation.
     fn observation_size(&self) -> usize;
+    /// Returns the names of the further parts of an observation that the controller reads, in the
+    /// order of the environment. They follow the parts that the environment always has. By default,
+    /// it reads none.
+    fn further_parts(&self) -> &[String] {
+        &[]
+    }
     /// Returns the number of actions.
     fn action_size(&self) -> usize;
     /// Returns the length of the controller's state per simulation; 0 if it is stateless.

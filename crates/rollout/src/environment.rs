@@ -2,33 +2,86 @@ use std::sync::Arc;
 
 use crate::{Eyes, Image, RolloutError, Scenario, Seed, Space};
 
+/// Facts of an [`Environment`].
+#[derive(Clone, Debug)]
+pub struct EnvironmentFacts {
+    /// The name, for messages and records.
+    pub name: String,
+    /// The space of the scenarios that a reset accepts.
+    pub space: Space,
+    /// The names of the signals, in the order of [`Sample::signals`].
+    pub signals: Arc<[String]>,
+    /// The names of the reward terms, in the order of [`Sample::rewards`]. The reward is their sum.
+    pub reward_terms: Vec<String>,
+    /// Length of an observation.
+    pub observation_size: usize,
+    /// Length of the last part of an observation, on which no noise and no disturbance acts: what a
+    /// controller knows exactly, such as its own past commands.
+    pub exact_size: usize,
+    /// Number of actions.
+    pub action_size: usize,
+    /// Largest absolute value of an action. Actions of a controller are clipped to it.
+    pub action_limit: f64,
+    /// Length of a state row.
+    pub state_size: usize,
+    /// Duration of a control step, s.
+    pub control_dt: f64,
+    /// Number of control steps of an episode.
+    pub episode_steps: usize,
+}
+
 /// An environment in which a controller acts.
 ///
 /// An environment is shared and immutable. Each thread makes its own [`EnvironmentWorker`]. The
 /// state of one simulation is a *state row* of `state_size` numbers, which determine its future.
 /// Any worker can step any row, with the same bits.
 pub trait Environment: Send + Sync {
-    /// Returns the name, for messages and records.
-    fn name(&self) -> &str;
-    /// Returns the space of the scenarios that a reset accepts.
-    fn space(&self) -> &Space;
-    /// Returns the names of the signals, in the order of [`Sample::signals`].
-    fn signals(&self) -> &Arc<[String]>;
-    /// Returns the names of the reward terms, in the order of [`Sample::rewards`]. The reward is
-    /// their sum.
-    fn reward_terms(&self) -> &[String];
-    /// Returns the length of an observation.
-    fn observation_size(&self) -> usize;
-    /// Returns the number of actions.
-    fn action_size(&self) -> usize;
-    /// Returns the largest absolute value of an action. Actions of a controller are clipped to it.
-    fn action_limit(&self) -> f64;
-    /// Returns the length of a state row.
-    fn state_size(&self) -> usize;
-    /// Returns the duration of a control step, s.
-    fn control_dt(&self) -> f64;
-    /// Returns the number of control steps of an episode.
-    fn episode_steps(&self) -> usize;
+    /// Returns the facts, which do not change.
+    fn facts(&self) -> &EnvironmentFacts;
+    /// Returns [`EnvironmentFacts::name`].
+    fn name(&self) -> &str {
+        &self.facts().name
+    }
+    /// Returns [`EnvironmentFacts::space`].
+    fn space(&self) -> &Space {
+        &self.facts().space
+    }
+    /// Returns [`EnvironmentFacts::signals`].
+    fn signals(&self) -> &Arc<[String]> {
+        &self.facts().signals
+    }
+    /// Returns [`EnvironmentFacts::reward_terms`].
+    fn reward_terms(&self) -> &[String] {
+        &self.facts().reward_terms
+    }
+    /// Returns [`EnvironmentFacts::observation_size`].
+    fn observation_size(&self) -> usize {
+        self.facts().observation_size
+    }
+    /// Returns [`EnvironmentFacts::exact_size`].
+    fn exact_size(&self) -> usize {
+        self.facts().exact_size
+    }
+    /// Returns [`EnvironmentFacts::action_size`].
+    fn action_size(&self) -> usize {
+        self.facts().action_size
+    }
+    /// Returns [`EnvironmentFacts::action_limit`].
+    fn action_limit(&self) -> f64 {
+        self.facts().action_limit
+    }
+    /// Returns [`EnvironmentFacts::state_size`].
+    fn state_size(&self) -> usize {
+        self.facts().state_size
+    }
+    /// Returns [`EnvironmentFacts::control_dt`].
+    fn control_dt(&self) -> f64 {
+        self.facts().control_dt
+    }
+    /// Returns [`EnvironmentFacts::episode_steps`].
+    fn episode_steps(&self) -> usize {
+        self.facts().episode_steps
+    }
     /// Returns the cameras of these images.
     ///
     /// # Errors

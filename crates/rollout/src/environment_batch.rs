@@ -99,6 +99,8 @@ pub struct EnvironmentSpec {
     pub space: Space,
     /// Length of an observation.
     pub observation_size: usize,
+    /// Length of the last part of an observation, on which no noise and no disturbance acts.
+    pub exact_size: usize,
     /// Number of actions.
     pub action_size: usize,
     /// Largest absolute value of an action. Actions of a policy are clipped to it.
@@ -120,6 +122,7 @@ impl EnvironmentSpec {
             name: environment.name().to_string(),
             space: environment.space().clone(),
             observation_size: environment.observation_size(),
+            exact_size: environment.exact_size(),
             action_size: environment.action_size(),
             action_limit: environment.action_limit(),
             state_size: environment.state_size(),

@@ -235,11 +235,12 @@ impl Lane {
             observations.zip(&mut rows.disturbances).zip(&mut *progress)
         {
             let step = progress.steps;
-            let draws = &mut self.draws[..observation_size];
+            let measured = observation_size - rollout.environment.exact_size();
+            let draws = &mut self.draws[..measured];
             // Before the delays: a late or repeated observation has the noise of its measurement.
-            rollout.noise.on_observation(progress.seed, step as u64, observation, draws);
+            rollout.noise.on_observation(progress.seed, step as u64, &mut observation[..measured], draws);
             if let Some(disturbed) = disturbed {
-                disturbed.observe(step, observation);
+                disturbed.observe(step, &mut observation[..measured]);
             }
             let invalid = observation.iter().position(|value| !value.is_finite());
             if let (Some(index), true) = (invalid, progress.is_running()) {
@@ -247,7 +248,7 @@ impl Lane {
             }
             // After the check: a fault may show NaN to the controller.
             if let Some(disturbed) = disturbed {
-                disturbed.fail(Side::Sensing, step, observation);
+                disturbed.fail(Side::Sensing, step, &mut observation[..measured]);
             }
         }
         self.controller.act(

@@ -26,6 +26,9 @@
 //! A [`Screening`] runs simulations on a [`ScenarioBatch`], which another physics engine steps. Its
 //! outcomes propose scenarios; they are neither [`Episode`]s nor evidence.
 //!
+//! A target whose physics this program steps has [`SolverVariant`]s: the same target under a
+//! [`SolverChange`], which checks that a failure does not depend on the solver.
+//!
 //! Training steps an [`EnvironmentBatch`], which a [`BatchFactory`] makes. [`CpuBatch`] runs on the
 //! CPU. Other implementations may run on a GPU or in another process.
 
@@ -52,6 +55,7 @@ mod rollout;
 mod scenario_part;
 mod screening;
 mod sight;
+mod solver_variant;
 mod space;
 mod specification;
 mod steering;
@@ -69,7 +73,7 @@ pub use controller::{Controller, ControllerFailure, ControllerWorker};
 pub use delay::delays;
 pub use disturbance::{Disturbance, Effect, TimeProfile};
 pub use early_stop::EarlyStop;
-pub use environment::{Environment, EnvironmentWorker, Sample, StepStatus};
+pub use environment::{Environment, EnvironmentFacts, EnvironmentWorker, Sample, StepStatus};
 pub use environment_batch::{BatchFactory, EnvironmentBatch, EnvironmentSpec, Start};
 pub use error::RolloutError;
 pub use interface::{ActiveInterface, Interface};
@@ -84,6 +88,7 @@ pub use screening::{
     BatchStatus, GROUP_ROWS, ScenarioBatch, ScenarioRows, Screen, ScreenedEpisode, Screening,
 };
 pub use sight::{Eyes, EyesWorker, Image};
+pub use solver_variant::{START_OFFSET, SolverChange, SolverSystem, SolverVariant};
 pub use space::{Axis, AxisKind, AxisValues, Distribution, Scenario, Space};
 pub use specification::{Specification, SpecificationMonitor, Verdict};
 pub use steering::{Seen, Steerable, SteeredAxis, SteeredEpisode, Steering};

@@ -66,10 +66,13 @@ pub enum AxisValues {
 }
 
 /// Distribution from which [`Space::sample`] draws the value of an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distribution {
     /// Uniform in u.
     Uniform,
+    /// Uniform in u from this fraction to 1: the strong values of an axis that is nominal at its
+    /// lower bound.
+    Upper(f64),
     /// Standard normal, truncated to the bounds by rejection.
     Normal,
 }
@@ -79,6 +82,7 @@ impl Distribution {
     pub fn name(self) -> &'static str {
         match self {
             Distribution::Uniform => "uniform",
+            Distribution::Upper(_) => "upper",
             Distribution::Normal => "normal",
         }
     }
@@ -246,6 +250,9 @@ impl Axis {
         if self.values == AxisValues::Logarithmic && self.low < 1.0 / LARGEST {
             return Err(error("the lower bound of a logarithmic axis must be at least 1e-150"));
         }
+        if matches!(self.distribution, Distribution::Upper(from) if !(0.0..1.0).contains(&from)) {
+            return Err(error("the fraction from which values are drawn must be at least 0 and less than 1"));
+        }
         if !(0.0..=1.0).contains(&self.acts_from) {
             return Err(error("the time from which an axis acts must be from 0 to 1, in episodes"));
         }
@@ -371,11 +378,6 @@ impl Space {
         self.axes.len()
     }
 
-    /// Returns the number of axes with more than one value.
-    pub fn free_dimension(&self) -> usize {
-        self.axes.iter().filter(|axis| !axis.is_fixed()).count()
-    }
-
     /// Returns the scenario at the point `u` of \[0,1\]^d. The bounds are exact at 0 and 1.
     pub fn at(&self, u: &[f64]) -> Scenario {
         self.canonical(Scenario(self.axes.iter().zip(u).map(|(axis, u)| Some(axis.at(*u))).collect()))
@@ -438,9 +440,11 @@ impl Space {
     /// Returns the values of [`sample`](Self::sample) before those without an effect become nominal:
     /// they are independent of each other.
     pub fn draw(&self, seed: Seed, index: u64) -> Scenario {
+        let uniform = |number: u32| seed.uniform(Stream::InitialConfiguration, index, number);
         let draw = |(number, axis): (u32, &Axis)| match axis.distribution {
             _ if axis.is_fixed() => axis.low,
-            Distribution::Uniform => axis.at(seed.uniform(Stream::InitialConfiguration, index, number)),
+            Distribution::Uniform => axis.at(uniform(number)),
+            Distribution::Upper(from) => axis.at(from + (1.0 - from) * uniform(number)),
             Distribution::Normal => normal_within(axis, seed.child(index).child(u64::from(number))),
         };
         Scenario((0..).zip(self.axes.iter()).map(draw).map(Some).collect())
@@ -549,7 +553,7 @@ mod tests {
             Axis { name: format!("{values:?}"), ..axis(values, value, value) }
         });
         let space = Space::new("s", fixed.into_iter().chain([draw]).collect()).unwrap();
-        assert_eq!(space.free_dimension(), 0);
+        assert!(space.axes().iter().all(Axis::is_fixed));
         let expected = Scenario::from([0.1, 0.1, 2.0, 0.1]);
         for u in [0.0, 0.3, 0.7, 1.0] {
             assert_eq!(space.at(&[u; 4]), expected);
@@ -589,6 +593,31 @@ mod tests {
         assert!(!check([Some(0.5), Some(2.0), Some(9.0)]));
         assert!(space.check(&[0.5].into()).unwrap_err().to_string().contains("x, a, z"));
         assert_eq!(space.nominal(), Scenario::new(vec![Some(0.5), Some(0.0), None]));
+    }
+
+    #[test]
+    fn upper_draws_leave_out_the_lower_part_and_weaker_choices() {
+        let upper = |name: &str, values, high, from| Axis {
+            name: name.to_string(),
+            distribution: Distribution::Upper(from),
+            ..axis(values, 0.0, high)
+        };
+        let strength = upper("strength", AxisValues::Continuous, 3.0, 2.0 / 3.0);
+        let count = upper("count", AxisValues::Integer, 3.0, 0.25);
+        let space = Space::new("s", vec![strength, count]).unwrap();
+        let mut counts = [0; 4];
+        let mut lowest = f64::INFINITY;
+        for index in 0..3000 {
+            let drawn = space.sample(Seed(2), index);
+            lowest = lowest.min(drawn.get(0).unwrap());
+            counts[drawn.get(1).unwrap() as usize] += 1;
+        }
+        assert!((2.0..2.01).contains(&lowest), "{lowest}");
+        assert!(counts[0] == 0 && counts[1..].iter().all(|count| (900..1100).contains(count)), "{counts:?}");
+        // A search may ask for weaker ones.
+        assert_eq!(space.at(&[0.0, 0.0]), space.nominal());
+        let error = Space::new("s", vec![upper("a", AxisValues::Continuous, 1.0, 1.0)]).unwrap_err();
+        assert!(error.to_string().contains("fraction"), "{error}");
     }
 
     #[test]

@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use crate::{Axis, RolloutError, Scenario, Space, Specification, System};
+use crate::{Axis, RolloutError, Scenario, SolverSystem, SolverVariant, Space, Specification, System};
 
 /// Identity of a target: name and hash.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -129,6 +129,9 @@ pub struct Target {
     pub reachable: Option<Arc<ReachabilityCheck>>,
     /// Makes systems.
     pub factory: Arc<SystemFactory>,
+    /// The target under changes of its physics that no failure may depend on; empty if this program
+    /// does not step its physics.
+    pub solver_variants: Vec<SolverVariant>,
 }
 
 impl fmt::Debug for Target {
@@ -187,6 +190,20 @@ impl Target {
         specification: &Specification,
     ) -> Result<Box<dyn System>, RolloutError> {
         (self.factory)(space, specification)
+    }
+
+    /// Makes the systems of the [variants](Self::solver_variants) of the target, as
+    /// [`system`](Self::system) makes that of the target itself.
+    ///
+    /// # Errors
+    /// As for [`system`](Self::system).
+    pub fn solver_systems(
+        &self,
+        space: &Space,
+        specification: &Specification,
+    ) -> Result<Vec<SolverSystem>, RolloutError> {
+        let system = |variant: &SolverVariant| Ok((variant.change, (variant.factory)(space, specification)?));
+        self.solver_variants.iter().map(system).collect()
     }
 }
 

@@ -3,11 +3,14 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod function_controller;
+
 use std::sync::{Arc, Mutex};
 
+use function_controller::controller;
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, Controller, ControllerWorker, CpuBatch, Disturbance, Effect, Environment,
+    Axis, AxisKind, AxisValues, Controller, CpuBatch, Disturbance, Effect, Environment, EnvironmentFacts,
     EnvironmentWorker, Episode, EpisodeEnd, Noise, Request, Rollout, RolloutError, Sample, Samples, Scenario,
     Seed, Space, Specification, StepStatus, Stream, System, TimeProfile,
 };
@@ -15,9 +18,7 @@ use mishandle_rollout::{
 /// A point on a line that each action moves. Its initial position has a random offset of up to
 /// 0.01.
 struct Line {
-    space: Space,
-    signals: Arc<[String]>,
-    terms: [String; 1],
+    facts: EnvironmentFacts,
     /// Position beyond which the simulation diverges.
     divergence_limit: f64,
     /// Lowest position from which an episode can start.
@@ -33,9 +34,19 @@ type Corrupt = fn(f64, &mut Sample<'_>);
 impl Line {
     fn new(divergence_limit: f64) -> Line {
         Line {
-            space: Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap(),
-            signals: Arc::from(["x".to_string()]),
-            terms: ["near".to_string()],
+            facts: EnvironmentFacts {
+                name: "line".to_string(),
+                space: Space::new("starts", vec![Axis::start("x", "m", -1.0, 1.0)]).unwrap(),
+                signals: Arc::from(["x".to_string()]),
+                reward_terms: vec!["near".to_string()],
+                observation_size: 1,
+                exact_size: 0,
+                action_size: 1,
+                action_limit: 1.0,
+                state_size: 1,
+                control_dt: 0.1,
+                episode_steps: 20,
+            },
             divergence_limit,
             lowest_start: f64::NEG_INFINITY,
             corrupt: |_, _| {},
@@ -45,35 +56,8 @@ impl Line {
 }
 
 impl Environment for Line {
-    fn name(&self) -> &str {
-        "line"
-    }
-    fn space(&self) -> &Space {
-        &self.space
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-    fn reward_terms(&self) -> &[String] {
-        &self.terms
-    }
-    fn observation_size(&self) -> usize {
-        1
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn action_limit(&self) -> f64 {
-        1.0
-    }
-    fn state_size(&self) -> usize {
-        1
-    }
-    fn control_dt(&self) -> f64 {
-        0.1
-    }
-    fn episode_steps(&self) -> usize {
-        20
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(LineWorker {
@@ -126,41 +110,14 @@ impl EnvironmentWorker for LineWorker {
     }
 }
 
-/// Returns `gain` times the observation, plus 0.001 times the number of its actions in this
-/// simulation.
-struct Gain {
-    gain: f32,
-    inputs: usize,
+/// Multiplies the position by a gain, and adds a thousandth of the number of the control step.
+fn amplify(gain: f32, observation: &[f32], state: &mut [f64], action: &mut [f32]) {
+    action[0] = gain * observation[0] + 0.001 * state[0] as f32;
+    state[0] += 1.0;
 }
 
-impl Controller for Gain {
-    fn observation_size(&self) -> usize {
-        self.inputs
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn state_size(&self) -> usize {
-        1
-    }
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(GainWorker(self.gain))
-    }
-}
-
-struct GainWorker(f32);
-
-impl ControllerWorker for GainWorker {
-    fn reset(&mut self, state: &mut [f64], _seed: Seed) {
-        state[0] = 0.0;
-    }
-
-    fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        for row in 0..rows {
-            actions[row] = self.0 * observations[row] + 0.001 * states[row] as f32;
-            states[row] += 1.0;
-        }
-    }
+fn amplifier(gain: f32, inputs: usize) -> Arc<dyn Controller> {
+    controller([inputs, 1, 1], move |observation, state, action| amplify(gain, observation, state, action))
 }
 
 fn specification() -> Specification {
@@ -168,7 +125,7 @@ fn specification() -> Specification {
 }
 
 fn rollout(line: Line, gain: f32, noise: Noise) -> Rollout {
-    Rollout::new(Arc::new(line), Arc::new(Gain { gain, inputs: 1 }), specification(), noise).unwrap()
+    Rollout::new(Arc::new(line), amplifier(gain, 1), specification(), noise).unwrap()
 }
 
 fn requests(n: u64) -> Vec<Request> {
@@ -279,7 +236,7 @@ fn an_episode_that_cannot_start_has_no_verdict_and_does_not_affect_others() {
 /// are random walks.
 fn whole_and_stopped(formula: &str, threshold: f64) -> Vec<(Episode, Episode)> {
     let specification = Specification::parse(formula, "x < 9", "x < 9", "x < 9").unwrap();
-    let parts = (Arc::new(Line::new(9.0)), Arc::new(Gain { gain: -1.0, inputs: 1 }));
+    let parts = (Arc::new(Line::new(9.0)), amplifier(-1.0, 1));
     let mut system = Rollout::new(parts.0, parts.1, specification, NOISE).unwrap();
     let stopping: Vec<Request> = requests(21)
         .into_iter()
@@ -321,12 +278,12 @@ fn an_episode_stops_with_the_exact_robustness_when_the_trace_determines_it() {
 
 #[test]
 fn mismatched_parts_are_errors() {
-    let two = Arc::new(Gain { gain: 1.0, inputs: 2 });
+    let two = amplifier(1.0, 2);
     let result = Rollout::new(Arc::new(Line::new(9.0)), two, specification(), Noise::default());
     assert!(matches!(result.err(), Some(RolloutError::Layout { found_observation: 2, .. })));
 
     let noise = Noise { action_std: f64::NAN, observation_std: 0.0 };
-    let controller = Arc::new(Gain { gain: 1.0, inputs: 1 });
+    let controller = amplifier(1.0, 1);
     let result = Rollout::new(Arc::new(Line::new(9.0)), controller.clone(), specification(), noise);
     assert!(matches!(result.err(), Some(RolloutError::Noise { .. })));
 
@@ -376,35 +333,14 @@ fn check_invalid_rows(episodes: &[Episode], samples: fn(EpisodeEnd) -> Option<us
 #[test]
 fn a_nan_action_ends_its_simulation_and_does_not_affect_others() {
     // A NaN observation is an invalid observation, so this controller fails by itself.
-    struct NanBeyond(f32);
-    impl Controller for NanBeyond {
-        fn observation_size(&self) -> usize {
-            1
+    let nan_beyond_1 = controller([1; 3], |observation, state, action| {
+        amplify(1.0, observation, state, action);
+        if observation[0] > 1.0 {
+            action[0] = f32::NAN;
         }
-        fn action_size(&self) -> usize {
-            1
-        }
-        fn state_size(&self) -> usize {
-            1
-        }
-        fn worker(&self) -> Box<dyn ControllerWorker> {
-            Box::new(NanBeyond(self.0))
-        }
-    }
-    impl ControllerWorker for NanBeyond {
-        fn reset(&mut self, state: &mut [f64], _seed: Seed) {
-            state[0] = 0.0;
-        }
-        fn act(&mut self, rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-            GainWorker(1.0).act(rows, observations, states, actions);
-            for (action, x) in actions.iter_mut().zip(observations) {
-                *action = if *x > self.0 { f32::NAN } else { *action };
-            }
-        }
-    }
+    });
     let mut system =
-        Rollout::new(Arc::new(Line::new(9.0)), Arc::new(NanBeyond(1.0)), specification(), Noise::default())
-            .unwrap();
+        Rollout::new(Arc::new(Line::new(9.0)), nan_beyond_1, specification(), Noise::default()).unwrap();
     let episodes = system.rollout(&requests(21)).unwrap();
     // The action of control step k is computed from sample k - 1.
     check_invalid_rows(&episodes, |end| match end {
@@ -534,7 +470,7 @@ fn disturbed(effect: Effect, value: Option<f64>, gain: f32, noise: Noise) -> Epi
     let axis = Axis::new(kind, "d", "", [-3.0, 3.0], nominal);
     let line = Line::new(1e9);
     // The axis of the disturbance comes first, so that the test covers the lookup of axes by name.
-    let space = Space::new("s", vec![axis.clone(), line.space.axes()[0].clone()]).unwrap();
+    let space = Space::new("s", vec![axis.clone(), line.space().axes()[0].clone()]).unwrap();
     let mut system =
         rollout(line, gain, noise).with_disturbances(space, &[Disturbance { axis, effect }]).unwrap();
     let request = Request::new(Scenario::new(vec![value, Some(0.5)]), Seed(3));
@@ -629,7 +565,7 @@ fn an_action_delay_applies_to_its_own_row() {
         let axis = Axis::new(AxisKind::Model, "delay", "control steps", [0.0, 3.0], Some(0.0))
             .with_values(AxisValues::Integer);
         let line = Line::new(1e9);
-        let space = Space::new("s", vec![line.space.axes()[0].clone(), axis.clone()]).unwrap();
+        let space = Space::new("s", vec![line.space().axes()[0].clone(), axis.clone()]).unwrap();
         let effect = Effect::ActionDelay;
         let mut system = rollout(line, -1.0, Noise::default())
             .with_disturbances(space, &[Disturbance { axis, effect }])
@@ -660,7 +596,7 @@ fn with_faults(line: Line, gain: f32, noise: Noise) -> Rollout {
     };
     let mut disturbances = site(Side::Sensing, "sensor").disturbances();
     disturbances.extend(site(Side::Actuation, "actuator").disturbances());
-    let axes = line.space.axes().iter().chain(disturbances.iter().map(|d| &d.axis));
+    let axes = line.space().axes().iter().chain(disturbances.iter().map(|d| &d.axis));
     let space = Space::new("s", axes.cloned().collect()).unwrap();
     rollout(line, gain, noise).with_disturbances(space, &disturbances).unwrap()
 }

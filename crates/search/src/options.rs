@@ -9,15 +9,16 @@ use std::fmt;
 use crate::free::is_free;
 use crate::{Coordinate, SearchError};
 
-/// The value of an option.
+/// The value of an option. With the feature `serde`, the first variant that fits is read.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(untagged))]
 pub enum OptionValue {
-    /// A number.
-    Float(f64),
-    /// An integer. Also accepted where a number is expected.
-    Integer(i64),
     /// True or false.
     Boolean(bool),
+    /// An integer. Also accepted where a number is expected.
+    Integer(i64),
+    /// A number.
+    Float(f64),
     /// A text.
     Text(String),
     /// A point of the search space: one number per coordinate.

@@ -5,13 +5,15 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a measurement")]
 
+#[path = "../../rollout/tests/function_controller/mod.rs"]
+mod function_controller;
+
 use std::io::{BufRead, Write};
 use std::sync::Arc;
 use std::time::Instant;
 
-use mishandle_rollout::{
-    Component, Controller, ControllerWorker, Noise, Request, Scenario, Seed, Specification, Target,
-};
+use function_controller::controller;
+use mishandle_rollout::{Component, Noise, Request, Scenario, Seed, Specification, Target};
 use mishandle_simulators::process::Program;
 use mishandle_simulators::{Simulator, target};
 use mishandle_stl::Formula;
@@ -88,7 +90,8 @@ fn stepped() -> Target {
         hash: String::new(),
         file_hash: String::new(),
     };
-    target(simulator("step"), Some((Arc::new(Zero), vec![component])), Noise::default()).unwrap()
+    let zero = controller([SIGNALS, 1, 0], |_, _, action| action.fill(0.0));
+    target(simulator("step"), Some((zero, vec![component])), Noise::default()).unwrap()
 }
 
 /// Returns the time of a simulation, s: the best of several rounds.
@@ -105,27 +108,4 @@ fn best(target: &Target, simulations: u64) -> f64 {
         start.elapsed().as_secs_f64() / simulations as f64
     };
     (0..ROUNDS).map(|_| round()).fold(f64::INFINITY, f64::min)
-}
-
-/// A policy without a computation.
-struct Zero;
-
-impl Controller for Zero {
-    fn observation_size(&self) -> usize {
-        SIGNALS
-    }
-
-    fn action_size(&self) -> usize {
-        1
-    }
-
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Zero)
-    }
-}
-
-impl ControllerWorker for Zero {
-    fn act(&mut self, _rows: usize, _observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
-        actions.fill(0.0);
-    }
 }

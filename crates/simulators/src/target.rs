@@ -77,6 +77,7 @@ pub fn target(
             let system = ProcessSystem::new(simulator.clone(), controlled.clone(), space, specification)?;
             Ok(Box::new(system) as Box<dyn System>)
         }),
+        solver_variants: Vec::new(),
     })
 }
 

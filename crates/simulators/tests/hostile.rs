@@ -66,23 +66,6 @@ fn a_closed_output_is_a_crash() {
 }
 
 #[test]
-fn a_late_answer_is_never_read() {
-    let (end, _) =
-        misbehaving(&instead("time.sleep(3.3)\nprint(json.dumps({'id': q['id'], **a}), flush=True)"));
-    assert_eq!(end, TIMED_OUT);
-}
-
-#[test]
-fn an_answer_in_pieces_is_one_answer() {
-    let folder = folder(
-        "def write(q, a):\n    for byte in json.dumps({'id': q['id'], **a}) + '\\n':\n        \
-         sys.stdout.write(byte); sys.stdout.flush()\n        if byte == ',': time.sleep(0.002)\n",
-    );
-    let found = in_order(&tank(folder.path(), 5.0), &[1.0, 2.0]);
-    assert!(found.iter().all(|episode| episode.end == EpisodeEnd::Completed));
-}
-
-#[test]
 fn a_second_answer_ends_the_next_simulation_and_is_not_its_answer() {
     let folder = folder(&instead(
         "line = json.dumps({'id': q['id'], **a})\nnext = json.dumps({'id': q['id'] + 1, **a})\n\

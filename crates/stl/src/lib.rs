@@ -74,7 +74,7 @@ pub use diagnosis::{DecisivePredicate, DecisiveSubformula, Diagnosis};
 pub use error::{MonitorError, ParseError, Position, name_hint};
 pub use explain::EvaluationTime;
 pub use formula::Formula;
-pub use monitor::Monitor;
+pub use monitor::{Monitor, Windows};
 pub use name::{spelled, unquoted};
 pub use online::{Bounds, CutMonitor, OnlineMonitor};
 pub use parts::{Composition, Decomposition};

@@ -419,7 +419,7 @@ impl Monitor {
 
 /// The treatment of windows that extend beyond the end of the trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Windows {
+pub enum Windows {
     /// They are cut, as in RTAMT.
     Cut,
     /// Values that depend on them are not computed.

@@ -14,19 +14,20 @@ const CHUNK: usize = 1 << 16;
 const WINDOWS_PER_CHUNK: usize = 4;
 
 impl Monitor {
-    /// Calls `visit` with the values of [`Monitor::robustness_signal`] at these samples, some at a
-    /// time, in the order of time; `visit` also receives the number of the first one.
+    /// Calls `visit` with the values of [`Monitor::robustness_signal`], or of
+    /// [`Monitor::decided_robustness_signal`] with whole windows, at these samples, some at a time,
+    /// in the order of time; `visit` also receives the number of the first one.
     ///
     /// It reads the samples that these values depend on. If all windows have an end, the memory
     /// depends on the windows and not on the length of the trace.
     ///
     /// # Errors
-    /// As for [`Monitor::robustness_signal`], for the samples that it reads.
+    /// As for these, for the samples that it reads.
     ///
     /// # Example
     /// ```
     /// use std::sync::Arc;
-    /// use mishandle_stl::{Clock, Formula, Monitor, Trace};
+    /// use mishandle_stl::{Clock, Formula, Monitor, Trace, Windows};
     ///
     /// let names: Arc<[String]> = Arc::from(["x".to_owned()]);
     /// let formula = Formula::parse("always[0:1](x <= 2)").unwrap();
@@ -36,33 +37,11 @@ impl Monitor {
     ///     trace.push(&[x]);
     /// }
     /// let mut found = Vec::new();
-    /// monitor.visit_robustness(&trace, 1..3, |first, values| found.push((first, values.to_vec()))).unwrap();
+    /// let visit = |first, values: &[f64]| found.push((first, values.to_vec()));
+    /// monitor.visit_robustness(&trace, 1..3, Windows::Cut, visit).unwrap();
     /// assert_eq!(found, [(1, vec![-1.0, -1.0])]);
     /// ```
     pub fn visit_robustness(
-        &mut self,
-        trace: &Trace,
-        samples: Range<usize>,
-        visit: impl FnMut(usize, &[f64]),
-    ) -> Result<(), MonitorError> {
-        self.visit(trace, samples, Windows::Cut, visit)
-    }
-
-    /// Calls `visit` as [`Monitor::visit_robustness`] does, with the values of
-    /// [`Monitor::decided_robustness_signal`].
-    ///
-    /// # Errors
-    /// As for [`Monitor::decided_robustness_signal`], for the samples that it reads.
-    pub fn visit_decided_robustness(
-        &mut self,
-        trace: &Trace,
-        samples: Range<usize>,
-        visit: impl FnMut(usize, &[f64]),
-    ) -> Result<(), MonitorError> {
-        self.visit(trace, samples, Windows::Whole, visit)
-    }
-
-    fn visit(
         &mut self,
         trace: &Trace,
         samples: Range<usize>,

@@ -20,7 +20,7 @@ use crate::{Result, RunFile, RunHeader, StoreError, StoredTrace};
 /// file into a spreadsheet as text.
 ///
 /// # Errors
-/// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.
+/// [`Write`](StoreError::Write) if `writer` fails, or an error of the run file.
 pub fn export_csv(run: &RunFile, writer: &mut impl Write) -> Result<()> {
     let mut writer = io::BufWriter::new(writer);
     let header = run.header();
@@ -47,7 +47,7 @@ pub struct TraceColumn {
 /// line per sample.
 ///
 /// # Errors
-/// [`Io`](StoreError::Io) if `writer` fails.
+/// [`Write`](StoreError::Write) if `writer` fails.
 pub fn export_trace_csv(
     header: &RunHeader,
     trace: &StoredTrace,
@@ -109,7 +109,7 @@ fn line(writer: &mut impl Write, mut fields: impl Iterator<Item = String>) -> io
 }
 
 fn failed(source: io::Error) -> StoreError {
-    StoreError::Io { what: "cannot write the CSV".into(), source }
+    StoreError::Write { what: "cannot write the CSV".into(), source }
 }
 
 #[cfg(test)]

@@ -238,7 +238,15 @@ pub enum StoreError {
         /// Number of the simulation.
         number: u32,
     },
-    /// A file could not be read, written or removed. The source says why.
+    /// A file could not be written. The source says why.
+    #[error("{what}")]
+    Write {
+        /// The operation that failed.
+        what: String,
+        /// Error of the operating system.
+        source: std::io::Error,
+    },
+    /// A file could not be read or removed. The source says why.
     #[error("{what}")]
     Io {
         /// The operation that failed.
@@ -255,6 +263,9 @@ pub enum StoreError {
         path: PathBuf,
     },
 }
+
+/// The operation that a full disk or a quota lets fail.
+const WRITE: &str = "write";
 
 impl StoreError {
     pub(crate) fn damaged(path: &Path, what: impl Into<String>) -> Self {
@@ -301,10 +312,12 @@ impl StoreError {
             | (_, rusqlite::ffi::SQLITE_IOERR_SHORT_READ) => Self::damaged(&path, message),
             // When a connection cannot be opened, the message of SQLite is the path.
             (ErrorCode::OutOfMemory, _) => Self::Sqlite { message: "out of memory".into(), path },
-            (ErrorCode::SystemIoFailure, extended) => Self::Io {
-                what: format!("cannot {} {}", failed_operation(extended), path.display()),
-                source: std::io::Error::other(message),
-            },
+            (ErrorCode::SystemIoFailure, extended) => {
+                let operation = failed_operation(extended);
+                let what = format!("cannot {operation} {}", path.display());
+                let source = std::io::Error::other(message);
+                if operation == WRITE { Self::Write { what, source } } else { Self::Io { what, source } }
+            }
             _ => Self::Sqlite { message, path },
         }
     }
@@ -318,7 +331,7 @@ fn failed_operation(extended_code: i32) -> &'static str {
     };
     match extended_code {
         SQLITE_IOERR_READ => "read",
-        SQLITE_IOERR_WRITE => "write",
+        SQLITE_IOERR_WRITE => WRITE,
         SQLITE_IOERR_TRUNCATE => "truncate",
         SQLITE_IOERR_FSYNC => "sync",
         SQLITE_IOERR_LOCK | SQLITE_IOERR_SHMLOCK => "lock",

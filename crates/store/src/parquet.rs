@@ -25,7 +25,7 @@ const ROW_GROUP: usize = 1 << 16;
 /// is appended to the later one. Pages are compressed with LZ4.
 ///
 /// # Errors
-/// [`Io`](StoreError::Io) if `writer` fails, or an error of the run file.
+/// [`Write`](StoreError::Write) if `writer` fails, or an error of the run file.
 pub fn export_parquet(run: &RunFile, writer: &mut (impl Write + Send)) -> Result<()> {
     let header = run.header();
     let properties = WriterProperties::builder().set_compression(Compression::LZ4_RAW).build();
@@ -109,5 +109,5 @@ fn write_column<W: Write + Send>(
 }
 
 fn failed(error: ParquetError) -> StoreError {
-    StoreError::Io { what: "cannot write the Parquet file".into(), source: std::io::Error::other(error) }
+    StoreError::Write { what: "cannot write the Parquet file".into(), source: std::io::Error::other(error) }
 }

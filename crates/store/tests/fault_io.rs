@@ -67,7 +67,7 @@ fn fail_everywhere(run: &FailingRun) -> BTreeMap<(String, c_int), usize> {
 
 /// Checks that the error names the problem.
 fn check_message(fault: Fault, error: &StoreError) {
-    use StoreError::{CannotOpen, DiskFull, Io, NoRoom, NotClosed};
+    use StoreError::{CannotOpen, DiskFull, Io, NoRoom, NotClosed, Write};
     let is_right = match fault.code {
         ffi::SQLITE_FULL | ffi::SQLITE_IOERR_SHMSIZE => {
             matches!(error, DiskFull { .. } | NoRoom { .. })
@@ -75,6 +75,7 @@ fn check_message(fault: Fault, error: &StoreError) {
         ffi::SQLITE_CANTOPEN => {
             matches!(error, CannotOpen { .. } | NotClosed { .. })
         }
+        ffi::SQLITE_IOERR_WRITE => matches!(error, Write { .. }),
         _ => matches!(error, Io { .. }),
     };
     assert!(is_right, "{fault:?}: {error}");

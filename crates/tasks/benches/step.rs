@@ -88,6 +88,8 @@ impl Episode {
     fn record(task: &dyn Task, with_manner: bool) -> Episode {
         let mut environment =
             TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");
+        let expert = task.expert().expect("the task has an expert");
+        environment = environment.with_further_parts(expert.further_parts()).expect("they are the task's");
         let formulas = task.definition().paper;
         let mut specification = formulas.specification().expect("the formulas parse");
         if with_manner {

@@ -13,7 +13,7 @@ use mishandle_world::{
 };
 use rayon::prelude::*;
 
-use crate::environment::{SceneFunctions, TaskEnvironment, TaskWorker};
+use crate::environment::{FinishedStep, SceneFunctions, TaskEnvironment, TaskWorker};
 use crate::events::Events;
 use crate::manner::Manner;
 use crate::robot::JOINTS;
@@ -312,8 +312,9 @@ impl TaskRows<'_> {
                 let memory = &mut self.memory[row * sizes.memory..][..sizes.memory];
                 let readings = layout.readings(output);
                 let action = &self.actions[row * JOINTS..][..JOINTS];
-                let readings = readings.as_ref();
-                BatchStatus::Step(functions.write_step(&view, readings, action, memory, observation, sample))
+                let targets = &self.targets[row * JOINTS..][..JOINTS];
+                let step = FinishedStep { readings: readings.as_ref(), action, targets };
+                BatchStatus::Step(functions.write_step(&view, &step, memory, observation, sample))
             }
         }
     }

@@ -3,6 +3,10 @@
 /// The names of the cameras of all tasks.
 pub const CAMERA_NAMES: [&str; 2] = ["over", "wrist"];
 
+/// The direction to the lamp of a task that states no other one, for a vertical part of 1: in front
+/// of the robot on its right, as the camera over the table.
+pub const LAMP: [f64; 3] = [0.35, -0.3, 1.0];
+
 /// The place of a camera. Points and directions are in the frame of its body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPlace {

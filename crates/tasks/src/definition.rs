@@ -58,7 +58,7 @@ pub struct TaskFormulas {
     pub success: &'static str,
     /// φ′, strict success: the task was done well. The paper has no such formula.
     pub strict: &'static str,
-    /// Conditions of careful success besides success and [`CAREFUL`](crate::CAREFUL): see
+    /// Conditions of careful success besides strict success and [`CAREFUL`](crate::CAREFUL): see
     /// [`careful`](Self::careful). Only they may read the [signals of the manner](crate::MANNER),
     /// which cost time. `None`: the task has no such formula.
     pub careful: Option<&'static [&'static str]>,
@@ -78,10 +78,10 @@ impl TaskFormulas {
         formulas
     }
 
-    /// Returns the formula of careful success: the task was done, and in a manner that an
+    /// Returns the formula of careful success: the task was done well, and in a manner that an
     /// operator of the robot would accept.
     pub fn careful(&self) -> Option<String> {
-        let conditions = [self.success, CAREFUL].into_iter().chain(self.careful?.iter().copied());
+        let conditions = [self.strict, CAREFUL].into_iter().chain(self.careful?.iter().copied());
         // Any of them may be a disjunction.
         Some(conditions.map(|condition| format!("({condition})")).collect::<Vec<_>>().join(" and "))
     }
@@ -195,13 +195,16 @@ pub struct Definition {
     /// Name of the body, with all that is attached to it, or of the flex that the robot
     /// manipulates.
     pub object: Option<&'static str>,
-    /// Object in the hand at the start.
+    /// Object in the hand at the start. An offset of the initial posture moves it, and the `object`
+    /// on it that is not thrown.
     pub held: Option<HeldObject>,
     /// Initial positions of the seven arm joints (rad) and the two fingers (m).
     pub start: [f64; 9],
     /// Maximum random offset of the initial position of each arm joint, rad. It is drawn with the
     /// seed of the simulation.
     pub start_noise: f64,
+    /// Direction to the lamp in images, for a vertical part of 1.
+    pub lamp: [f64; 3],
     /// Control of the gripper.
     pub grip: GripperMode,
     /// Physics steps per control step.
@@ -266,11 +269,26 @@ impl Definition {
         robot.iter().chain(self.observation).copied().collect()
     }
 
-    /// Returns the layout of observations and actions, which a controller of this task must have.
+    /// Returns the further parts of an observation, in order. The environment writes those that a
+    /// controller names, after the [whole observation](Self::whole_observation).
+    pub fn further_observation(&self) -> Vec<Quantity> {
+        crate::further::further_parts(self).iter().map(|part| part.quantity()).collect()
+    }
+
+    /// Returns the layout of observations and actions of a controller that reads no further parts.
     pub fn layout(&self) -> Layout {
+        self.layout_with(&[])
+    }
+
+    /// Returns the layout of observations and actions of a controller that reads these further
+    /// parts. Names that the task does not have are left out.
+    pub fn layout_with(&self, further_parts: &[String]) -> Layout {
         let entry = |name: &str, unit: &str, size| Entry { name: name.into(), unit: unit.into(), size };
+        let mut parts = self.whole_observation();
+        let named = |part: &Quantity| further_parts.iter().any(|name| name == part.name);
+        parts.extend(self.further_observation().into_iter().filter(named));
         Layout {
-            observation: self.whole_observation().iter().map(|q| entry(q.name, q.unit, q.size)).collect(),
+            observation: parts.iter().map(|q| entry(q.name, q.unit, q.size)).collect(),
             action: vec![
                 entry("arm_target_steps", "", ARM_JOINTS),
                 entry("finger_target_steps", "", JOINTS - ARM_JOINTS),
@@ -390,7 +408,7 @@ mod tests {
             completion: "a > 0",
         };
         let text = formulas(Some(&["c > 0 or d > 0"])).careful();
-        assert_eq!(text, Some(format!("(a > 0) and ({CAREFUL}) and (c > 0 or d > 0)")));
+        assert_eq!(text, Some(format!("(a > 0 or b > 0) and ({CAREFUL}) and (c > 0 or d > 0)")));
         let names = |formulas: TaskFormulas| -> Vec<String> {
             formulas.named().into_iter().map(|formula| formula.name).collect()
         };

@@ -75,7 +75,7 @@ fn numbers(values: &[f64]) -> String {
 /// Returns the pose of the held object in the frame of the hand, from its world pose while the
 /// robot is at `start`.
 fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [f64; 4]), WorldError> {
-    use mishandle_world::frame::{rotate_back, sub};
+    use mishandle_world::frame::{inverse, multiply, rotate_back, sub};
     let model = Model::from_xml(PANDA)?;
     let panda = Panda::new(&model)?;
     let hand = model.body("hand")?;
@@ -85,15 +85,7 @@ fn pose_in_hand(held: &HeldObject, start: &[f64; JOINTS]) -> Result<([f64; 3], [
     let rows = world.rows();
     let world_from_hand = rows.quaternion(hand);
     let p = rotate_back(world_from_hand, sub(held.position, rows.position(hand)));
-    let [w, x, y, z] = world_from_hand;
-    let [a, b, c, d] = held.quaternion;
-    // The quaternion product of the inverse of the hand's orientation and the object's orientation.
-    let q = [
-        w * a + x * b + y * c + z * d,
-        w * b - x * a - y * d + z * c,
-        w * c + x * d - y * a - z * b,
-        w * d - x * c + y * b - z * a,
-    ];
+    let q = multiply(inverse(world_from_hand), held.quaternion);
     Ok((p, q))
 }
 

@@ -1,8 +1,9 @@
 use std::sync::Arc;
 
+use mishandle_controllers::ControllerError;
 use mishandle_rollout::{
-    Axis, Disturbance, Environment, EnvironmentWorker, Eyes, Image, RolloutError, Sample, Scenario, Seed,
-    Space, StepStatus, Stream,
+    Axis, Disturbance, Environment, EnvironmentFacts, EnvironmentWorker, Eyes, Image, RolloutError,
+    START_OFFSET, Sample, Scenario, Seed, SolverChange, Space, StepStatus, Stream,
 };
 use mishandle_stl::Formula;
 use mishandle_world::{BatchLayout, Model, ModelField, ProbeRecorder, Readings, Rows, World, WorldError};
@@ -11,6 +12,7 @@ use crate::axes::{self, Constant, Elements, JUMP_SIZE, PUSH_SIZE, Parameter, Pus
 use crate::check::{check_definition, check_scene, check_substeps, compile};
 use crate::definition::{Definition, GripperMode, Preset, Reward, Scene, Task};
 use crate::document::compose;
+use crate::further::{FurtherParts, Known};
 use crate::manner::{MANNER, MEMORY, Manner, probe};
 use crate::manner_reward::{MannerReward, MannerWeights};
 use crate::robot::{ARM_JOINTS, CONTROL_DT, EPISODE_STEPS, JOINTS, Panda};
@@ -42,6 +44,14 @@ pub enum TaskError {
         /// Problem and expected value.
         problem: String,
     },
+    /// The action interface of a controller does not fit the robot.
+    #[error("task {task}")]
+    Interface {
+        /// Name of the task.
+        task: &'static str,
+        /// Problem.
+        source: ControllerError,
+    },
     /// The initial box or a formula is invalid.
     #[error("task {task}")]
     Data {
@@ -67,15 +77,16 @@ pub struct TaskEnvironment {
     reward: Reward,
     /// All axes of the scene and their parameters, axes of the initial box first.
     parameters: Vec<(Axis, Parameter)>,
-    space: Space,
     /// Parameter of each axis of the space.
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
-    signals: Arc<[String]>,
     manner: Manner,
     has_manner: bool,
     manner_reward: MannerReward,
-    reward_terms: Vec<String>,
+    /// Distance by which every joint coordinate moves after a reset, rad or m.
+    start_offset: f64,
+    further: FurtherParts,
+    facts: EnvironmentFacts,
 }
 
 impl TaskEnvironment {
@@ -120,15 +131,42 @@ impl TaskEnvironment {
             scene: scene.into(),
             reward,
             parameters: axes::parameters(definition, preset).map_err(data_error)?,
-            space: definition.starts(preset).map_err(data_error)?,
             space_parameters: (0..definition.initial_box.len()).map(Parameter::Start).collect(),
-            signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
             manner,
             has_manner: false,
             manner_reward: MannerReward::default(),
-            reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
+            start_offset: 0.0,
+            further: FurtherParts::default(),
+            facts: EnvironmentFacts {
+                name: definition.name.to_string(),
+                space: definition.starts(preset).map_err(data_error)?,
+                signals: definition.signals.iter().map(|signal| signal.name.to_string()).collect(),
+                reward_terms: definition.reward(reward).iter().map(|term| term.name.to_string()).collect(),
+                observation_size: definition.layout().observation_size(),
+                exact_size: 0,
+                action_size: JOINTS,
+                action_limit: 1.0,
+                state_size: 0,
+                control_dt: CONTROL_DT,
+                episode_steps: EPISODE_STEPS,
+            },
         };
-        Ok(environment)
+        Ok(environment.with_state_size())
+    }
+
+    /// Returns the environment under a change of its physics that no verdict may depend on.
+    pub fn with_solver_change(&self, change: SolverChange) -> TaskEnvironment {
+        match change {
+            SolverChange::HalfStep => {
+                let manner = Manner::new(self.manner.probe().clone(), 2 * self.substeps());
+                let model = self.model.with_timestep(0.5 * self.model.timestep());
+                TaskEnvironment { model, manner, ..self.clone() }
+            }
+            SolverChange::OtherCollider => {
+                TaskEnvironment { model: self.model.with_other_collider(), ..self.clone() }
+            }
+            SolverChange::MovedStart => TaskEnvironment { start_offset: START_OFFSET, ..self.clone() },
+        }
     }
 
     /// Returns the environment over another space. Axes of the task that it does not contain keep
@@ -145,7 +183,13 @@ impl TaskEnvironment {
         let parameter =
             |axis: &Axis| find(axis).map(|(_, parameter)| *parameter).ok_or_else(|| unknown(axis));
         let space_parameters = space.axes().iter().map(parameter).collect::<Result<_, _>>()?;
-        Ok(TaskEnvironment { space_parameters, space, ..self.clone() })
+        let facts = EnvironmentFacts { space, ..self.facts.clone() };
+        Ok(TaskEnvironment { space_parameters, facts, ..self.clone() }.with_state_size())
+    }
+
+    fn with_state_size(mut self) -> TaskEnvironment {
+        self.facts.state_size = self.model.state_size() + JOINTS + self.tail_size() + self.memory_size();
+        self
     }
 
     /// Returns the environment over the axes of `space` that belong to the scene. The others must
@@ -178,8 +222,8 @@ impl TaskEnvironment {
         let unseen = sight(self.definition).unseen_axes(seen);
         let own = self.parameters.iter().filter(|(axis, _)| !unseen.contains(&axis.name));
         let axes = own.map(|(axis, _)| axis).chain(disturbances.iter().map(|d| &d.axis));
-        let spaces =
-            axes::spaces(&self.parameters, disturbances).map_err(|source| self.data_error(source))?;
+        let spaces = axes::spaces(self.definition, &self.parameters, disturbances)
+            .map_err(|source| self.data_error(source))?;
         Ok((axes.cloned().collect(), spaces))
     }
 
@@ -191,7 +235,27 @@ impl TaskEnvironment {
     /// of the task. The other signals keep their bits.
     pub fn with_manner(&self) -> TaskEnvironment {
         let names = self.definition.signals.iter().chain(MANNER).map(|signal| signal.name.to_string());
-        TaskEnvironment { signals: names.collect(), has_manner: true, ..self.clone() }
+        let facts = EnvironmentFacts { signals: names.collect(), ..self.facts.clone() };
+        TaskEnvironment { facts, has_manner: true, ..self.clone() }.with_state_size()
+    }
+
+    /// Returns the environment that also writes these [further parts](Definition::further_observation)
+    /// of the observation, after the others. The others keep their bits.
+    ///
+    /// # Errors
+    /// If the task does not have one of them.
+    pub fn with_further_parts(&self, names: &[String]) -> Result<TaskEnvironment, TaskError> {
+        let definition = self.definition;
+        let further = FurtherParts::named(definition, names).ok_or_else(|| TaskError::Field {
+            task: definition.name,
+            field: "further_observation",
+            problem: format!("it does not have all of {}", names.join(", ")),
+        })?;
+        let base = definition.layout().observation_size();
+        let exact_size = further.size();
+        let observation_size = base + exact_size;
+        let facts = EnvironmentFacts { observation_size, exact_size, ..self.facts.clone() };
+        Ok(TaskEnvironment { further, facts, ..self.clone() }.with_state_size())
     }
 
     /// Returns the environment with more [reward terms](crate::MANNER_REWARD): those with a weight
@@ -204,13 +268,15 @@ impl TaskEnvironment {
         let environment = if manner_reward.needs_manner() { self.with_manner() } else { self.clone() };
         let terms = self.definition.reward(self.reward).iter().chain(manner_reward.terms());
         let reward_terms = terms.map(|term| term.name.to_string()).collect();
-        TaskEnvironment { manner_reward, reward_terms, ..environment }
+        let facts = EnvironmentFacts { reward_terms, ..environment.facts.clone() };
+        TaskEnvironment { manner_reward, facts, ..environment }.with_state_size()
     }
 
-    /// Returns the length of the last part of a state row: the memory of the signals of the manner
-    /// and of its reward terms.
+    /// Returns the length of the last part of a state row: the memory of the signals of the manner,
+    /// of its reward terms, and of the further parts of the observation.
     pub(crate) fn memory_size(&self) -> usize {
-        self.manner().map_or(0, |_| MEMORY) + self.manner_reward.memory_size()
+        let of_manner = self.manner().map_or(0, |_| MEMORY);
+        of_manner + self.manner_reward.memory_size() + self.further.memory_size()
     }
 
     /// Returns the signals of the manner, if the environment computes them.
@@ -238,6 +304,7 @@ impl TaskEnvironment {
             slip: [0.0; SLIP_SIZE],
             throw_speed: 1.0,
             start_draws: [None; ARM_JOINTS],
+            start_offsets: [0.0; ARM_JOINTS],
         };
         for (axis, parameter) in &self.parameters {
             values.set(*parameter, axis.nominal);
@@ -257,14 +324,17 @@ impl TaskEnvironment {
 
     /// Returns the functions that map a view of a state to targets, samples and rewards.
     pub(crate) fn functions(&self) -> SceneFunctions {
-        let TaskEnvironment { definition, panda, scene, reward, manner_reward, .. } = self;
+        let TaskEnvironment { definition, model, panda, scene, reward, manner_reward, further, .. } = self;
         SceneFunctions {
             definition,
+            model: model.clone(),
             panda: *panda,
             scene: scene.clone(),
             reward: *reward,
             manner: self.manner().cloned(),
             manner_reward: *manner_reward,
+            measured_size: self.observation_size() - self.exact_size(),
+            further: further.clone(),
         }
     }
 
@@ -278,6 +348,7 @@ impl TaskEnvironment {
         TaskWorker {
             functions: self.functions(),
             n_substeps: self.substeps(),
+            start_offset: self.start_offset,
             space_parameters: self.space_parameters.clone(),
             elements: self.elements.clone(),
             row_world: self.row_world(rows),
@@ -302,7 +373,7 @@ impl TaskEnvironment {
     pub(crate) fn tail_size(&self) -> usize {
         let affects_steps = |parameter: &Parameter| {
             use Parameter as P;
-            !matches!(parameter, P::Start(_) | P::StartDraw(_) | P::ThrowSpeed | P::Sight(_))
+            !matches!(parameter, P::Start(_) | P::StartDraw(_) | P::StartOffset(_) | P::ThrowSpeed | P::Sight)
         };
         if self.space_parameters.iter().any(affects_steps) { self.nominal().tail().len() } else { 0 }
     }
@@ -314,48 +385,12 @@ fn without_visuals(xml: &str) -> String {
 }
 
 impl Environment for TaskEnvironment {
-    fn name(&self) -> &str {
-        self.definition.name
-    }
-
-    fn space(&self) -> &Space {
-        &self.space
-    }
-
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-
-    fn reward_terms(&self) -> &[String] {
-        &self.reward_terms
-    }
-
-    fn observation_size(&self) -> usize {
-        self.definition.layout().observation_size()
-    }
-
-    fn action_size(&self) -> usize {
-        JOINTS
-    }
-
-    fn action_limit(&self) -> f64 {
-        1.0
-    }
-
-    fn state_size(&self) -> usize {
-        self.model.state_size() + JOINTS + self.tail_size() + self.memory_size()
-    }
-
-    fn control_dt(&self) -> f64 {
-        CONTROL_DT
-    }
-
-    fn episode_steps(&self) -> usize {
-        EPISODE_STEPS
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
 
     fn eyes(&self, images: &[Image]) -> Result<Arc<dyn Eyes>, RolloutError> {
-        Ok(Arc::new(eyes(self.definition, &self.space, images)?))
+        Ok(Arc::new(eyes(self.definition, self.space(), images)?))
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
@@ -377,6 +412,7 @@ struct ParameterValues {
     slip: [f64; SLIP_SIZE],
     throw_speed: f64,
     start_draws: [Option<f64>; ARM_JOINTS],
+    start_offsets: [f64; ARM_JOINTS],
 }
 
 impl ParameterValues {
@@ -395,7 +431,8 @@ impl ParameterValues {
             Parameter::Jump(index) => self.jump[index] = number,
             Parameter::Slip(index) => self.slip[index] = number,
             Parameter::ThrowSpeed => self.throw_speed = number,
-            Parameter::Sight(_) => {}
+            Parameter::Sight => {}
+            Parameter::StartOffset(joint) => self.start_offsets[joint] = number,
             Parameter::StartDraw(joint) => self.start_draws[joint] = value,
         }
     }
@@ -417,11 +454,31 @@ impl ParameterValues {
 #[derive(Clone)]
 pub(crate) struct SceneFunctions {
     definition: &'static Definition,
+    model: Model,
     panda: Panda,
     scene: Arc<dyn Scene>,
     reward: Reward,
     manner: Option<Manner>,
     manner_reward: MannerReward,
+    /// Length of the observation before its further parts.
+    measured_size: usize,
+    further: FurtherParts,
+}
+
+/// A control step that has ended.
+pub(crate) struct FinishedStep<'a> {
+    pub readings: Option<&'a Readings>,
+    pub action: &'a [f64],
+    /// Targets of the joints during the step.
+    pub targets: &'a [f64],
+}
+
+/// The parts of the memory of an episode.
+struct MemoryParts<'a> {
+    of_signals: &'a mut [f64],
+    of_rewards: &'a mut [f64],
+    /// Number of control steps since the start, if a further part of the observation needs it.
+    steps: &'a mut [f64],
 }
 
 impl SceneFunctions {
@@ -453,34 +510,39 @@ impl SceneFunctions {
     }
 
     /// Writes the task's signals and the observation of a state.
-    fn write_sample(&self, rows: &Rows<'_>, buffer: &mut [f64], sample: &mut Sample<'_>) {
+    fn write_sample(&self, rows: &Rows<'_>, known: Known<'_>, buffer: &mut [f64], sample: &mut Sample<'_>) {
         self.scene.signals(rows, &mut sample.signals[..self.definition.signals.len()]);
-        self.panda.observe(rows, self.definition.velocity_scale, &mut buffer[..2 * JOINTS]);
-        self.scene.observe(rows, &mut buffer[2 * JOINTS..]);
+        let (measured, further) = buffer.split_at_mut(self.measured_size);
+        self.panda.observe(rows, self.definition.velocity_scale, &mut measured[..2 * JOINTS]);
+        self.scene.observe(rows, &mut measured[2 * JOINTS..]);
+        self.further.write(&self.model, &self.panda, rows, known, further);
         for (clipped, value) in sample.observation.iter_mut().zip(buffer) {
             *clipped = value.clamp(-OBSERVATION_LIMIT, OBSERVATION_LIMIT) as f32;
         }
     }
 
-    /// Splits the memory of an episode into those of the signals of the manner and of its reward
-    /// terms.
-    fn split_memory<'a>(&self, memory: &'a mut [f64]) -> (&'a mut [f64], &'a mut [f64]) {
-        memory.split_at_mut(self.manner.as_ref().map_or(0, |_| MEMORY))
+    /// Splits the memory of an episode into its parts.
+    fn split_memory<'a>(&self, memory: &'a mut [f64]) -> MemoryParts<'a> {
+        let (of_signals, memory) = memory.split_at_mut(self.manner.as_ref().map_or(0, |_| MEMORY));
+        let (of_rewards, steps) = memory.split_at_mut(self.manner_reward.memory_size());
+        MemoryParts { of_signals, of_rewards, steps }
     }
 
-    /// Writes the sample after a control step with these readings, with rewards if there is space
-    /// for them, and returns its status. `memory` is that of the episode.
+    /// Writes the sample after a control step, with rewards if there is space for them, and returns
+    /// its status. `memory` is that of the episode.
     pub(crate) fn write_step(
         &self,
         rows: &Rows<'_>,
-        readings: Option<&Readings>,
-        action: &[f64],
+        step: &FinishedStep<'_>,
         memory: &mut [f64],
         buffer: &mut [f64],
         mut sample: Sample<'_>,
     ) -> StepStatus {
-        self.write_sample(rows, buffer, &mut sample);
-        let (of_signals, memory) = self.split_memory(memory);
+        let FinishedStep { readings, action, targets } = *step;
+        let MemoryParts { of_signals, of_rewards, steps } = self.split_memory(memory);
+        steps.iter_mut().for_each(|steps| *steps += 1.0);
+        let known = Known { targets, steps: steps.first().copied().unwrap_or_default() };
+        self.write_sample(rows, known, buffer, &mut sample);
         if let (Some(manner), Some(readings)) = (&self.manner, readings) {
             let signals = &mut sample.signals[self.definition.signals.len()..];
             manner.finish(rows, readings, action, of_signals, signals);
@@ -489,7 +551,7 @@ impl SceneFunctions {
             let (own, manner) = sample.rewards.split_at_mut(self.definition.reward(self.reward).len());
             self.scene.reward(self.reward, rows, sample.signals, action, own);
             let signals = &sample.signals[self.definition.signals.len()..];
-            self.manner_reward.write(rows, &self.panda, signals, action, memory, manner);
+            self.manner_reward.write(rows, &self.panda, signals, action, of_rewards, manner);
         }
         if self.scene.is_terminal(rows, sample.signals) {
             StepStatus::Terminated
@@ -502,6 +564,7 @@ impl SceneFunctions {
 pub(crate) struct TaskWorker {
     functions: SceneFunctions,
     n_substeps: usize,
+    start_offset: f64,
     space_parameters: Arc<[Parameter]>,
     elements: Elements,
     row_world: RowWorld,
@@ -561,11 +624,12 @@ impl TaskWorker {
         Push::new(push)
     }
 
-    /// Writes the signals and the observation of the current state.
-    fn write_sample(&mut self, sample: &mut Sample<'_>) {
+    /// Writes the signals and the observation of the initial state with these targets.
+    fn write_start(&mut self, targets: &[f64], sample: &mut Sample<'_>) {
         let world = self.row_world.world_mut();
         world.refresh();
-        self.functions.write_sample(&world.rows(), &mut self.observation, sample);
+        let known = Known { targets, steps: 0.0 };
+        self.functions.write_sample(&world.rows(), known, &mut self.observation, sample);
     }
 }
 
@@ -580,12 +644,14 @@ impl EnvironmentWorker for TaskWorker {
         for (parameter, value) in self.space_parameters.iter().zip(scenario.values()) {
             self.values.set(*parameter, *value);
         }
-        let SceneFunctions { definition, panda, .. } = self.functions;
+        let SceneFunctions { definition, panda, .. } = &self.functions;
+        let (definition, panda) = (*definition, *panda);
         let mut start = definition.start;
         for (i, (q, joint)) in start[..ARM_JOINTS].iter_mut().zip(panda.joints()).enumerate() {
             let drawn = || 2.0 * seed.uniform(Stream::Reset, 0, i as u32) - 1.0;
             let offset = self.values.start_draws[i].unwrap_or_else(drawn);
-            *q = (*q + definition.start_noise * offset).clamp(joint.low, joint.high);
+            let offset = definition.start_noise * offset + self.values.start_offsets[i];
+            *q = (*q + offset).clamp(joint.low, joint.high);
         }
         let (physics, targets, tail, memory) = self.row_world.split(state);
         if !tail.is_empty() {
@@ -595,16 +661,23 @@ impl EnvironmentWorker for TaskWorker {
         world.reset();
         panda.place(&start, world);
         self.functions.scene.place(&self.values.start, world);
+        if self.values.start_offsets != [0.0; ARM_JOINTS] {
+            self.elements.move_start(&panda, &definition.start, &start, world);
+        }
         if let Some(thrown) = self.elements.thrown {
             world.qvel_mut()[thrown.dof..][..3].iter_mut().for_each(|v| *v *= self.values.throw_speed);
         }
-        self.write_sample(&mut sample);
+        if self.start_offset != 0.0 {
+            world.move_joints(self.start_offset);
+        }
+        self.write_start(&start, &mut sample);
         sample.rewards.fill(0.0);
         let world = self.row_world.world();
-        let (memory, reward_memory) = self.functions.split_memory(memory);
-        reward_memory.fill(0.0);
+        let MemoryParts { of_signals, of_rewards, steps } = self.functions.split_memory(memory);
+        of_rewards.fill(0.0);
+        steps.fill(0.0);
         if let Some(manner) = &self.functions.manner {
-            manner.start(&world.rows(), memory, &mut sample.signals[definition.signals.len()..]);
+            manner.start(&world.rows(), of_signals, &mut sample.signals[definition.signals.len()..]);
         }
         world.read_state(physics);
         targets.copy_from_slice(&start);
@@ -644,6 +717,7 @@ impl EnvironmentWorker for TaskWorker {
         world.refresh();
         let rows = world.rows();
         let readings = self.recorder.as_ref().map(ProbeRecorder::readings);
-        self.functions.write_step(&rows, readings, action, memory, &mut self.observation, sample)
+        let step = FinishedStep { readings, action, targets };
+        self.functions.write_step(&rows, &step, memory, &mut self.observation, sample)
     }
 }

@@ -1,21 +1,38 @@
-//! The base of the experts: controllers that compute joint velocities from the observation.
+//! The base of the experts: controllers that compute joint velocities from the observation, and
+//! act through the limiter of an action interface.
 
 use std::sync::Arc;
 
+use mishandle_controllers::{ActionLimiter, Fitted, JOINT_TARGETS};
 use mishandle_rollout::{Controller, ControllerWorker};
 use mishandle_world::{Joint, Model, PANDA, WorldError};
 
 use crate::definition::Definition;
 use crate::kinematic::ResolvedRate;
-use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda, SERVO_LAG, TARGET_STEP, VELOCITY_LIMIT};
+use crate::robot::{
+    ARM_JOINTS, COMMANDED_ACCELERATION, COMMANDED_VELOCITY, CONTROL_DT, JOINT_NAMES, JOINTS, Panda,
+};
 
 /// The memory of an expert that has not seen a state yet. Phases are not negative.
 const NOT_BEGUN: f64 = -1.0;
 
-/// The observation of an expert.
+/// The commanded velocity before the first control step.
+const UNKNOWN: f64 = f64::INFINITY;
+
+/// Share of the acceleration limits with which a joint brakes before its goal. The rest is for
+/// what it does not know in advance.
+const BRAKING_SHARE: f64 = 0.5;
+
+/// Gain with which the commanded motion goes back to a joint that did not follow it, 1/s. So the
+/// force on what stops an arm is limited: it is proportional to the desired velocity.
+const YIELDING: f64 = 5.0;
+
+/// The observation of an expert, and what its limiter knows.
 pub struct ExpertInput<'a> {
     /// Positions of the arm joints, rad.
     pub q: [f64; ARM_JOINTS],
+    /// Commanded velocities of the arm joints in the control step before, rad/s.
+    pub commanded: [f64; ARM_JOINTS],
     /// Positions of the fingers, m.
     pub fingers: [f64; JOINTS - ARM_JOINTS],
     /// Task's part of the observation.
@@ -41,6 +58,15 @@ pub trait ExpertPolicy: Send + Sync + 'static {
     /// Maximum desired speed of the site, m/s: below the limit of careful formulas, because the
     /// joints reach their desired velocities one after the other.
     const MAX_SPEED: f64 = 1.5;
+
+    /// Accelerations that the expert commands, as shares of their limits. The joints are coupled: a
+    /// joint that follows its command accelerates more while another one starts or stops.
+    const EFFORT: [f64; ARM_JOINTS] = [0.75; ARM_JOINTS];
+
+    /// Without ramps, all joints change their velocities together, so that the site changes its own
+    /// in a straight line. With them, each joint does as it can: the control steps in which its
+    /// acceleration grows from 0 to its limit.
+    const RAMPS: Option<[f64; ARM_JOINTS]> = None;
 
     /// Returns the desired joint velocities, rad/s.
     fn velocity(
@@ -69,6 +95,8 @@ pub trait ExpertPolicy: Send + Sync + 'static {
 pub struct Expert<P> {
     policy: Arc<P>,
     definition: &'static Definition,
+    limiter: ActionLimiter,
+    observation_size: usize,
     model: Model,
 }
 
@@ -77,12 +105,20 @@ impl<P: ExpertPolicy> Expert<P> {
     ///
     /// # Errors
     /// If the robot's model does not compile or has no site [`ExpertPolicy::SITE`].
+    ///
+    /// # Panics
+    /// Never: the action interface of the experts fits the arm.
     pub fn controller(policy: P, definition: &'static Definition) -> Result<Arc<dyn Controller>, WorldError> {
         let model = Model::from_xml(PANDA)?;
         // Each worker makes both again and cannot return an error.
-        Panda::new(&model)?;
+        let panda = Panda::new(&model)?;
         arm::<P>(&model)?;
-        Ok(Arc::new(Expert { policy: Arc::new(policy), definition, model }))
+        let further_parts = vec![JOINT_TARGETS.to_string()];
+        let observation_size = definition.layout_with(&further_parts).observation_size();
+        let targets = panda.joint_targets(definition.layout().observation_size());
+        let limiter = ActionLimiter::new(&Panda::action_interface(), targets).expect("it fits the arm");
+        let expert = Expert { policy: Arc::new(policy), definition, limiter, observation_size, model };
+        Ok(Arc::new(Fitted::new(Arc::new(expert), further_parts, None)))
     }
 }
 
@@ -94,15 +130,17 @@ fn arm<P: ExpertPolicy>(model: &Model) -> Result<ResolvedRate, WorldError> {
 
 impl<P: ExpertPolicy> Controller for Expert<P> {
     fn observation_size(&self) -> usize {
-        self.definition.layout().observation_size()
+        self.observation_size
     }
 
     fn action_size(&self) -> usize {
         JOINTS
     }
 
+    /// The memory of the policy, then that of the limiter, then the commanded velocities of the
+    /// control step before the last one.
     fn state_size(&self) -> usize {
-        P::MEMORY
+        P::MEMORY + self.limiter.memory_size() + ARM_JOINTS
     }
 
     fn worker(&self) -> Box<dyn ControllerWorker> {
@@ -112,8 +150,9 @@ impl<P: ExpertPolicy> Controller for Expert<P> {
             policy: self.policy.clone(),
             joints: *panda.joints(),
             arm: arm::<P>(&self.model).expect(checked),
-            velocity_scale: self.definition.velocity_scale,
-            observation_size: self.observation_size(),
+            limiter: self.limiter.clone(),
+            measured_size: self.definition.layout().observation_size(),
+            observation_size: self.observation_size,
         })
     }
 }
@@ -122,26 +161,36 @@ struct ExpertWorker<P> {
     policy: Arc<P>,
     joints: [Joint; JOINTS],
     arm: ResolvedRate,
-    velocity_scale: f64,
+    limiter: ActionLimiter,
+    /// Length of the observation before the targets.
+    measured_size: usize,
     observation_size: usize,
 }
 
 impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
     fn reset(&mut self, state: &mut [f64], _seed: mishandle_rollout::Seed) {
-        state.fill(NOT_BEGUN);
+        let (memory, rest) = state.split_at_mut(P::MEMORY);
+        let (limits, before) = rest.split_at_mut(self.limiter.memory_size());
+        memory.fill(NOT_BEGUN);
+        self.limiter.reset(limits);
+        before.fill(UNKNOWN);
     }
 
     fn act(&mut self, _rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
         let rows = observations.chunks(self.observation_size).zip(actions.chunks_mut(JOINTS));
         for (row, (observation, action)) in rows.enumerate() {
-            let memory = &mut states[row * P::MEMORY..][..P::MEMORY];
+            let size = P::MEMORY + self.limiter.memory_size() + ARM_JOINTS;
+            let (memory, rest) = states[row * size..][..size].split_at_mut(P::MEMORY);
+            let (limits, before) = rest.split_at_mut(self.limiter.memory_size());
+            let measured = &observation[..self.measured_size];
             let position = |i: usize| {
                 let Joint { low, high, .. } = self.joints[i];
-                low + 0.5 * (f64::from(observation[i]) + 1.0) * (high - low)
+                low + 0.5 * (f64::from(measured[i]) + 1.0) * (high - low)
             };
             let q: [f64; ARM_JOINTS] = std::array::from_fn(position);
             let fingers = std::array::from_fn(|i| position(ARM_JOINTS + i));
-            let input = ExpertInput { q, fingers, task: &observation[2 * JOINTS..] };
+            let commanded = std::array::from_fn(|i| self.limiter.commanded_velocity(i, observation, limits));
+            let input = ExpertInput { q, commanded, fingers, task: &measured[2 * JOINTS..] };
             self.arm.set(&q);
             if memory.first() == Some(&NOT_BEGUN) {
                 self.policy.begin(&input, &mut self.arm, memory);
@@ -150,18 +199,78 @@ impl<P: ExpertPolicy> ControllerWorker for ExpertWorker<P> {
             // A policy may move its copy of the arm.
             self.arm.set(&q);
             let desired = self.arm.limit_speed(desired, P::MAX_SPEED);
-            // A servo without obstacles moves at (target - q) / lag, so the observed velocity
-            // determines its target. The action moves the target by the difference to the desired
-            // target.
+            let desired = within_limits(desired);
+            let changes: [f64; ARM_JOINTS] = std::array::from_fn(|i| {
+                let ahead = self.limiter.commanded_position(i, observation, limits) - q[i];
+                desired[i] - YIELDING * ahead - commanded[i]
+            });
+            let last = std::array::from_fn(|i| {
+                if before[i].is_finite() { (commanded[i] - before[i]) / CONTROL_DT } else { 0.0 }
+            });
+            let accelerations = accelerations::<P>(changes, last);
             for i in 0..ARM_JOINTS {
-                let velocity = f64::from(observation[JOINTS + i]) / self.velocity_scale;
-                let desired = desired[i].clamp(-VELOCITY_LIMIT[i], VELOCITY_LIMIT[i]);
-                action[i] = (SERVO_LAG[i] * (desired - velocity) / TARGET_STEP).clamp(-1.0, 1.0) as f32;
+                let velocity = commanded[i] + CONTROL_DT * accelerations[i];
+                action[i] = (velocity / COMMANDED_VELOCITY[i]) as f32;
             }
+            before.copy_from_slice(&commanded);
             let fingers = self.policy.fingers(&input, memory);
             action[ARM_JOINTS..].copy_from_slice(&fingers.map(|a| a as f32));
+            self.limiter.limit(observation, limits, action);
         }
     }
+}
+
+/// Scales joint velocities down until they are within the limits. So the site keeps its direction.
+fn within_limits(velocity: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
+    let share = |i: usize| velocity[i].abs() / COMMANDED_VELOCITY[i];
+    let largest = (0..ARM_JOINTS).map(share).fold(1.0, f64::max);
+    velocity.map(|v| v / largest)
+}
+
+/// Returns the accelerations (rad/s²) for changes of the joint velocities, given the last ones.
+fn accelerations<P: ExpertPolicy>(changes: [f64; ARM_JOINTS], last: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
+    let limit = |i: usize| P::EFFORT[i] * COMMANDED_ACCELERATION[i];
+    let desired = changes.map(|change| change / CONTROL_DT);
+    let Some(ramps) = P::RAMPS else {
+        let largest = (0..ARM_JOINTS).map(|i| desired[i].abs() / limit(i)).fold(1.0, f64::max);
+        return desired.map(|acceleration| acceleration / largest);
+    };
+    std::array::from_fn(|i| {
+        let jerk = limit(i) / (ramps[i] * CONTROL_DT);
+        // The acceleration from which it can go back to 0 without a jolt.
+        let ending = (2.0 * jerk * changes[i].abs()).sqrt().min(desired[i].abs()).min(limit(i));
+        let ending = if ramps[i] > 1.0 { ending } else { desired[i].abs().min(limit(i)) };
+        let most = jerk * CONTROL_DT;
+        let ramped = ending.copysign(changes[i]).clamp(last[i] - most, last[i] + most);
+        if ramps[i] > 1.0 { ramped } else { ending.copysign(changes[i]) }
+    })
+}
+
+/// Returns the fastest speed towards a point at `distance` from which a motion stops there with a
+/// gain (1/s) near it, and a deceleration farther away.
+pub fn approach_speed(distance: f64, gain: f64, deceleration: f64) -> f64 {
+    // The motion decelerates at `gain` times its speed near the point: both parts meet where that
+    // is the deceleration.
+    let near = deceleration / (gain * gain);
+    if distance < near { gain * distance } else { (deceleration * (2.0 * distance - near)).sqrt() }
+}
+
+/// Returns the velocity along `way` to its end: see [`approach_speed`]. It is at most `limit`.
+pub fn approach(way: [f64; 3], gain: f64, deceleration: f64, limit: f64) -> [f64; 3] {
+    let distance = mishandle_world::frame::norm(way);
+    if distance == 0.0 {
+        return way;
+    }
+    let speed = approach_speed(distance, gain, deceleration).min(limit);
+    mishandle_world::frame::scale(way, speed / distance)
+}
+
+/// Returns joint velocities from `q` towards a posture, each as fast as its joint can still brake.
+pub fn toward(posture: &[f64; ARM_JOINTS], q: &[f64; ARM_JOINTS], gain: f64) -> [f64; ARM_JOINTS] {
+    std::array::from_fn(|i| {
+        let way = posture[i] - q[i];
+        approach_speed(way.abs(), gain, BRAKING_SHARE * COMMANDED_ACCELERATION[i]).copysign(way)
+    })
 }
 
 /// Scales `v` down to a norm of at most `limit`.

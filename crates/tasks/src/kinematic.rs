@@ -72,6 +72,15 @@ impl ResolvedRate {
         self.solve(q, [a, b, c, d, e, f])
     }
 
+    /// As [`twist`](Self::twist), without the pull towards the rest posture. Near the end of the
+    /// reach, the damping would let the pull hold the site back.
+    pub fn twist_alone(&mut self, q: &[f64; JOINTS], linear: [f64; 3], angular: [f64; 3]) -> [f64; JOINTS] {
+        let rest = std::mem::replace(&mut self.rest, *q);
+        let velocity = self.twist(q, linear, angular);
+        self.rest = rest;
+        velocity
+    }
+
     /// Scales joint velocities (rad/s) down until the speed of the site is at most `limit`, m/s.
     pub fn limit_speed(&mut self, velocity: [f64; JOINTS], limit: f64) -> [f64; JOINTS] {
         self.arm.jacobian(&mut self.jacobian);

@@ -24,7 +24,9 @@ mod door_opening;
 mod environment;
 mod events;
 mod expert;
+mod fit;
 mod full_state;
+mod further;
 mod identity;
 pub mod kinematic;
 mod manner;
@@ -40,7 +42,7 @@ mod target;
 mod training_batch;
 
 pub use batch::TaskBatch;
-pub use cameras::{CAMERA_NAMES, CameraPlace};
+pub use cameras::{CAMERA_NAMES, CameraPlace, LAMP};
 pub use definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Preset, Quantity, Reward, Scene, Task,
     TaskFormulas, Variations, scalar, vector3,

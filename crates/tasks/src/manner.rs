@@ -1,5 +1,5 @@
-//! Signals of the manner in which the robot does a task: contact forces, and speed, acceleration
-//! and torque of its joints, over all physics steps of a control step.
+//! Signals of the manner in which the robot does a task: contact forces, and speed and torque of
+//! its joints over all physics steps of a control step, and their acceleration over the whole.
 //!
 //! They cost time, so an environment computes them only [on request](crate::TaskEnvironment::with_manner).
 
@@ -49,9 +49,15 @@ pub static MANNER: &[Quantity] = &[
     scalar(
         "joint_acceleration_share",
         "",
-        "largest acceleration of a joint of the arm, as a share of its limit",
+        "largest change of a joint's velocity over the control step, divided by its duration, as a share of the \
+         limit of its acceleration; 0 in control steps in which the robot touches anything but an object that it \
+         carries",
     ),
-    scalar("joint_torque_share", "", "largest torque of a servo of the arm, as a share of its limit"),
+    scalar(
+        "joint_torque_share",
+        "",
+        "largest torque that a servo of the arm demands, before it is limited, as a share of its limit",
+    ),
     scalar("tool_speed", "m/s", "largest speed of the fingers' grasp point"),
     scalar("joint_limit_distance", "rad", "smallest distance of a joint of the arm to the end of its range"),
     scalar(
@@ -62,8 +68,12 @@ pub static MANNER: &[Quantity] = &[
     scalar("rest_time", "s", "time for which all joints of the arm have been slower than 0.05 rad/s"),
 ];
 
+/// Number of forces with signals: all but the last one, which says whether the robot touches
+/// anything.
+const FORCE_SIGNALS: usize = FORCES - 1;
+
 /// Places of the largest forces among the signals.
-pub(crate) const LARGEST_FORCES: [usize; FORCES] = [0, 2, 4, 6, 8];
+pub(crate) const LARGEST_FORCES: [usize; FORCE_SIGNALS] = [0, 2, 4, 6, 8];
 
 /// Places of the speeds among the signals.
 pub(crate) const JOINT_SPEED_SHARE: usize = 9;
@@ -72,9 +82,11 @@ pub(crate) const TOOL_SPEED: usize = 12;
 /// Limits of careful success, as literals: formulas and descriptions are made of them.
 ///
 /// The forces, N, are the limits of ISO/TS 15066 for hands and fingers, for transient and
-/// quasi-static contact. They are limits for people, and are used for fixtures here. 1.7 m/s is
-/// Franka's limit of the speed of the hand. The servos exceed the velocity limit of a joint by up
-/// to 5 % in free motion.
+/// quasi-static contact. They are limits for people, and are used for fixtures and objects here.
+/// 1.7 m/s is Franka's limit of the speed of the hand. The servos exceed the velocity limit of a
+/// joint by up to 5 % in free motion. The limit of the acceleration is that of the command; the
+/// joint that follows it may exceed it by a fifth. The distance to the ends of the joints, rad, is
+/// our choice; it holds after 60 control steps, because peg-in-hole starts at the end of joint 4.
 macro_rules! limit {
     (force) => {
         280
@@ -87,6 +99,15 @@ macro_rules! limit {
     };
     (joint_speed_share) => {
         1.05
+    };
+    (joint_acceleration_share) => {
+        1.2
+    };
+    (joint_torque_share) => {
+        1
+    };
+    (joint_limit_distance) => {
+        0.05
     };
 }
 pub(crate) use limit;
@@ -105,7 +126,6 @@ macro_rules! limited_force {
         )
     };
 }
-pub(crate) use limited_force;
 
 /// Conditions of careful success for every task. The robot is at rest if it has been for the last
 /// quarter of a second.
@@ -114,15 +134,23 @@ pub const CAREFUL: &str = concat!(
     limited_force!("fixture"),
     " and ",
     limited_force!("ground"),
+    " and ",
+    limited_force!("object"),
     " and tool_speed <= ",
     limit!(tool_speed),
     " and joint_speed_share <= ",
     limit!(joint_speed_share),
+    " and joint_acceleration_share <= ",
+    limit!(joint_acceleration_share),
+    " and joint_torque_share <= ",
+    limit!(joint_torque_share),
+    ") and always[60:300](joint_limit_distance >= ",
+    limit!(joint_limit_distance),
     ") and always[300:300](rest_time >= 0.25)"
 );
 
-/// Number of forces with a mean: all but the last one.
-const MEANS: usize = FORCES - 1;
+/// Number of forces with a mean: all signals of forces but the last one.
+const MEANS: usize = FORCE_SIGNALS - 1;
 
 /// Number of values that the signals need from the control steps before.
 pub(crate) const MEMORY: usize = MEANS * (MEAN_STEPS - 1) + JOINTS + 1;
@@ -145,6 +173,7 @@ pub(crate) fn probe(definition: &Definition, model: &Model, panda: &Panda) -> Re
     Ok(Probe {
         parts: model.part_map(definition.object)?,
         weld: welded.map(|held| model.equality(held.name)).transpose()?,
+        carries: definition.held.is_some_and(|held| held.attachment == Attachment::Fixed),
         joints: (0..ARM_JOINTS).map(joint).collect::<Result<_, WorldError>>()?,
         hand: model.body("hand")?,
         tool: panda.grasp,
@@ -212,8 +241,9 @@ fn write(readings: &Readings, mean: &[f64; MEANS], last: [f64; 2], out: &mut [f6
     for (force, out) in forces.chunks_mut(2).enumerate() {
         out.copy_from_slice(&[readings.largest[force], mean[force]]);
     }
-    let Readings { speed_share, acceleration_share, torque_share, tool_speed, limit_distance, .. } =
-        *readings;
+    let Readings { speed_share, torque_share, tool_speed, limit_distance, .. } = *readings;
+    let touches = readings.largest[FORCE_SIGNALS] > 0.0;
+    let acceleration_share = if touches { 0.0 } else { readings.acceleration_share };
     let motion = [speed_share, acceleration_share, torque_share, tool_speed, limit_distance];
     rest[0] = readings.largest[MEANS];
     rest[1..][..motion.len()].copy_from_slice(&motion);

@@ -1,5 +1,6 @@
 //! The Franka Panda arm: joints, effect of actions, and velocity limits of the servos.
 
+use mishandle_controllers::{ActionInterface, JointTargets};
 use mishandle_world::{Body, Joint, Model, Rows, Servo, Site, World, WorldError};
 
 /// Number of joints: seven of the arm and two of the fingers. Equals the number of actions.
@@ -30,6 +31,19 @@ pub(crate) const SERVO_LAG: [f64; JOINTS] = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 
 
 /// Velocity limits of the joints, rad/s for the arm, m/s for the fingers, from Franka's data sheet.
 pub const VELOCITY_LIMIT: [f64; JOINTS] = [2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61, 0.2, 0.2];
+
+/// Limits of the motion that experts command, rad/s and rad/s²: within Franka's data sheet, the
+/// velocities with room for the ripple of the servos.
+pub(crate) const COMMANDED_VELOCITY: [f64; ARM_JOINTS] = [1.9, 1.9, 1.9, 1.9, 1.45, 1.45, 1.45];
+pub(crate) const COMMANDED_ACCELERATION: [f64; ARM_JOINTS] = [15.0, 7.5, 10.0, 12.5, 6.5, 6.5, 6.5];
+
+/// Largest velocities of the experts' targets, rad/s. A step of a target lets its servo demand
+/// 400 N m per radian: 40 N m for the arm, 10 N m for the wrist.
+const TARGET_VELOCITY: [f64; ARM_JOINTS] = [6.0, 6.0, 6.0, 6.0, 1.5, 1.5, 1.5];
+
+/// Distance of the experts' targets from the ends of the joints' ranges, rad: the least distance
+/// that careful formulas allow.
+const TARGET_MARGIN: f64 = 0.05;
 
 /// Effort limits of the joints, N m for the arm, N for the fingers.
 pub const EFFORT_LIMIT: [f64; JOINTS] = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0, 200.0, 200.0];
@@ -131,9 +145,39 @@ impl Panda {
     /// [-1, 1], and joint velocities multiplied by `velocity_scale`.
     pub(crate) fn observe(&self, rows: &Rows<'_>, velocity_scale: f64, out: &mut [f64]) {
         let (positions, velocities) = out.split_at_mut(JOINTS);
+        self.map_positions(&self.joints.map(|joint| rows.qpos[joint.qpos]), positions);
         for (i, joint) in self.joints.iter().enumerate() {
-            positions[i] = 2.0 * (rows.qpos[joint.qpos] - joint.low) / (joint.high - joint.low) - 1.0;
             velocities[i] = velocity_scale * rows.qvel[joint.dof];
+        }
+    }
+
+    /// Maps positions of the joints (rad, m) from their limits to [-1, 1].
+    pub(crate) fn map_positions(&self, positions: &[f64], out: &mut [f64]) {
+        for ((out, position), joint) in out.iter_mut().zip(positions).zip(&self.joints) {
+            *out = 2.0 * (position - joint.low) / (joint.high - joint.low) - 1.0;
+        }
+    }
+
+    /// Returns the action interface of the experts.
+    pub(crate) fn action_interface() -> ActionInterface {
+        ActionInterface {
+            velocity: COMMANDED_VELOCITY.to_vec(),
+            acceleration: COMMANDED_ACCELERATION.to_vec(),
+            target_velocity: TARGET_VELOCITY.to_vec(),
+            margin: TARGET_MARGIN,
+            lead: SERVO_LAG[0],
+        }
+    }
+
+    /// Returns the targets of the arm that an action interface moves. The first target has the
+    /// index `targets` in an observation.
+    pub(crate) fn joint_targets(&self, targets: usize) -> JointTargets {
+        JointTargets {
+            positions: 0,
+            targets,
+            ranges: self.joints[..ARM_JOINTS].iter().map(|joint| [joint.low, joint.high]).collect(),
+            step: TARGET_STEP,
+            control_dt: CONTROL_DT,
         }
     }
 }

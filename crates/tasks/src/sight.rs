@@ -18,7 +18,7 @@ pub fn sight(definition: &Definition) -> Sight {
     let has_support = definition.object.is_some();
     let parts = Part::ALL.map(|(part, _)| part).into_iter();
     let parts: Vec<Part> = parts.filter(|part| has_support || *part != Part::Support).collect();
-    Sight::new(CAMERA_NAMES.map(camera).to_vec(), &parts, CONTROL_DT, EPISODE_STEPS)
+    Sight::new(CAMERA_NAMES.map(camera).to_vec(), &parts, definition.lamp, CONTROL_DT, EPISODE_STEPS)
 }
 
 /// Makes the nominal view of a task, with the model whose states it shows.

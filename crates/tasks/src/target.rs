@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use mishandle_controllers::Fitted;
 use mishandle_rollout::{
     Axis, Component, Controller, Disturbance, Environment, Identity, Noise, ReachabilityCheck, Rollout,
-    RolloutError, Scenario, Signal, Space, Specification, System, SystemFactory, Target,
+    RolloutError, Scenario, Signal, SolverChange, SolverVariant, Space, Specification, System, SystemFactory,
+    Target,
 };
 
 use crate::axes::random_axes;
@@ -40,7 +42,8 @@ impl TaskTarget {
         components: Vec<Component>,
         noise: Noise,
     ) -> Result<TaskTarget, TaskError> {
-        let starts = Arc::new(TaskEnvironment::new(task, preset, Reward::Original)?);
+        let starts = TaskEnvironment::new(task, preset, Reward::Original)?;
+        let starts = Arc::new(starts.with_further_parts(controller.further_parts())?);
         Ok(TaskTarget { task, preset, controller, components, noise, starts })
     }
 
@@ -80,12 +83,38 @@ impl TaskTarget {
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: Some(self.reachability_check()),
             factory: self.clone().factory(),
+            solver_variants: SolverVariant::all(|change| {
+                let target = self.clone();
+                Arc::new(move |space: &Space, specification: &Specification| {
+                    (target.with_solver_change(change).factory())(space, specification)
+                })
+            }),
         };
         // This reports mismatches now instead of in the first use of the factory.
         let all = target.space("all").map_err(error)?;
         let specification = definition.formulas(self.preset).specification().map_err(error)?;
         target.system(&all, &specification).map_err(error)?;
         Ok(target)
+    }
+
+    fn with_solver_change(&self, change: SolverChange) -> TaskTarget {
+        TaskTarget { starts: Arc::new(self.starts.with_solver_change(change)), ..self.clone() }
+    }
+
+    /// Returns the target, and another controller of the task, in an environment that writes all
+    /// further parts of the observation that one of both reads.
+    ///
+    /// # Errors
+    /// If the task does not have one of them.
+    pub fn beside(&self, other: Arc<dyn Controller>) -> Result<(TaskTarget, Arc<dyn Controller>), TaskError> {
+        let definition = self.task.definition();
+        let layout =
+            definition.layout_with(&[self.controller.further_parts(), other.further_parts()].concat());
+        let parts = definition.further_parts_of(&layout);
+        let starts = Arc::new(self.starts.with_further_parts(&parts)?);
+        let controller = Fitted::of_layout(self.controller.clone(), &layout, &parts);
+        let other = Fitted::of_layout(other, &layout, &parts);
+        Ok((TaskTarget { starts, controller, ..self.clone() }, other))
     }
 
     /// Returns the environment over the initial box.

@@ -11,6 +11,8 @@ use mishandle_world::{
     BatchLayout, BatchSpec, CpuDevice, ModelField, Outputs, Readings, WorldBatch, WorldDevice, WorldError,
 };
 
+use crate::altered_worlds::{Alteration, AlteredDevice, AlteredWorlds};
+
 fn target(task: &str, noise: Noise) -> TaskTarget {
     let task = mishandle_tasks::task(task).unwrap();
     let component = Component {
@@ -83,55 +85,31 @@ fn screened_episodes_on_the_cpu_have_the_bits_of_the_system() {
     }
 }
 
-/// A device whose second row fails in its third step.
-struct Faulty(f64);
-
-struct FaultyWorlds(Box<dyn WorldBatch>, usize, f64);
-
-impl WorldDevice for Faulty {
-    fn engine(&self) -> &'static str {
-        "faulty"
-    }
-
-    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(FaultyWorlds(CpuDevice.batch(spec)?, 0, self.0)))
-    }
+/// Worlds whose second row fails in its third step.
+#[derive(Clone)]
+struct Failing {
+    steps: usize,
+    status: f64,
 }
 
-impl WorldBatch for FaultyWorlds {
-    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
-        self.0.write_states(rows, states)
-    }
-
-    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
-        self.0.write_fields(rows, values)
-    }
-
-    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
-        self.0.read_states(states)
-    }
-
-    fn buffers(&mut self) -> mishandle_world::BatchBuffers<'_> {
-        self.0.buffers()
-    }
-
-    fn start_step(&mut self) -> Result<(), WorldError> {
-        self.0.start_step()
-    }
-
-    fn finish_step(&mut self) -> Result<(), WorldError> {
-        self.0.finish_step()?;
-        self.1 += 1;
-        if self.1 == 3 && self.2 > 2.0 {
+impl Alteration for Failing {
+    fn finish_step(&mut self, worlds: &mut dyn WorldBatch) -> Result<(), WorldError> {
+        worlds.finish_step()?;
+        self.steps += 1;
+        if self.steps == 3 && self.status > 2.0 {
             return Err(WorldError::Device("the device is lost".into()));
         }
-        if let (Outputs::Double(outputs), 3) = (self.0.buffers().outputs, self.1)
+        if let (Outputs::Double(outputs), 3) = (worlds.buffers().outputs, self.steps)
             && let Some(status) = outputs.last_mut()
         {
-            *status = self.2;
+            *status = self.status;
         }
         Ok(())
     }
+}
+
+fn failing(status: f64) -> AlteredDevice<Failing> {
+    AlteredDevice(Failing { steps: 0, status })
 }
 
 #[test]
@@ -140,7 +118,7 @@ fn an_overflow_or_a_divergence_ends_its_row_only() {
     let space = target.target().unwrap().space("starts").unwrap();
     let requests: Vec<Request> = (0..2).map(|i| Request::new(space.sample(Seed(3), i), Seed(i))).collect();
     let ends = |code: f64| {
-        let mut screening = screening(&target, "point-reaching", "starts", &Faulty(code), &[2]);
+        let mut screening = screening(&target, "point-reaching", "starts", &failing(code), &[2]);
         let outcomes = screening.run(&requests, &|_| true).unwrap();
         outcomes
             .into_iter()
@@ -157,7 +135,7 @@ fn a_lost_device_is_an_error_of_the_whole_screening() {
     let target = target("point-reaching", Noise::default());
     let space = target.target().unwrap().space("starts").unwrap();
     let requests = [Request::new(space.sample(Seed(3), 0), Seed(1))];
-    let mut screening = screening(&target, "point-reaching", "starts", &Faulty(3.0), &[2]);
+    let mut screening = screening(&target, "point-reaching", "starts", &failing(3.0), &[2]);
     let error = screening.run(&requests, &|_| true).unwrap_err().to_string();
     assert!(error.contains("the device is lost"), "{error}");
 }
@@ -336,50 +314,37 @@ enum Input {
     Mocap,
 }
 
-/// A device that ignores a part of its inputs.
-struct Ignoring(Input);
+/// Worlds that ignore a part of their inputs, with the mocap bodies of their start.
+#[derive(Clone)]
+struct Ignoring(Input, Vec<f64>);
 
-struct IgnoringWorlds(Box<dyn WorldBatch>, Input, Vec<f64>);
-
-impl WorldDevice for Ignoring {
-    fn engine(&self) -> &'static str {
-        "ignoring"
+impl Alteration for Ignoring {
+    fn write_states(
+        &mut self,
+        worlds: &mut dyn WorldBatch,
+        rows: &[usize],
+        states: &[f64],
+    ) -> Result<(), WorldError> {
+        self.1 = worlds.buffers().mocap.to_vec();
+        worlds.write_states(rows, states)
     }
 
-    fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
-        Ok(Box::new(IgnoringWorlds(CpuDevice.batch(spec)?, self.0, Vec::new())))
-    }
-}
-
-impl WorldBatch for IgnoringWorlds {
-    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
-        self.2 = self.0.buffers().mocap.to_vec();
-        self.0.write_states(rows, states)
+    fn write_fields(
+        &mut self,
+        worlds: &mut dyn WorldBatch,
+        rows: &[usize],
+        values: &[f64],
+    ) -> Result<(), WorldError> {
+        if self.0 == Input::Fields { Ok(()) } else { worlds.write_fields(rows, values) }
     }
 
-    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
-        if self.1 == Input::Fields { Ok(()) } else { self.0.write_fields(rows, values) }
-    }
-
-    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
-        self.0.read_states(states)
-    }
-
-    fn buffers(&mut self) -> mishandle_world::BatchBuffers<'_> {
-        self.0.buffers()
-    }
-
-    fn start_step(&mut self) -> Result<(), WorldError> {
-        match self.1 {
+    fn start_step(&mut self, worlds: &mut dyn WorldBatch) -> Result<(), WorldError> {
+        match self.0 {
             Input::Fields => {}
-            Input::Forces => self.0.buffers().forces.fill(0.0),
-            Input::Mocap => self.0.buffers().mocap.copy_from_slice(&self.2),
+            Input::Forces => worlds.buffers().forces.fill(0.0),
+            Input::Mocap => worlds.buffers().mocap.copy_from_slice(&self.1),
         }
-        self.0.start_step()
-    }
-
-    fn finish_step(&mut self) -> Result<(), WorldError> {
-        self.0.finish_step()
+        worlds.start_step()
     }
 }
 
@@ -393,7 +358,8 @@ fn rows_of_a_device_that_ignores_constants_slips_pushes_or_jumps_differ() {
     ] {
         let (environment, scenarios) = environment(task, space);
         let expected = plain_rows(&environment, &scenarios, 45);
-        assert_ne!(batch_rows(&environment, &scenarios, 45, &Ignoring(input)), expected, "{task}, {input:?}");
+        let device = AlteredDevice(Ignoring(input, Vec::new()));
+        assert_ne!(batch_rows(&environment, &scenarios, 45, &device), expected, "{task}, {input:?}");
     }
 }
 
@@ -519,7 +485,7 @@ fn a_training_environment_with_too_little_memory_diverges() {
     let task = mishandle_tasks::task("point-reaching").unwrap();
     let environment = Arc::new(TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap());
     let starts = [start(environment.space(), 0, Seed(1)), start(environment.space(), 1, Seed(2))];
-    let mut batch = TaskBatches::new(environment, Arc::new(Faulty(2.0))).batch(2).unwrap();
+    let mut batch = TaskBatches::new(environment, Arc::new(failing(2.0))).batch(2).unwrap();
     batch.reset(&starts).unwrap();
     let statuses: Vec<_> = (0..3)
         .map(|_| {
@@ -534,7 +500,9 @@ fn a_training_environment_with_too_little_memory_diverges() {
 /// Counts the rows that start in each batch.
 struct Counting(Arc<Mutex<Vec<usize>>>);
 
-struct CountingWorlds(Box<dyn WorldBatch>, Arc<Mutex<Vec<usize>>>, usize);
+/// The counts, and the index of a batch.
+#[derive(Clone)]
+struct StartCounter(Arc<Mutex<Vec<usize>>>, usize);
 
 impl WorldDevice for Counting {
     fn engine(&self) -> &'static str {
@@ -544,34 +512,20 @@ impl WorldDevice for Counting {
     fn batch(&self, spec: &BatchSpec) -> Result<Box<dyn WorldBatch>, WorldError> {
         let mut counts = self.0.lock().unwrap();
         counts.push(0);
-        Ok(Box::new(CountingWorlds(CpuDevice.batch(spec)?, self.0.clone(), counts.len() - 1)))
+        let counter = StartCounter(self.0.clone(), counts.len() - 1);
+        Ok(Box::new(AlteredWorlds(CpuDevice.batch(spec)?, counter)))
     }
 }
 
-impl WorldBatch for CountingWorlds {
-    fn write_states(&mut self, rows: &[usize], states: &[f64]) -> Result<(), WorldError> {
-        self.1.lock().unwrap()[self.2] += rows.len();
-        self.0.write_states(rows, states)
-    }
-
-    fn write_fields(&mut self, rows: &[usize], values: &[f64]) -> Result<(), WorldError> {
-        self.0.write_fields(rows, values)
-    }
-
-    fn read_states(&mut self, states: &mut [f64]) -> Result<(), WorldError> {
-        self.0.read_states(states)
-    }
-
-    fn buffers(&mut self) -> mishandle_world::BatchBuffers<'_> {
-        self.0.buffers()
-    }
-
-    fn start_step(&mut self) -> Result<(), WorldError> {
-        self.0.start_step()
-    }
-
-    fn finish_step(&mut self) -> Result<(), WorldError> {
-        self.0.finish_step()
+impl Alteration for StartCounter {
+    fn write_states(
+        &mut self,
+        worlds: &mut dyn WorldBatch,
+        rows: &[usize],
+        states: &[f64],
+    ) -> Result<(), WorldError> {
+        self.0.lock().unwrap()[self.1] += rows.len();
+        worlds.write_states(rows, states)
     }
 }
 

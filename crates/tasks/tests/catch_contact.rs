@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{Environment, Noise, Request, Rollout, Seed, System};
+use mishandle_stl::Formula;
 use mishandle_tasks::{
     JOINT_NAMES, JOINTS, Panda, Preset, Reward, TaskEnvironment, VELOCITY_LIMIT, compose, task,
 };
@@ -348,7 +349,7 @@ fn a_throw_gains_no_energy_in_the_box() {
 }
 
 #[test]
-fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
+fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_37() {
     let mut bench = Bench::new("");
     let restitutions: Vec<f64> = (0..40)
         .map(|i| {
@@ -366,10 +367,10 @@ fn a_ball_bounces_on_the_ground_with_a_restitution_of_0_4() {
             -up / down
         })
         .collect();
-    // The time of contact within a physics step changes a single restitution by up to an eighth.
-    assert!(restitutions.iter().all(|e| (0.28..0.53).contains(e)), "{restitutions:?}");
+    // The time of contact within a physics step changes a single restitution by up to a twelfth.
+    assert!(restitutions.iter().all(|e| (0.34..0.4).contains(e)), "{restitutions:?}");
     let mean = restitutions.iter().sum::<f64>() / restitutions.len() as f64;
-    assert!((mean - 0.4).abs() < 0.02, "{mean}");
+    assert!((mean - 0.37).abs() < 0.01, "{mean}");
 }
 
 #[test]
@@ -381,18 +382,24 @@ fn positions_match_the_original_benchmark() {
 }
 
 #[test]
-fn the_expert_catches_from_the_whole_initial_box() {
-    // The test proves that the whole initial box is reachable.
+fn the_expert_catches_carefully_from_the_whole_initial_box() {
+    // The test shows that the whole initial box is reachable: the expert moves within the limits of
+    // Franka's data sheet, and meets far balls after their first bounce.
     let task = task("ball-catching").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
-    let specification = task.definition().paper.specification().unwrap();
+    let formulas = &task.definition().paper;
+    let mut specification = formulas.specification().unwrap();
+    specification.careful = Some(Formula::parse(&formulas.careful().unwrap()).unwrap());
     let at = |u: &[f64]| environment.space().at(u);
-    let requests: Vec<Request> = (0..25)
-        .map(|i| Request::new(at(&[0.25 * f64::from(i % 5), 0.25 * f64::from(i / 5)]), Seed(1)))
+    let requests: Vec<Request> = (0..63)
+        .map(|i| Request::new(at(&[0.05 * f64::from(i % 21), 0.5 * f64::from(i / 21)]), Seed(1)))
         .collect();
     let expert = task.expert().unwrap();
+    let environment = environment.with_manner().with_further_parts(expert.further_parts()).unwrap();
     let mut rollout = Rollout::new(Arc::new(environment), expert, specification, Noise::default()).unwrap();
     for episode in rollout.rollout(&requests).unwrap() {
-        assert!(episode.verdict.strict > Some(0.0), "from {:?}", episode.request.scenario);
+        let start = &episode.request.scenario;
+        let verdict = &episode.verdict;
+        assert!(verdict.strict > Some(0.0) && verdict.is_careful_success(), "{verdict:?} from {start:?}");
     }
 }

@@ -314,6 +314,7 @@ impl ExpertEpisode {
         let task = task(name).unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
         let expert = task.expert().unwrap();
+        let environment = environment.with_further_parts(expert.further_parts()).unwrap();
         let mut episode = ExpertEpisode {
             worker: environment.worker(),
             controller: expert.worker(),

@@ -21,6 +21,7 @@ impl ExpertEpisode {
         let task = task("cube-stacking").unwrap();
         let environment = TaskEnvironment::new(task, Preset::Paper, reward).unwrap();
         let expert = task.expert().unwrap();
+        let environment = environment.with_further_parts(expert.further_parts()).unwrap();
         let mut worker = environment.worker();
         let mut controller = expert.worker();
         let mut state = vec![0.0; environment.state_size()];
@@ -58,9 +59,10 @@ impl ExpertEpisode {
 fn the_initial_state_matches_the_original_benchmark() {
     let episode = ExpertEpisode::run(&[0.6, -0.1], Reward::Original);
     let observation = &episode.rows[0].observation;
-    assert_eq!(observation.len(), 28);
-    // Position of the cube, its quaternion, cube minus target cube.
+    // Position of the cube, its quaternion, cube minus target cube. The targets, which the expert
+    // reads, follow.
     let expected = [0.34, 0.0, 0.91, 1.0, 0.0, 0.0, 0.0, -0.26, 0.1, 0.885];
+    assert_eq!(observation.len(), 28 + JOINTS);
     for (found, expected) in observation[18..].iter().zip(expected) {
         assert!((f64::from(*found) - expected).abs() < 1e-6, "{:?}", &observation[18..]);
     }

@@ -263,12 +263,52 @@ fn random_initial_states_cover_the_box() {
     }
 }
 
+/// The further parts show what a controller knows, and the others keep their bits.
+#[test]
+fn further_parts_follow_the_other_numbers() {
+    for task in TASKS {
+        let definition = task.definition();
+        let names: Vec<String> =
+            definition.further_observation().iter().map(|part| part.name.to_string()).collect();
+        let plain = environment(*task, Preset::Paper, Reward::Shaped);
+        let whole = plain.with_further_parts(&names).unwrap();
+        let mut runs = [&plain, &whole].map(Stepper::new);
+        let start = plain.space().sample(Seed(4), 1);
+        runs.iter_mut().for_each(|run| run.reset(start.clone(), Seed(9)));
+        let size = plain.observation_size();
+        assert_eq!(whole.exact_size(), whole.observation_size() - size);
+        // The targets start at the joints.
+        assert_eq!(runs[1].observation[size..][..9], runs[1].observation[..9]);
+        for step in 1..=20 {
+            let mut before = [0.0; 7];
+            before.copy_from_slice(&runs[1].observation[size..][..7]);
+            // Fingers that open would release the cloth.
+            let action = [0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.0, 0.0];
+            runs.iter_mut().for_each(|run| {
+                run.step(&action);
+            });
+            let [without, with] = &runs;
+            assert_eq!(without.observation[..], with.observation[..size], "{}", definition.name);
+            let time = with.observation.last().unwrap();
+            assert!((time - step as f32 / 300.0).abs() < 1e-6, "{}: {time}", definition.name);
+            let first = with.observation[size] - before[0];
+            // 0.025 rad of a range of 5.7946 rad, which is mapped to 2.
+            assert!((first - 2.0 * 0.025 / 5.7946).abs() < 1e-5, "{}: {first}", definition.name);
+            if names.len() == 3 {
+                assert_eq!(with.observation[size + 9], 1.0, "{}", definition.name);
+            }
+        }
+        assert!(plain.with_further_parts(&["color".to_string()]).is_err());
+    }
+}
+
 #[test]
 fn the_reward_is_the_sum_of_its_terms() {
     for task in TASKS {
         for reward in REWARDS {
-            let environment = environment(*task, Preset::Paper, reward);
             let expert = task.expert().unwrap();
+            let environment = environment(*task, Preset::Paper, reward);
+            let environment = environment.with_further_parts(expert.further_parts()).unwrap();
             let mut controller = expert.worker();
             let mut memory = vec![0.0; expert.state_size()];
             let mut action = [0.0_f32; 9];
@@ -282,7 +322,7 @@ fn the_reward_is_the_sum_of_its_terms() {
                 stepper.step(&action.map(f64::from));
                 terms.iter_mut().zip(&stepper.rewards).for_each(|(sum, term)| *sum += term);
             }
-            let total = expert_episodes_from(*task, environment, vec![x0])[0].total_reward;
+            let total = expert_episodes_from(*task, &environment, vec![x0])[0].total_reward;
             let sum: f64 = terms.iter().sum();
             assert!((total - sum).abs() < 1e-9 * sum.abs().max(1.0), "{total} is not {sum} = {terms:?}");
         }
@@ -290,7 +330,7 @@ fn the_reward_is_the_sum_of_its_terms() {
 }
 
 /// Runs episodes of the expert from random initial states in the reachable part of the box.
-fn expert_episodes(task: &dyn Task, environment: TaskEnvironment, starts: usize) -> Vec<Episode> {
+fn expert_episodes(task: &dyn Task, environment: &TaskEnvironment, starts: usize) -> Vec<Episode> {
     let x0s = (0..)
         .map(|i| environment.space().sample(Seed(11), i))
         .filter(|start| task.reachable(&numbers(start)))
@@ -306,11 +346,12 @@ fn numbers(start: &Scenario) -> Vec<f64> {
 
 fn expert_episodes_from(
     task: &dyn Task,
-    environment: TaskEnvironment,
+    environment: &TaskEnvironment,
     starts: Vec<Scenario>,
 ) -> Vec<Episode> {
     let specification = task.definition().paper.specification().unwrap();
     let expert = task.expert().unwrap();
+    let environment = environment.with_further_parts(expert.further_parts()).unwrap();
     let mut rollout = Rollout::new(Arc::new(environment), expert, specification, Noise::default()).unwrap();
     let requests: Vec<Request> =
         (0..).zip(starts).map(|(i, start)| Request::new(start, Seed(11).child(i))).collect();
@@ -324,7 +365,7 @@ fn the_expert_satisfies_both_formulas() {
         let name = task.definition().name;
         // A cloth takes a hundred times as long as the other objects.
         let starts = if name.starts_with("cloth") { 12 } else { 40 };
-        let episodes = expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), starts);
+        let episodes = expert_episodes(*task, &environment(*task, Preset::Paper, Reward::Shaped), starts);
         assert!(episodes.iter().all(|episode| episode.end == EpisodeEnd::Completed), "{name}");
         let failures = |is_met: fn(&Episode) -> bool| -> Vec<Vec<f64>> {
             episodes
@@ -352,7 +393,7 @@ fn the_expert_satisfies_both_formulas() {
 fn the_expert_opens_the_door_of_the_farthest_corner() {
     let task = mishandle_tasks::task("door-opening").unwrap();
     let starts = vec![Scenario::from([0.85, 0.1]); 6];
-    let episodes = expert_episodes_from(task, environment(task, Preset::Paper, Reward::Shaped), starts);
+    let episodes = expert_episodes_from(task, &environment(task, Preset::Paper, Reward::Shaped), starts);
     assert!(episodes.iter().all(|episode| succeeds(episode) && is_strict(episode)));
 }
 
@@ -377,8 +418,8 @@ fn halving_the_physics_step_changes_at_most_one_outcome() {
         let whole = environment(*task, Preset::Paper, Reward::Shaped);
         // A cloth takes a hundred times as long as the other objects.
         let starts = if task.definition().name.starts_with("cloth") { 8 } else { 40 };
-        let whole = expert_episodes(*task, whole, starts);
-        let halved = expert_episodes(*task, halved.unwrap(), starts);
+        let whole = expert_episodes(*task, &whole, starts);
+        let halved = expert_episodes(*task, &halved.unwrap(), starts);
         let other =
             |(a, b): &(&Episode, &Episode)| succeeds(a) != succeeds(b) || is_strict(a) != is_strict(b);
         let others = whole.iter().zip(&halved).filter(other).count();
@@ -400,7 +441,9 @@ fn an_episode_depends_on_neither_batch_nor_threads() {
     for task in TASKS {
         let run = |threads: usize, starts: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| expert_episodes(*task, environment(*task, Preset::Paper, Reward::Shaped), starts))
+            pool.install(|| {
+                expert_episodes(*task, &environment(*task, Preset::Paper, Reward::Shaped), starts)
+            })
         };
         // More episodes than a batch has rows; fewer with a cloth, whose steps are slow.
         let starts = if task.definition().name.starts_with("cloth") { 4 } else { 19 };
@@ -423,7 +466,7 @@ fn every_reward_is_higher_for_the_expert_than_for_zero_actions() {
                 stepper.step(&[0.0; 9]);
                 idle += stepper.rewards.iter().sum::<f64>();
             }
-            let episodes = expert_episodes(*task, environment(*task, Preset::Paper, reward), 8);
+            let episodes = expert_episodes(*task, &environment(*task, Preset::Paper, reward), 8);
             let expert = episodes.iter().map(|e| e.total_reward).sum::<f64>() / episodes.len() as f64;
             assert!(expert > idle, "{} {reward:?}: expert {expert}, idle {idle}", task.definition().name);
         }

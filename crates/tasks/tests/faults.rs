@@ -6,101 +6,41 @@ use std::sync::{Arc, Mutex};
 use mishandle_controllers::ControllerFile;
 use mishandle_rollout::fault::{FaultSite, LifeCycle, Side};
 use mishandle_rollout::{
-    Axis, AxisValues, Component, Controller, ControllerWorker, Environment, EnvironmentWorker, Episode,
+    Axis, AxisValues, Component, Controller, Environment, EnvironmentFacts, EnvironmentWorker, Episode,
     EpisodeEnd, Noise, Request, Sample, Scenario, Seed, Space, StepStatus, System,
 };
 use mishandle_tasks::{CONTROL_DT, Preset, TASKS, Task, TaskEnvironment, TaskTarget};
 
+use crate::function_controller::controller;
+
 /// Numbers of each control step.
 type Log<T> = Arc<Mutex<Vec<Vec<T>>>>;
-
-/// A controller that remembers what it sees, and whose actions depend on the number of its calls
-/// only, so that the episode is the same whatever it sees.
-struct Observer {
-    sizes: (usize, usize),
-    seen: Log<f32>,
-}
-
-impl Controller for Observer {
-    fn observation_size(&self) -> usize {
-        self.sizes.0
-    }
-
-    fn action_size(&self) -> usize {
-        self.sizes.1
-    }
-
-    fn state_size(&self) -> usize {
-        1
-    }
-
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Observer { sizes: self.sizes, seen: Arc::clone(&self.seen) })
-    }
-}
 
 /// The command of a call to an entry: below 1.
 fn command(call: f64, entry: usize) -> f32 {
     (0.8 * (0.05 * call + entry as f64).sin()) as f32
 }
 
-impl ControllerWorker for Observer {
-    fn reset(&mut self, state: &mut [f64], _seed: Seed) {
-        state[0] = 0.0;
-    }
-
-    fn act(&mut self, _rows: usize, observations: &[f32], states: &mut [f64], actions: &mut [f32]) {
-        self.seen.lock().unwrap().push(observations[..self.sizes.0].to_vec());
-        actions.iter_mut().enumerate().for_each(|(entry, action)| *action = command(states[0], entry));
-        states[0] += 1.0;
-    }
+/// Returns a controller that remembers what it sees, and whose actions depend on the number of its
+/// calls only, so that the episode is the same whatever it sees.
+fn observer(observation_size: usize, action_size: usize, seen: Log<f32>) -> Arc<dyn Controller> {
+    controller([observation_size, action_size, 1], move |observation, state, action| {
+        seen.lock().unwrap().push(observation.to_vec());
+        action.iter_mut().enumerate().for_each(|(entry, action)| *action = command(state[0], entry));
+        state[0] += 1.0;
+    })
 }
 
 /// An environment that remembers its actions.
 struct Robot {
     environment: TaskEnvironment,
+    facts: EnvironmentFacts,
     got: Log<f64>,
 }
 
 impl Environment for Robot {
-    fn name(&self) -> &str {
-        self.environment.name()
-    }
-
-    fn space(&self) -> &Space {
-        self.environment.space()
-    }
-
-    fn signals(&self) -> &Arc<[String]> {
-        self.environment.signals()
-    }
-
-    fn reward_terms(&self) -> &[String] {
-        self.environment.reward_terms()
-    }
-
-    fn observation_size(&self) -> usize {
-        self.environment.observation_size()
-    }
-
-    fn action_size(&self) -> usize {
-        self.environment.action_size()
-    }
-
-    fn action_limit(&self) -> f64 {
-        self.environment.action_limit()
-    }
-
-    fn state_size(&self) -> usize {
-        self.environment.state_size()
-    }
-
-    fn control_dt(&self) -> f64 {
-        self.environment.control_dt()
-    }
-
-    fn episode_steps(&self) -> usize {
-        STEPS
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
 
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
@@ -158,14 +98,15 @@ impl Stage {
             hash: "-".into(),
             file_hash: String::new(),
         };
-        let controller: Arc<dyn Controller> = Arc::new(Observer { sizes, seen: Arc::clone(&seen) });
+        let controller = observer(sizes.0, sizes.1, Arc::clone(&seen));
         let noise = Noise::default();
         let target = TaskTarget::new(task, Preset::Paper, controller, vec![component], noise).unwrap();
         let space = target.target().unwrap().space(spaces).unwrap();
         let specification = definition.paper.specification().unwrap();
         let environment = target.environment(&space, &specification).unwrap();
         let got = Log::default();
-        let robot = Robot { environment, got: Arc::clone(&got) };
+        let facts = EnvironmentFacts { episode_steps: STEPS, ..environment.facts().clone() };
+        let robot = Robot { environment, facts, got: Arc::clone(&got) };
         let system = target.system_in(Arc::new(robot), &space, &specification).unwrap();
         Stage { space, sites, system: Box::new(system), seen, got }
     }

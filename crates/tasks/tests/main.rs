@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod altered_worlds;
 mod ball_contact;
 mod batch;
 mod catch_contact;
@@ -13,11 +14,16 @@ mod door_contact;
 mod every_axis;
 mod every_task;
 mod faults;
+mod frozen;
+#[path = "../../rollout/tests/function_controller/mod.rs"]
+mod function_controller;
 mod manner;
 mod manner_reward;
 mod mistakes;
 mod peg_contact;
+mod posture;
 mod seeing;
 mod sight;
+mod solver;
 mod stepped;
 mod takeover;

@@ -70,9 +70,8 @@ fn each_term_is_its_weight_times_its_formula_and_no_other_bit_changes() {
             assert_eq!(with.signals[..without.signals.len()], without.signals, "{name}");
             assert_eq!(with.state[..without.state.len()], without.state, "{name}");
 
-            // The formula `careful` of the door limits the force on the door too.
-            let object = if name == "door-opening" { with.signal("object_force") } else { 0.0 };
-            let force = with.signal("fixture_force") + with.signal("ground_force") + object;
+            let limited = ["fixture_force", "ground_force", "object_force"];
+            let force: f64 = limited.iter().map(|name| with.signal(name)).sum();
             largest_force = largest_force.max(force);
             assert_near(with.rewards[own], -2.0 * force / (force + 140.0));
             let changes = action.iter().zip(before).map(|(now, before)| (now - before).powi(2) / 4.0);

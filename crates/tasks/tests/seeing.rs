@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use mishandle_camera::sight::{Feed, SIGHT_SPACES};
+use mishandle_camera::sight::{CAMERA_FAULTS, Factor, Feed, SEVERITIES};
 use mishandle_camera::{Output, Size, StateRenderer};
 use mishandle_rollout::{
     Component, Controller, ControllerWorker, Environment, Image, Noise, Request, Sample, Scenario, Seed,
@@ -95,7 +95,8 @@ fn system(target: &Target, space: &str) -> Box<dyn System> {
 fn a_controller_sees_what_its_cameras_show_under_faults_of_cameras() {
     let watcher = Watcher::new(&[("wrist", 12, 8), ("over", 12, 8)]);
     let target = watcher.target("point-reaching").unwrap();
-    let name = format!("starts+{}", SIGHT_SPACES.join("+"));
+    let factors = Factor::ALL.map(|(factor, _)| factor.space(SEVERITIES));
+    let name = format!("starts+{}+{CAMERA_FAULTS}", factors.join("+"));
     let space = target.space(&name).unwrap();
     let task = task("point-reaching").unwrap();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
@@ -159,7 +160,7 @@ fn axes_of_what_a_controller_sees_are_in_the_space_of_all_axes() {
         ("lamp_x", [false, true, true]),
         ("camera_delay", [false, true, true]),
         ("over_camera_x", [false, true, false]),
-        ("image_patch_size", [false, true, false]),
+        ("occlusion_size", [false, true, true]),
         ("wrist_camera_roll", [false, false, true]),
         ("target_x", [true, true, true]),
     ] {
@@ -171,22 +172,33 @@ fn axes_of_what_a_controller_sees_are_in_the_space_of_all_axes() {
 #[test]
 fn the_axes_of_images_that_depend_on_the_seed_are_random_to_a_controller_that_sees() {
     let target = Watcher::new(&[("over", 12, 8)]).target("point-reaching").unwrap();
-    let name = "light+image";
-    let space = target.space("light+image").unwrap();
+    let name = "light-3+image-3";
+    let space = target.space(name).unwrap();
     let mut system = system(&target, name);
     let mut found = Vec::new();
     for (index, axis) in space.axes().iter().enumerate() {
         let mut scenario = space.nominal().values().to_vec();
-        scenario[index] = Some(axis.high);
+        scenario[index] = Some(if axis.name == "corruption" { 1.0 } else { axis.high });
+        // The corruption of an axis of its severity is noise, which is the first one.
+        let other = match axis.name.as_str() {
+            "corruption" => Some(("corruption_severity", 1.0)),
+            "corruption_severity" => Some(("corruption", 1.0)),
+            _ => None,
+        };
+        if let Some((name, value)) = other {
+            scenario[space.axes().iter().position(|axis| axis.name == name).unwrap()] = Some(value);
+        }
         let request = |seed| Request::new(Scenario::new(scenario.clone()), Seed(seed));
         let episodes = system.rollout(&[request(1), request(2)]).unwrap();
         let differs = episodes[0].trace != episodes[1].trace;
         assert_eq!(differs, target.random_axes.contains(&axis.name), "{}", axis.name);
         found.extend(differs.then_some(axis.name.as_str()));
     }
-    assert_eq!(found, ["image_noise", "image_shot_noise"]);
+    assert_eq!(found, ["corruption", "corruption_severity"]);
     let blind = Watcher::new(&[]).target("point-reaching").unwrap();
-    assert!(!blind.random_axes.iter().any(|name| name.starts_with("image_") || name.starts_with("camera_")));
+    assert!(
+        !blind.random_axes.iter().any(|name| name.starts_with("corruption") || name.starts_with("camera_"))
+    );
 }
 
 #[test]

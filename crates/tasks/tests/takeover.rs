@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use mishandle_controllers::ControllerFile;
+use mishandle_controllers::{ControllerFile, Fitted};
 use mishandle_rollout::{Controller, ControllerWorker, Environment, Noise, Request, Rollout, Seed, System};
 use mishandle_tasks::{Preset, Reward, TASKS, TaskEnvironment};
 
@@ -57,6 +57,9 @@ struct RelayWorker {
     begin: Begin,
 }
 
+/// Numbers of an expert's state after its phase: the memory of its limiter, and seven velocities.
+const LIMITED: usize = 2 + 3 * 7 + 7;
+
 impl ControllerWorker for RelayWorker {
     fn reset(&mut self, state: &mut [f64], seed: Seed) {
         let (steps, rest) = state.split_first_mut().unwrap();
@@ -64,7 +67,11 @@ impl ControllerWorker for RelayWorker {
         *steps = 0.0;
         self.student.reset(student, seed);
         match self.begin {
-            Begin::Never => expert.fill(0.0),
+            Begin::Never => {
+                self.expert.reset(expert, seed);
+                let phase = expert.len() - LIMITED;
+                expert[..phase].fill(0.0);
+            }
             _ => self.expert.reset(expert, seed),
         }
     }
@@ -95,7 +102,10 @@ impl ControllerWorker for RelayWorker {
 fn robustness(task: &str, begin: Begin, starts: usize, seed: Seed) -> Vec<f64> {
     let task = *TASKS.iter().find(|t| t.definition().name == task).unwrap();
     let definition = task.definition();
+    let expert = task.expert().unwrap();
+    let parts = expert.further_parts();
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Original).unwrap();
+    let environment = environment.with_further_parts(parts).unwrap();
     let starts = if definition.name.starts_with("cloth") { starts.div_ceil(6) } else { starts };
     let requests: Vec<Request> = (0..)
         .map(|i| (environment.space().sample(seed, i), i))
@@ -105,7 +115,8 @@ fn robustness(task: &str, begin: Begin, starts: usize, seed: Seed) -> Vec<f64> {
         .collect();
     let file = format!("../../controllers/{}/ppo.safetensors", definition.name);
     let student = Arc::new(ControllerFile::load(Path::new(&file)).unwrap().policy);
-    let relay = Relay { student, expert: task.expert().unwrap(), begin };
+    let student = Fitted::of_layout(student, &definition.layout_with(parts), parts);
+    let relay = Relay { student, expert, begin };
     let specification = definition.paper.specification().unwrap();
     let mut rollout =
         Rollout::new(Arc::new(environment), Arc::new(relay), specification, Noise::default()).unwrap();
@@ -118,26 +129,32 @@ const TASKS_WITH_PHASES: [&str; 5] =
     ["ball-pushing", "cloth-placing", "cube-stacking", "door-opening", "peg-in-hole"];
 const SHARE: f64 = 0.9;
 
-fn check(task: &str, begin: Begin, seed: u64) {
+/// Returns the number of starts that succeed if it is too small.
+fn check(task: &str, begin: Begin, seed: u64) -> Option<String> {
     let found = robustness(task, begin, 20, Seed(seed));
     let successes = found.iter().filter(|rho| **rho > 0.0).count();
-    assert!(successes as f64 >= SHARE * found.len() as f64, "{task}, {begin:?}: {successes} succeed");
+    let is_enough = successes as f64 >= SHARE * found.len() as f64;
+    (!is_enough).then(|| format!("{task}, {begin:?}: {successes} of {} succeed", found.len()))
 }
 
 #[test]
 #[ignore = "long"]
 fn an_expert_takes_over_from_another_controller() {
+    let mut few = Vec::new();
     for task in TASKS_WITH_PHASES {
         for (steps, seed) in [(10, 21), (40, 22), (100, 23)] {
-            check(task, Begin::After(steps), seed);
+            few.extend(check(task, Begin::After(steps), seed));
         }
     }
+    assert!(few.is_empty(), "{few:#?}");
 }
 
 /// So what it would do in a state is a function of the state, which a student can learn.
 #[test]
 fn an_expert_that_forgets_its_phase_at_each_step_succeeds() {
-    TASKS_WITH_PHASES.iter().for_each(|task| check(task, Begin::Always, 24));
+    let few: Vec<String> =
+        TASKS_WITH_PHASES.iter().filter_map(|task| check(task, Begin::Always, 24)).collect();
+    assert!(few.is_empty(), "{few:#?}");
 }
 
 #[test]

@@ -18,6 +18,6 @@ pub use invisible::{is_invisible, visible};
 pub use number::{
     decimal, number_text, p_value_phrase, p_value_text, plural, probability_text, short_number,
 };
-pub use path::path_text;
+pub use path::{path_text, shell_path};
 pub use shell_quote::shell_quote;
 pub use xml::xml_text;

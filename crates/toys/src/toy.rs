@@ -101,6 +101,7 @@ fn target_of(kind: &str, toy: &'static dyn Toy) -> Result<Target, RolloutError> 
         factory: Arc::new(move |space: &Space, specification: &Specification| {
             Ok(Box::new(ToySystem::new(toy, space, specification)?) as Box<dyn System>)
         }),
+        solver_variants: Vec::new(),
         axes,
     })
 }

@@ -124,10 +124,7 @@ pub enum TrainingError {
         found: String,
     },
     /// The checkpoint belongs to a training run with other settings.
-    #[error(
-        "the training started with other settings: {}; resume with those, or start again without --resume",
-        listed(differing)
-    )]
+    #[error("the training started with other settings: {}", listed(differing))]
     SettingsMismatch {
         /// For each setting that differs: its name, its value in the checkpoint, and the requested
         /// value, as TOML.

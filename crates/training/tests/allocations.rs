@@ -1,14 +1,13 @@
 //! Sampling a batch and computing the losses of SAC, the most complex ones, allocate memory only
 //! the first time. A control step with delays and faults allocates none once its delays are full.
-#![allow(unsafe_code)] // a counting global allocator needs it
 #![allow(clippy::unwrap_used)]
 
+#[path = "../../stl/tests/allocation_counter/mod.rs"]
+mod allocation_counter;
 mod line;
 mod toy;
 
-use std::alloc::{GlobalAlloc, Layout, System as Allocator};
-use std::cell::Cell;
-
+use allocation_counter::ALLOCATIONS;
 use line::Line;
 use mishandle_network::{Activation, Mlp, Normalizer};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
@@ -16,27 +15,6 @@ use mishandle_rollout::{Axis, Environment, ScenarioBatches, Seed, Space, Stream,
 use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::sac::{Actor, CriticLoss, CriticScratch, Distribution, PolicyLoss, PolicyScratch};
 use mishandle_training::{Boundary, EpisodeSettings, Episodes, ScenarioSettings};
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call is forwarded to the system allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        let _ = ALLOCATIONS.try_with(|count| count.set(count.get() + 1));
-        unsafe { Allocator.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        unsafe { Allocator.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTING: Counting = Counting;
 
 fn network(inputs: usize, outputs: usize) -> Mlp<f32> {
     Mlp::new(&[inputs, 16, outputs], Activation::Elu, Activation::Identity).unwrap().with_layer_norm()
@@ -65,7 +43,7 @@ fn later_updates_allocate_no_memory() {
     let mut critics_gradient = vec![0.0; 2 * critics[0].parameter_count()];
     let mut actor_gradient = vec![0.0; actor.parameter_count()];
     let mut update = |index: u64| {
-        let before = ALLOCATIONS.with(Cell::get);
+        let before = ALLOCATIONS.get();
         replay.sample(&sampling, Seed(1), index, 64, &normalizer, &mut batch);
         Seed(2).normals(Stream::Policy, index, &mut noise);
         let temperature = 0.1;
@@ -76,7 +54,7 @@ fn later_updates_allocate_no_memory() {
         loss.add_gradient(0..64, &mut critic_scratch, &mut critics_gradient);
         let loss = PolicyLoss { batch: &batch, noise: &noise, temperature, actor, critics };
         loss.add_gradient(0..64, &mut policy_scratch, &mut actor_gradient);
-        ALLOCATIONS.with(Cell::get) - before
+        ALLOCATIONS.get() - before
     };
     assert!(update(0) > 0, "the first update allocates memory");
     assert_eq!(update(1) + update(2), 0);
@@ -107,10 +85,10 @@ fn a_control_step_with_disturbances_allocates_no_memory() {
         let batches = ScenarioBatches::new(line, scenarios);
         let mut episodes = Episodes::new(&batches, &settings, &ScenarioSettings::default(), Seed(0)).unwrap();
         let mut step = || {
-            let before = ALLOCATIONS.with(Cell::get);
+            let before = ALLOCATIONS.get();
             episodes.step(&[0.1; 8]).unwrap();
             let ends = episodes.boundaries().iter().any(|boundary| *boundary != Boundary::Running);
-            (!ends).then(|| ALLOCATIONS.with(Cell::get) - before)
+            (!ends).then(|| ALLOCATIONS.get() - before)
         };
         // The longest age of an observation is 3 + 3 + 5 control steps, a new one replaces the
         // oldest. Resets allocate.

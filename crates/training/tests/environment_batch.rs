@@ -30,6 +30,7 @@ impl BatchFactory for HomingFactory {
             name: "homing".to_string(),
             space: Space::new("nothing", Vec::new()).unwrap(),
             observation_size: 1,
+            exact_size: 0,
             action_size: 1,
             action_limit: 1.0,
             state_size: 1,

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use crate::toy::{Toy, names, space};
-use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, TrainingScenarios};
+use mishandle_rollout::{
+    EnvironmentFacts, EnvironmentWorker, Sample, Scenario, Seed, StepStatus, TrainingScenarios,
+};
 use mishandle_training::{
     Boundary, EpisodeSettings, Episodes, RolloutBuffer, ScenarioDraw, ScenarioSettings, TimeoutHandling,
 };
@@ -16,14 +18,19 @@ struct Counter;
 
 fn counter(low: f64) -> Arc<Toy<Counter>> {
     Arc::new(Toy {
-        name: "counter",
-        space: space(&[("fate", low, low + 0.5)]),
-        signals: names(&["step"]),
-        reward_terms: names(&["action"]),
-        observation_size: 2,
-        action_size: 1,
-        state_size: 2,
-        episode_steps: 300,
+        facts: EnvironmentFacts {
+            name: "counter".to_string(),
+            space: space(&[("fate", low, low + 0.5)]),
+            signals: names(&["step"]),
+            reward_terms: names(&["action"]).to_vec(),
+            observation_size: 2,
+            exact_size: 0,
+            action_size: 1,
+            state_size: 2,
+            episode_steps: 300,
+            action_limit: 1.0,
+            control_dt: 0.1,
+        },
         worker: Counter,
     })
 }
@@ -198,7 +205,7 @@ fn an_episode_that_cannot_start_is_skipped_and_the_others_keep_their_seeds() {
     let seed = Seed(3);
     let scenarios = ScenarioSettings::default();
     let environment = counter(2.75);
-    let draw = ScenarioDraw::new(TrainingScenarios::of(environment.space.clone()), &scenarios);
+    let draw = ScenarioDraw::new(TrainingScenarios::of(environment.facts.space.clone()), &scenarios);
     // Every other scenario cannot be started; the others diverge at control step 3.
     let started = |row: u64| -> Vec<f64> {
         let fates = (0..200).map(|episode| draw.draw(seed.child(row).child(episode)).1.get(0).unwrap());

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use crate::toy::{Toy, names, space};
 use mishandle_controllers::Policy;
-use mishandle_rollout::{Controller, EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
+use mishandle_rollout::{
+    Controller, EnvironmentFacts, EnvironmentWorker, Sample, Scenario, Seed, StepStatus,
+};
 use mishandle_training::{
     AlgorithmSettings, Checkpoint, Observer, Origin, TrainingControl, TrainingProgress, Validation,
 };
@@ -19,14 +21,19 @@ struct Cue;
 
 fn cue() -> Arc<Toy<Cue>> {
     Arc::new(Toy {
-        name: "cue",
-        space: space(&[("side", -1.0, 1.0)]),
-        signals: names(&["sign"]),
-        reward_terms: names(&["agreement"]),
-        observation_size: 1,
-        action_size: 1,
-        state_size: 1,
-        episode_steps: STEPS,
+        facts: EnvironmentFacts {
+            name: "cue".to_string(),
+            space: space(&[("side", -1.0, 1.0)]),
+            signals: names(&["sign"]),
+            reward_terms: names(&["agreement"]).to_vec(),
+            observation_size: 1,
+            exact_size: 0,
+            action_size: 1,
+            state_size: 1,
+            episode_steps: STEPS,
+            action_limit: 1.0,
+            control_dt: 0.1,
+        },
         worker: Cue,
     })
 }

@@ -6,6 +6,8 @@
 mod bases;
 mod environment_batch;
 mod episodes;
+#[path = "../../rollout/tests/function_controller/mod.rs"]
+mod function_controller;
 mod harness;
 mod history;
 mod keeper;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::toy::{Toy, names, space};
 use mishandle_network::Normalizer;
-use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
+use mishandle_rollout::{EnvironmentFacts, EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use mishandle_training::replay_buffer::{ReplayBuffer, Sampling, TransitionBatch};
 use mishandle_training::{Checkpoint, EpisodeSettings, Episodes, ScenarioSettings};
 
@@ -15,14 +15,19 @@ struct Powers;
 
 fn powers(fate: f64) -> Arc<Toy<Powers>> {
     Arc::new(Toy {
-        name: "powers",
-        space: space(&[("fate", fate, fate + 0.5)]),
-        signals: names(&["step"]),
-        reward_terms: names(&["power"]),
-        observation_size: 1,
-        action_size: 1,
-        state_size: 2,
-        episode_steps: 300,
+        facts: EnvironmentFacts {
+            name: "powers".to_string(),
+            space: space(&[("fate", fate, fate + 0.5)]),
+            signals: names(&["step"]),
+            reward_terms: names(&["power"]).to_vec(),
+            observation_size: 1,
+            exact_size: 0,
+            action_size: 1,
+            state_size: 2,
+            episode_steps: 300,
+            action_limit: 1.0,
+            control_dt: 0.1,
+        },
         worker: Powers,
     })
 }

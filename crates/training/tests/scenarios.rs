@@ -5,6 +5,7 @@ use crate::toy;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
+use crate::function_controller::controller;
 use crate::line::Line;
 use crate::toy::{Toy, names};
 use mishandle_controllers::Policy;
@@ -12,7 +13,7 @@ use mishandle_controllers::guard::{Fallback, Guard, Guarded, Meaning, Motion, Sw
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::fault::{Channel, FaultSite, Side};
 use mishandle_rollout::{
-    Axis, AxisKind, AxisValues, BatchFactory, Controller, ControllerWorker, Disturbance, Effect, Environment,
+    Axis, AxisKind, AxisValues, BatchFactory, Controller, Disturbance, Effect, Environment, EnvironmentFacts,
     EnvironmentWorker, Noise, Request, Rollout, Sample, Scenario, ScenarioBatches, Seed, Space,
     Specification, StepStatus, Stream, System, TimeProfile, TrainingScenarios, delays,
 };
@@ -32,14 +33,19 @@ struct Drifter;
 
 fn drifter() -> Arc<Toy<Drifter>> {
     Arc::new(Toy {
-        name: "drifter",
-        space: toy::space(&[("start", -1.0, 1.0)]),
-        signals: names(&["first", "second", "reward"]),
-        reward_terms: names(&["reward"]),
-        observation_size: 3,
-        action_size: 2,
-        state_size: 3,
-        episode_steps: STEPS,
+        facts: EnvironmentFacts {
+            name: "drifter".to_string(),
+            space: toy::space(&[("start", -1.0, 1.0)]),
+            signals: names(&["first", "second", "reward"]),
+            reward_terms: names(&["reward"]).to_vec(),
+            observation_size: 3,
+            exact_size: 0,
+            action_size: 2,
+            state_size: 3,
+            episode_steps: STEPS,
+            action_limit: 1.0,
+            control_dt: 0.1,
+        },
         worker: Drifter,
     })
 }
@@ -85,31 +91,11 @@ fn act(observation: &[f32]) -> [f32; 2] {
 }
 
 /// Runs [`act`] and keeps what it saw.
-struct Recorder(Arc<Mutex<Vec<Vec<f32>>>>);
-
-impl Controller for Recorder {
-    fn observation_size(&self) -> usize {
-        3
-    }
-    fn action_size(&self) -> usize {
-        2
-    }
-    fn state_size(&self) -> usize {
-        0
-    }
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Recorder(self.0.clone()))
-    }
-}
-
-impl ControllerWorker for Recorder {
-    fn reset(&mut self, _state: &mut [f64], _seed: Seed) {}
-
-    fn act(&mut self, rows: usize, observations: &[f32], _states: &mut [f64], actions: &mut [f32]) {
-        assert_eq!(rows, 1);
-        self.0.lock().unwrap().push(observations.to_vec());
-        actions.copy_from_slice(&act(observations));
-    }
+fn recorder(seen: Arc<Mutex<Vec<Vec<f32>>>>) -> Arc<dyn Controller> {
+    controller([3, 2, 0], move |observation, _, action| {
+        seen.lock().unwrap().push(observation.to_vec());
+        action.copy_from_slice(&act(observation));
+    })
 }
 
 fn site(side: Side, name: &str, entries: usize) -> FaultSite {
@@ -162,7 +148,7 @@ fn disturbances(steps: Range<usize>) -> Vec<Disturbance> {
 /// All scenarios of the drifter from which a policy can learn.
 fn scenarios() -> TrainingScenarios {
     let disturbances = disturbances(5..20);
-    let axes = drifter().space.axes().to_vec();
+    let axes = drifter().facts.space.axes().to_vec();
     let mut axes: Vec<Axis> =
         axes.into_iter().chain(disturbances.iter().map(|known| known.axis.clone())).collect();
     let whole = TrainingScenarios {
@@ -248,7 +234,7 @@ fn step(episodes: &mut Episodes) {
 /// Bits of what the policy saw in an evaluation, and of the actions and rewards of each step.
 fn evaluated(scenario: Scenario, seed: Seed, noise: Noise) -> (Vec<Vec<u32>>, Vec<[u64; 3]>) {
     let seen = Arc::new(Mutex::new(Vec::new()));
-    let steps = evaluated_steps(Arc::new(Recorder(seen.clone())), scenario, seed, noise);
+    let steps = evaluated_steps(recorder(seen.clone()), scenario, seed, noise);
     let seen = seen.lock().unwrap().iter().map(|observation| float_bits(observation)).collect();
     (seen, steps)
 }
@@ -345,7 +331,7 @@ fn a_guarded_policy_acts_as_in_an_evaluation_within_delays_faults_and_pauses() {
             }
             for (row, done) in done.iter().enumerate() {
                 let seed = Seed(3).child(row as u64).child(episode);
-                let controller = Arc::new(Recorder(Arc::default()));
+                let controller = recorder(Arc::default());
                 let controller = Arc::new(Guarded::new(controller, guard.clone()));
                 let trace = evaluated_trace(controller, scenarios.random(seed, 0), seed, noise);
                 assert_eq!(*done, steps_of(&trace), "row {row}");
@@ -456,7 +442,7 @@ fn nominal_axes_and_nominal_episodes_change_no_bit() {
     let axes = whole.space.axes().iter().filter(|axis| axis.nominal.is_some()).map(fixed).collect();
     let still = TrainingScenarios { space: Space::new("still", axes).unwrap(), ..whole.clone() };
     let nominal = ScenarioSettings { nominal: 1.0, ..ScenarioSettings::default() };
-    let plain = TrainingScenarios::of(drifter().space.clone());
+    let plain = TrainingScenarios::of(drifter().facts.space.clone());
     let shares = ScenarioSettings::default();
     let mut all = [
         episodes(&plain, &shares, 20, NOISES[2]),
@@ -478,7 +464,7 @@ fn shares_are_met_within_binomial_bounds() {
     // The initial state is 0.5 in given scenarios, -1 or 1 at corners and otherwise any other.
     // A bias of 0 is nominal.
     let bias = &disturbances(0..1)[5..6];
-    let axes = [drifter().space.axes()[0].clone(), bias[0].axis.clone()];
+    let axes = [drifter().facts.space.axes()[0].clone(), bias[0].axis.clone()];
     let given = [(Some(0.5), 0.1, 3.0), (Some(0.5), -0.1, 1.0)];
     let given = given.map(|(start, bias, weight)| (Scenario::new(vec![start, Some(bias)]), weight));
     let scenarios = TrainingScenarios {

@@ -54,3 +54,27 @@ pub fn rotate(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
 pub fn rotate_back(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
     rotate([q[0], -q[1], -q[2], -q[3]], v)
 }
+
+/// Returns the product of two quaternions: the rotation by `b`, then by `a`.
+///
+/// # Example
+/// ```
+/// use mishandle_world::frame::{multiply, rotate};
+/// let half = std::f64::consts::FRAC_1_SQRT_2; // a quarter turn about z, twice
+/// let turned = multiply([half, 0.0, 0.0, half], [half, 0.0, 0.0, half]);
+/// assert!((rotate(turned, [1.0, 0.0, 0.0])[0] + 1.0).abs() < 1e-15);
+/// ```
+pub fn multiply(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+    let [w, x, y, z] = a;
+    [
+        w * b[0] - x * b[1] - y * b[2] - z * b[3],
+        w * b[1] + x * b[0] + y * b[3] - z * b[2],
+        w * b[2] - x * b[3] + y * b[0] + z * b[1],
+        w * b[3] + x * b[2] - y * b[1] + z * b[0],
+    ]
+}
+
+/// Returns the inverse of a unit quaternion.
+pub fn inverse([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+    [w, -x, -y, -z]
+}

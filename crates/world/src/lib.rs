@@ -42,6 +42,7 @@ mod rows;
 mod sensing;
 mod servo;
 mod shapes;
+mod solver;
 mod state;
 mod structure;
 

@@ -5,9 +5,9 @@ use crate::frame::{add, cross, norm, sub};
 use crate::{Actuator, Body, Equality, Joint, Model, Part, PartForces, PartMap, Rows, Servo, Site, World};
 
 /// Number of forces: those of the robot on fixtures, on the ground, on itself and on the object,
-/// and that of the robot without its fingers on the object. What the hand holds belongs to the
-/// robot.
-pub const FORCES: usize = 5;
+/// that of the robot without its fingers on the object, and all of the robot but those on an object
+/// that it carries. What the hand holds belongs to the robot.
+pub const FORCES: usize = 6;
 
 /// The elements of a model whose forces and motion are measured.
 #[derive(Clone, Debug)]
@@ -16,6 +16,8 @@ pub struct Probe {
     pub parts: PartMap,
     /// The weld that holds the object in the hand.
     pub weld: Option<Equality>,
+    /// Whether the robot carries the object without a weld, as on a tray.
+    pub carries: bool,
     /// The joints of the arm, which are hinges.
     pub joints: Vec<ProbedJoint>,
     /// The body of the tool.
@@ -50,9 +52,10 @@ pub struct Readings {
     pub speed: f64,
     /// Largest speed of a joint, as a share of its limit.
     pub speed_share: f64,
-    /// Largest acceleration of a joint, as a share of its limit.
+    /// Largest change of a joint's velocity over the control step, divided by its duration, as a
+    /// share of the limit of the acceleration.
     pub acceleration_share: f64,
-    /// Largest torque of a servo, as a share of its limit.
+    /// Largest torque that a servo demands before it is limited, as a share of its limit.
     pub torque_share: f64,
     /// Largest speed of the tool, m/s, between the physics steps. The speed after the last one is
     /// that of the new state, and not measured.
@@ -118,32 +121,45 @@ impl Probe {
 
     /// Returns which forces contain the contacts of each pair of parts, `[parts, parts]`: bit i is
     /// that of force i.
-    pub fn pairs(holds: bool) -> [u8; Part::ALL.len() * Part::ALL.len()] {
-        let mut pairs = [0; Part::ALL.len() * Part::ALL.len()];
-        for a in Part::ALL {
-            for b in Part::ALL {
-                let mut unit = PartForces::default();
-                unit.add(a, b, 1.0);
-                let bits = forces(&unit, holds).into_iter().enumerate();
-                pairs[a as usize * Part::ALL.len() + b as usize] =
-                    bits.map(|(force, size)| u8::from(size > 0.0) << force).sum();
-            }
-        }
-        pairs
+    pub fn pairs(&self, holds: bool) -> Pairs {
+        pairs(holds, self.carries)
     }
 }
 
+/// For each pair of parts, the forces that contain its contacts, as bits.
+type Pairs = [u8; Part::ALL.len() * Part::ALL.len()];
+
+fn pairs(holds: bool, carries: bool) -> Pairs {
+    let mut pairs = [0; Part::ALL.len() * Part::ALL.len()];
+    for a in Part::ALL {
+        for b in Part::ALL {
+            let mut unit = PartForces::default();
+            unit.add(a, b, 1.0);
+            let bits = forces(&unit, holds, carries).into_iter().enumerate();
+            pairs[a as usize * Part::ALL.len() + b as usize] =
+                bits.map(|(force, size)| u8::from(size > 0.0) << force).sum();
+        }
+    }
+    pairs
+}
+
 /// Returns the [`FORCES`].
-fn forces(forces: &PartForces, holds: bool) -> [f64; FORCES] {
+fn forces(forces: &PartForces, holds: bool, carries: bool) -> [f64; FORCES] {
     use Part as P;
     let of_robot = |part| forces.between(P::Fingers, part) + forces.between(P::Arm, part);
     let of_held = |part| if holds { forces.between(P::Object, part) } else { 0.0 };
+    let on_fixtures = of_robot(P::Fixture) + of_held(P::Fixture);
+    let on_ground = of_robot(P::Ground) + of_held(P::Ground);
+    let on_itself = of_robot(P::Arm) + forces.between(P::Fingers, P::Fingers);
+    let on_object = of_robot(P::Object);
+    let on_free_object = if holds || carries { 0.0 } else { on_object };
     [
-        of_robot(P::Fixture) + of_held(P::Fixture),
-        of_robot(P::Ground) + of_held(P::Ground),
-        of_robot(P::Arm) + forces.between(P::Fingers, P::Fingers),
-        of_robot(P::Object),
+        on_fixtures,
+        on_ground,
+        on_itself,
+        on_object,
         forces.between(P::Arm, P::Object),
+        on_fixtures + on_ground + on_itself + on_free_object,
     ]
 }
 
@@ -151,16 +167,19 @@ fn forces(forces: &PartForces, holds: bool) -> [f64; FORCES] {
 #[derive(Clone, Debug)]
 pub struct ProbeRecorder {
     probe: Probe,
-    /// Velocities before the physics step.
+    /// Velocities at the start of the control step, and before the physics step.
+    start: Vec<f64>,
     before: Vec<f64>,
-    steps: usize,
+    steps: u32,
     readings: Readings,
 }
 
 impl ProbeRecorder {
     /// Makes a recorder for worlds of `model`, or of models with the same document.
     pub fn new(probe: Probe, model: &Model) -> ProbeRecorder {
-        ProbeRecorder { probe, before: vec![0.0; model.qvel_size()], steps: 0, readings: Readings::default() }
+        let velocities = vec![0.0; model.qvel_size()];
+        let readings = Readings::default();
+        ProbeRecorder { probe, start: velocities.clone(), before: velocities, steps: 0, readings }
     }
 
     /// Starts a control step.
@@ -179,21 +198,26 @@ impl ProbeRecorder {
     /// As [`World::step_servos`].
     pub fn step(&mut self, servos: &[Servo], targets: &[f64], world: &mut World) {
         self.before.copy_from_slice(world.qvel());
+        if self.steps == 0 {
+            self.start.copy_from_slice(&self.before);
+        }
+        self.steps += 1;
         world.step_servos(servos, targets);
         let probe = &self.probe;
         let readings = &mut self.readings;
         let world = &*world;
-        let timestep = world.model().timestep();
+        let duration = f64::from(self.steps) * world.model().timestep();
+        readings.acceleration_share = 0.0;
         let holds = probe.weld.is_some_and(|weld| world.rows().is_active(weld));
-        for (index, force) in forces(&world.part_forces(&probe.parts), holds).into_iter().enumerate() {
+        let measured = forces(&world.part_forces(&probe.parts), holds, probe.carries);
+        for (index, force) in measured.into_iter().enumerate() {
             readings.largest[index] = readings.largest[index].max(force);
             readings.sums[index] += force;
         }
         for probed in &probe.joints {
             let velocity = world.qvel()[probed.joint.dof];
-            // MuJoCo's own acceleration is that before the implicit integration.
-            let acceleration = (velocity - self.before[probed.joint.dof]) / timestep;
-            let torque = world.actuator_force(probed.actuator);
+            let acceleration = (velocity - self.start[probed.joint.dof]) / duration;
+            let torque = world.servo_demand(probed.actuator);
             readings.speed = readings.speed.max(velocity.abs());
             readings.speed_share = readings.speed_share.max(velocity.abs() / probed.max_velocity);
             let acceleration = acceleration.abs() / probed.max_acceleration;
@@ -201,13 +225,12 @@ impl ProbeRecorder {
             readings.torque_share = readings.torque_share.max(torque.abs() / probed.max_torque);
         }
         readings.limit_distance = readings.limit_distance.min(probe.limit_distance(world.qpos()));
-        if self.steps > 0 {
+        if self.steps > 1 {
             // Poses after a step are those of its start, where the velocities were these.
             let mut rows = world.rows();
             rows.qvel = &self.before;
             readings.tool_speed = readings.tool_speed.max(probe.tool_speed(&rows));
         }
-        self.steps += 1;
     }
 }
 
@@ -233,11 +256,13 @@ mod tests {
     fn what_the_hand_holds_belongs_to_the_robot() {
         let mut between = PartForces::default();
         PAIRS.iter().for_each(|(a, b, force)| between.add(*a, *b, *force));
-        for (holds, expected) in
-            [(true, [7.0, 24.0, 224.0, 768.0, 512.0]), (false, [6.0, 16.0, 224.0, 768.0, 512.0])]
-        {
-            assert_eq!(forces(&between, holds), expected);
-            let pairs = Probe::pairs(holds);
+        for (holds, carries, expected) in [
+            (true, false, [7.0, 24.0, 224.0, 768.0, 512.0, 255.0]),
+            (false, true, [6.0, 16.0, 224.0, 768.0, 512.0, 246.0]),
+            (false, false, [6.0, 16.0, 224.0, 768.0, 512.0, 1014.0]),
+        ] {
+            assert_eq!(forces(&between, holds, carries), expected);
+            let pairs = pairs(holds, carries);
             let mut sums = [0.0; FORCES];
             for (a, b, size) in PAIRS {
                 let bits = pairs[a as usize * Part::ALL.len() + b as usize];
@@ -255,7 +280,7 @@ mod tests {
         let numbers = std::array::from_fn(|index| index as f64);
         let readings = Readings::read(&numbers);
         assert_eq!(readings.numbers(), numbers);
-        assert_eq!((readings.largest[4], readings.sums[0], readings.speed), (4.0, 5.0, 10.0));
-        assert_eq!((readings.torque_share, readings.limit_distance), (13.0, 15.0));
+        assert_eq!((readings.largest[5], readings.sums[0], readings.speed), (5.0, 6.0, 12.0));
+        assert_eq!((readings.torque_share, readings.limit_distance), (15.0, 17.0));
     }
 }

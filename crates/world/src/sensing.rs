@@ -67,15 +67,6 @@ impl World {
         self.data.geom_xpos()[index]
     }
 
-    /// Returns the rotation matrix of a geom, row-major, at the last [`refresh`](Self::refresh): it
-    /// maps the geom's axes to world axes.
-    ///
-    /// # Panics
-    /// If the index is too large.
-    pub fn geom_rotation(&self, index: usize) -> [f64; 9] {
-        self.data.geom_xmat()[index]
-    }
-
     /// Returns the rotation matrix of a body, row-major, at the last [`refresh`](Self::refresh): it
     /// maps the body's axes to world axes.
     pub fn body_rotation(&self, body: Body) -> [f64; 9] {

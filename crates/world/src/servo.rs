@@ -121,7 +121,7 @@ impl World {
 impl Model {
     /// Returns stiffness kp (N m/rad or N/m) and damping kv (N m s/rad or N s/m) of actuator
     /// `index`, a position servo.
-    fn servo_gains(&self, index: usize) -> (f64, f64) {
+    pub(crate) fn servo_gains(&self, index: usize) -> (f64, f64) {
         (self.inner.actuator_gainprm()[index][0], -self.inner.actuator_biasprm()[index][2])
     }
 }

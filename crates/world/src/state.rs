@@ -2,6 +2,7 @@ use std::sync::Arc;
 
 use mujoco_rs::prelude::*;
 
+use crate::frame::{add, inverse, multiply, rotate, sub};
 use crate::model::INTEGRATION;
 use crate::rows::Tree;
 use crate::{Actuator, Body, Equality, Joint, Mocap, Model, Rows};
@@ -156,6 +157,16 @@ impl World {
         self.data.actuator_force()[actuator.0]
     }
 
+    /// Returns the force that a position servo demanded in the last step before its limit, N or
+    /// N m: that of its gains, of its control, and of the position and the velocity at the start of
+    /// the step.
+    pub fn servo_demand(&self, actuator: Actuator) -> f64 {
+        let index = actuator.0;
+        let (kp, kv) = self.model().servo_gains(index);
+        let data = &self.data;
+        kp * (data.ctrl()[index] - data.actuator_length()[index]) - kv * data.actuator_velocity()[index]
+    }
+
     /// Returns a view of the state and the quantities computed from it.
     pub fn rows(&self) -> Rows<'_> {
         Rows {
@@ -206,7 +217,7 @@ impl World {
     /// Moves a mocap body by `offset`, m.
     pub fn shift(&mut self, mocap: Mocap, offset: [f64; 3]) {
         let position = &mut self.data.mocap_pos_mut()[mocap.0];
-        *position = crate::frame::add(*position, offset);
+        *position = add(*position, offset);
     }
 
     /// Applies a force (N, world axes) to a body's center of mass in all following steps, until it
@@ -221,6 +232,34 @@ impl World {
         qpos[..3].copy_from_slice(&position);
         qpos[3..].copy_from_slice(&quaternion);
         self.data.qvel_mut()[joint.dof..][..6].fill(0.0);
+    }
+
+    /// Returns position and quaternion of a body, as [`refresh`](Self::refresh) last computed them.
+    pub fn pose(&self, body: Body) -> ([f64; 3], [f64; 4]) {
+        let rows = self.rows();
+        (rows.position(body), rows.quaternion(body))
+    }
+
+    /// Moves bodies as if they were fixed to a body that went from the pose `from` to `to`: those
+    /// with a free joint, and points with three slides along the axes of the world. The poses of
+    /// the last [`refresh`](Self::refresh) are theirs.
+    pub fn carry(&mut self, bodies: &[Body], from: ([f64; 3], [f64; 4]), to: ([f64; 3], [f64; 4])) {
+        let turn = multiply(to.1, inverse(from.1));
+        let inner = self.model.inner.clone();
+        for body in bodies {
+            let (position, quaternion) = self.pose(*body);
+            let moved = add(to.0, rotate(turn, sub(position, from.0)));
+            let Ok(first) = usize::try_from(inner.body_jntadr()[body.0]) else { continue };
+            let qpos = inner.jnt_qposadr()[first] as usize;
+            if inner.jnt_type()[first] == MjtJoint::mjJNT_FREE {
+                let qpos = &mut self.data.qpos_mut()[qpos..][..7];
+                qpos[..3].copy_from_slice(&moved);
+                qpos[3..].copy_from_slice(&multiply(turn, quaternion));
+            } else {
+                let way = sub(moved, position);
+                self.data.qpos_mut()[qpos..][..3].iter_mut().zip(way).for_each(|(q, way)| *q += way);
+            }
+        }
     }
 
     /// Switches an equality constraint on or off.
@@ -255,6 +294,13 @@ impl Model {
     /// which hold a cloth together.
     pub fn release(&self, active: &mut [bool]) {
         switch(self, active, false);
+    }
+
+    /// Returns whether an equality constraint in `active` is on, except the edge constraints of
+    /// flexes.
+    pub fn holds(&self, active: &[bool]) -> bool {
+        let attaches = |(active, kind): (&bool, &MjtEq)| *active && *kind != MjtEq::mjEQ_FLEX;
+        active.iter().zip(self.inner.eq_type()).any(attaches)
     }
 }
 

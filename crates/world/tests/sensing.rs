@@ -93,7 +93,7 @@ fn poses_and_bias_forces_of_a_pendulum_are_those_of_its_angle() {
     let bob = model.find(ElementKind::Geom, "bob").unwrap();
     let pendulum = model.body("pendulum").unwrap();
     assert!(close(world.geom_position(bob)) && close(world.body_inertial_position(pendulum)));
-    let rotation = world.geom_rotation(bob);
+    let rotation = world.body_rotation(pendulum);
     assert!((rotation[0] - angle.cos()).abs() < 1e-12 && (rotation[6] + angle.sin()).abs() < 1e-12);
     world.refresh_sensors();
     assert!(close(world.subtree_com(pendulum)));

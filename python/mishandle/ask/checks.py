@@ -1,7 +1,5 @@
 """The requirements of a file, checked on a system."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +13,6 @@ from mishandle.base.files import PathLike
 from mishandle.base.interruption import Progress
 from mishandle.runs.documents import read
 from mishandle.runs.targets import Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +37,8 @@ def check(
     *,
     out: PathLike,
     episodes: int | None = None,
-    trials: int | None = None,
     budget: int | None = None,
-    search: str = "portfolio",
-    batch: int = 1,
-    fail_on: str = "error",
-    allow_inapplicable: bool = False,
+    search: str | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
     **target: Unpack[TargetOptions],
@@ -55,23 +48,17 @@ def check(
     Parameters
     ----------
     system, space, **target
-        See :func:`mishandle.falsify`.
+        See :func:`mishandle.falsify`. ``check.batch`` of ``plan`` is 1 by default.
     file : path
         TOML file; ``docs/guide/check.md`` describes it.
     out : path
         Folder of the runs, the counterexamples and the reports. A second call continues an
         interrupted check.
-    episodes, trials, budget : int, optional
-        Number of random scenarios, number of searches for each requirement, and largest number of
-        simulations of a search; by default those of the file, or 100, 1 and 300.
+    episodes, budget : int, optional
+        Number of random scenarios, and largest number of simulations of a search; by default those
+        of the file, or 100 and 300.
     search : str
-        Name of the search.
-    batch : int
-        Number of simulations that a search proposes at once.
-    fail_on : str
-        Least severity that counts: ``"critical"``, ``"error"`` or ``"warning"``.
-    allow_inapplicable : bool
-        Whether requirements are accepted whose signals the system lacks.
+        Name of the search; by default ``"portfolio"``.
     seed : int
         Random seed.
     progress : callable, optional
@@ -93,19 +80,14 @@ def check(
     >>> (found.cells[0].verdict, found.exit_code)
     ('violated', 1)
     """
-    for name, value in [
-        ("episodes", episodes), ("trials", trials), ("budget", budget), ("batch", batch)
-    ]:
-        if value is not None:
-            check_number(name, value, 1)
     path = os.fspath(file)
     stated = _native.requirement_formulas(path)
     # Systems with formulas of their own have a name or are files. The others need one.
     formula = None if isinstance(system, (str, os.PathLike)) else stated[0][1]
-    made = make_target(system, formula, space, target, Call("check", target, {"seed": seed}))
+    given = {"episodes": episodes, "budget": budget, "search": search}
+    call = Call("check", target, {"seed": seed, "check": given}, {"check": {"batch": 1}})
+    made = make_target(system, formula, space, target, call)
     document, text, exit_code = _native.check(
-        made.native, requirements=path, out=os.fspath(out), episodes=episodes, trials=trials,
-        budget=budget, search=search, batch=batch, fail_on=fail_on,
-        allow_inapplicable=allow_inapplicable, progress=progress
+        made.native, requirements=path, out=os.fspath(out), progress=progress
     )
     return read(Check, document, shown=text, exit_code=exit_code)

@@ -1,7 +1,5 @@
 """Demonstrations of a controller as data sets for imitation learning."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 
@@ -15,7 +13,7 @@ from mishandle.base.interruption import Progress
 from mishandle.errors import InvalidTypeError
 from mishandle.runs.documents import read
 from mishandle.runs.targets import ControllerOptions, controller_text
-from mishandle.scenarios.arguments import checked_cameras, checked_size, is_real
+from mishandle.scenarios.arguments import checked_cameras, checked_size
 
 
 def record(
@@ -24,13 +22,8 @@ def record(
     out: PathLike,
     space: str | None = None,
     episodes: int | None = None,
-    format: str = "lerobot",
-    relabel: PathLike | None = None,
     cameras: Sequence[str] = (),
     size: tuple[int, int] = (64, 64),
-    successful: bool = False,
-    archive: PathLike | None = None,
-    archive_share: float = 0.5,
     seed: int | None = None,
     progress: Progress | None = None,
     **target: Unpack[ControllerOptions],
@@ -48,34 +41,24 @@ def record(
     out : path
         Folder of the data set; it must not exist. It appears when it is complete.
     space, seed, progress, **target
-        See :func:`falsify`. The ``policy`` is a controller, such as ``"expert"``.
+        See :func:`falsify`. The ``policy`` is a controller, such as ``"expert"``. The table
+        ``record`` of ``plan`` has the ``format`` (``"lerobot"`` or ``"npz"``), a controller that
+        relabels the actions (DAgger), and an archive of failures.
     episodes : int
         Number of simulations (100).
-    format : str
-        ``"lerobot"`` (LeRobot data set, version 3.0) or ``"npz"`` (NumPy arrays in ``data.npz``).
-    relabel : str or path, optional
-        Controller whose action in each state is recorded, while ``policy`` acts (DAgger).
     cameras : sequence of str
         Cameras whose images are recorded: ``"over"`` and ``"wrist"`` for tasks, and those that a
         target file states.
     size : tuple of int
         Width and height of the images, pixels, each from 1 to 1024.
-    successful : bool
-        Whether to keep only episodes that satisfy the success formula.
-    archive : path, optional
-        Failures from which the share ``archive_share`` of the scenarios is drawn: the folder of
-        those of a round of :func:`harden`, a run file, a counterexample, a folder of
-        counterexamples, or a table (``.csv``).
-    archive_share : float
-        Share of the simulations with a scenario of the archive.
 
     Examples
     --------
     >>> import tempfile
     >>> out = os.path.join(tempfile.mkdtemp(), "demonstrations")
     >>> found = record(
-    ...     "point-reaching", policy="expert", out=out, episodes=2, format="npz", cameras=["over"],
-    ...     size=(16, 16)
+    ...     "point-reaching", policy="expert", out=out, episodes=2, cameras=["over"], size=(16, 16),
+    ...     plan={"record": {"format": "npz"}}
     ... )
     >>> found.episodes, found.frames
     (2, 600)
@@ -86,16 +69,11 @@ def record(
             "file, and only their controllers are recorded"
         )
     sides = checked_size("size", size)
-    if not is_real(archive_share):
-        raise InvalidTypeError(
-            f"archive_share is {archive_share!r}; it must be a number from 0 to 1"
-        )
-    call = Call("record", target, {"seed": seed, "evaluate": {"episodes": episodes}})
+    given = {"camera": checked_cameras(cameras), "size": list(sides)}
+    call = Call(
+        "record", target, {"seed": seed, "evaluate": {"episodes": episodes}, "record": given}
+    )
     text = _native.record(
-        controller_text(system, space, target, call), format=format,
-        relabel=None if relabel is None else os.fspath(relabel), cameras=checked_cameras(cameras),
-        size=list(sides), only_successful=successful,
-        archive=None if archive is None else os.fspath(archive),
-        archive_share=float(archive_share), out=os.fspath(out), progress=progress
+        controller_text(system, space, target, call), out=os.fspath(out), progress=progress
     )
     return read(results.Demonstrations, text)

@@ -1,7 +1,5 @@
 """Falsification and evaluation of systems in Python."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 import warnings
@@ -12,9 +10,9 @@ from typing_extensions import Unpack
 
 import mishandle._native as _native
 import mishandle.results as results
-from mishandle.base.documents import Call
+from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike, write_text
-from mishandle.errors import InvalidValueError, MishandleError
+from mishandle.errors import InvalidValueError
 from mishandle.results import Trial
 from mishandle.runs.documents import RunFile, RunOptions, RunResult, read
 from mishandle.runs.explanations import Explanation
@@ -43,16 +41,14 @@ class Falsification(RunResult, results.Falsification):
 
     @property
     def counterexamples(self) -> list[Trial]:
-        """The falsified trials, the smallest robustness first."""
+        """The falsified trials, the smallest robustness first. ``trial.physics`` says whether one
+        depends on the solver of the physics."""
         found = [trial for trial in self.trials if trial.falsified]
         return sorted(found, key=lambda trial: (trial.minimum_robustness or 0.0, trial.trial))
 
-    def explain(self, trial: int | None = None, *, axes: int = 30) -> Explanation:
+    def explain(self, trial: int | None = None, *, plan: Plan | None = None) -> Explanation:
         """Explains the counterexample of a trial; by default, the first one, as ``mishandle
-        explain`` does.
-
-        It is simulated again with each axis alone at its nominal value, for at most ``axes`` axes.
-        """
+        explain`` does: see :meth:`mishandle.runs.Run.explain`."""
         first = sorted(self.counterexamples, key=lambda each: each.trial)
         found = first if trial is None else [each for each in self.trials if each.trial == trial]
         if not found or found[0].simulation is None:
@@ -60,13 +56,15 @@ class Falsification(RunResult, results.Falsification):
                 "no trial found a counterexample" if trial is None
                 else f"trial {trial} has no simulation"
             )
-        return open_run(self.path).explain(found[0].trial, found[0].simulation, axes=axes)
+        return open_run(self.path).explain(found[0].trial, found[0].simulation, plan=plan)
 
-    def export(
-        self, folder: PathLike, *, minimize: bool = False, budget: int | None = None
-    ) -> Exports:
+    def export(self, folder: PathLike, *, plan: Plan | None = None) -> Exports:
         """Writes the failure of each failure mode that is closest to the nominal scenario as a
         counterexample file.
+
+        The physics of tasks and robots in files is checked first: the same simulation with half the
+        physics step, the other collider, and the start moved by 1e-6. A failure that depends on the
+        solver is left out (``files[i].physics.depends_on_solver``); if all do, that is an error.
 
         :func:`mishandle.regress` simulates the files of a folder again. Existing files are
         replaced.
@@ -75,18 +73,13 @@ class Falsification(RunResult, results.Falsification):
         ----------
         folder : path
             Folder of the files.
-        minimize : bool
-            Whether to move the scenarios toward the nominal one while they still fail.
-        budget : int, optional
-            Largest number of simulations that minimize a counterexample; by default 300.
+        plan : dict, optional
+            Rare settings: ``{"regress": {"minimize": True}}`` moves the scenarios toward the
+            nominal one while they still fail, each in at most ``budget`` simulations (300).
         """
-        target = self.remembered if minimize else None
-        if minimize and target is None:
-            raise MishandleError(
-                "a copy of a result does not know its system; minimize with the result itself"
-            )
         text, files = _native.export(
-            os.fspath(self.path), os.fspath(folder), target=target, budget=budget
+            os.fspath(self.path), os.fspath(folder), Call("export", {"plan": plan}).text(),
+            target=self.remembered
         )
         for file, content in files:
             write_text(file, content)

@@ -1,7 +1,5 @@
 """A controller that fails less often, with evidence."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 from collections.abc import Callable
@@ -30,8 +28,8 @@ class Hardening(Reported, results.Hardening):
         """The folder of all runs."""
         return pathlib.Path(self.folder)
 
-    def _page(self, probes: int | None, sensitivity: int) -> str:
-        return _native.hardening_report(self.folder, probes, sensitivity)
+    def _page(self, call: str) -> str:
+        return _native.hardening_report(self.folder, call)
 
 
 def harden(

@@ -1,7 +1,5 @@
 """The smallest disturbance that makes a system fail."""
 
-from __future__ import annotations
-
 import pathlib
 import warnings
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Relations between the results of pairs of scenarios: metamorphic relations."""
 
-from __future__ import annotations
-
 import pathlib
 from dataclasses import dataclass
 from typing import Any

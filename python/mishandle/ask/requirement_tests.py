@@ -1,8 +1,6 @@
 """Requirements as tests: what :func:`requirement` states about a function, and how it is decided.
 It does not need pytest."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -350,11 +348,9 @@ class Test:
             f"{_simulations(found.simulations)} by {found.search}",
             *_scenario(json.loads(content)),
         ]
-        lines += [
-            str(sentence)
-            for sentence in open_run(run).explain(trial.trial, simulation, axes=0).sentences
-        ]
-        open_run(run).report(self.folder / "report.html", simulate=False)
+        explained = open_run(run).explain(trial.trial, simulation, plan={"report": {"axes": 0}})
+        lines += map(str, explained.sentences)
+        open_run(run).report(self.folder / "report.html", plan={"report": {"simulations": False}})
         picture = self._picture(run, trial.trial, simulation)
         text = "\n".join([*lines, *self._files(file)]) + _caveats(found)
         return text + f"\npage: {_shown(self.folder / 'report.html')}" + (

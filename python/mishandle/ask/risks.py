@@ -1,7 +1,5 @@
 """The probability that a system fails under a distribution of scenarios."""
 
-from __future__ import annotations
-
 import pathlib
 from dataclasses import dataclass
 from typing import Any

@@ -1,8 +1,6 @@
 """Searches with the ask-and-tell interface, and robustness as a function for optimizers of other
 libraries."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
 import mishandle._native as _native
+from mishandle.base.documents import document
 from mishandle.errors import InvalidStateError, InvalidValueError
 from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
 from mishandle.scenarios.arguments import check_number
@@ -66,7 +65,7 @@ class Search:
                 f"bounds must be finite pairs with the lower one first, got {list(bounds)}"
             )
         self._levels = _levels(bounds, integrality)
-        self._native = _native.Search(name, self._levels, seed, list(options.items()))
+        self._native = _native.Search(name, self._levels, seed, document(options))
         self._asked: list[tuple[Point, list[float]]] = []
 
     def ask(self, points: int = 1) -> list[Point]:

@@ -1,7 +1,5 @@
 """Simulation of chosen scenarios, and of recorded ones again."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,7 +73,6 @@ def repeat(
     *,
     at: Mapping[str, Value] | Sequence[float] | None = None,
     repeats: int | None = None,
-    scenarios: int | None = None,
     seed: int | None = None,
     **target: Unpack[TargetOptions],
 ) -> results.Simulation:
@@ -88,12 +85,10 @@ def repeat(
     Parameters
     ----------
     system, formula, space, at, **target
-        See :func:`simulate`.
+        See :func:`simulate`. ``simulate.scenarios`` of ``plan`` is the number of random scenarios
+        that measure the noise, each of them simulated 20 times (20); 0 skips this.
     repeats : int, optional
         Number of simulations of the scenario; by default 100.
-    scenarios : int, optional
-        Number of random scenarios that measure the noise, each of them simulated 20 times; by
-        default 20. 0 skips this.
     seed : int
         Random seed, of which the seeds of the simulations are derived.
 
@@ -111,14 +106,12 @@ def repeat(
     """
     if repeats is not None:
         check_number("repeats", repeats, 1)
-    if scenarios is not None:
-        check_number("scenarios", scenarios, 0)
     found = make_target(
         system, formula, space, target, Call("simulate", target, {"seed": seed}),
         check=lambda space: scenario_numbers(space, at)
     )
     point = scenario_numbers(found.space, at, found.nominal)
-    text = _native.repeat(found.native, values=point, repeats=repeats, scenarios=scenarios)
+    text = _native.repeat(found.native, values=point, repeats=repeats)
     return read(results.Simulation, text)
 
 
@@ -130,7 +123,6 @@ def regress(
     *,
     baseline: Any = None,
     repeats: int = 0,
-    max_failure_rate: float = 0.0,
     junit: PathLike | None = None,
     **target: Unpack[TargetOptions],
 ) -> Regression:
@@ -143,15 +135,14 @@ def regress(
         Folder with files ``*.json`` of :meth:`Falsification.export` or of ``mishandle
         regress --add``.
     system, formula, space, **target
-        See :func:`falsify`. The axes must be those of the files.
+        See :func:`falsify`. The axes must be the axes of the files. ``regress.max_failure_rate`` of
+        ``plan`` is, with ``repeats``, the largest failure rate of a test that passes (0).
     baseline : optional
         Version to compare with: another policy if there is a ``policy``, otherwise another
         function. Only a test that fails although it passes with the baseline is then a ``"new
         failure"``.
     repeats : int
         Number of further simulations of each file with other seeds, which decide the test.
-    max_failure_rate : float
-        With ``repeats``: largest failure rate of a test that passes.
     junit : path, optional
         File for the results as JUnit XML, which continuous integration shows as tests; an existing
         file is replaced.
@@ -185,17 +176,16 @@ def regress(
     (1, 'fixed', 1)
     """
     check_number("repeats", repeats, 0)
-    made = make_target(system, formula, space, target)
+    made = make_target(system, formula, space, target, Call("regress", target))
     other = None
     if baseline is not None:
         has_policy = target.get("policy") is not None
         options: TargetOptions = {**target, "policy": baseline} if has_policy else target
         other = make_target(
-            system if has_policy else baseline, formula, space, options
+            system if has_policy else baseline, formula, space, options, Call("regress", options)
         ).native
     text, xml = _native.regress(
-        made.native, os.fspath(folder), baseline=other, repeats=repeats,
-        max_failure_rate=max_failure_rate
+        made.native, os.fspath(folder), baseline=other, repeats=repeats
     )
     found = read(Regression, text)
     if not found.tests:

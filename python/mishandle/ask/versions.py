@@ -1,7 +1,5 @@
 """Comparison of two versions that stops by itself, and how many simulations it takes."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Code objects: their content, and the names that they look up."""
 
-from __future__ import annotations
-
 import dis
 import hashlib
 import types

@@ -1,8 +1,6 @@
 """The process that tries models of others before this process compiles them: MuJoCo can end a
 process."""
 
-from __future__ import annotations
-
 import os
 import sys
 

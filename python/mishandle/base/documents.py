@@ -1,7 +1,5 @@
 """Documents for the extension module: what a call states, its arguments and ``plan``."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -40,8 +38,8 @@ def _plain(value: Any) -> Any:
 
 
 class Call:
-    """The question of a call, its arguments as keys of a plan, and ``plan`` itself. Native code
-    reads them together; ``None`` is a key that is left out."""
+    """The question or function of a call, its arguments as keys of a plan, and ``plan`` itself.
+    Native code reads them together; ``None`` is a key that is left out."""
 
     def __init__(
         self, question: str, options: Mapping[str, Any], arguments: Plan | None = None,

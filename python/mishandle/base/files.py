@@ -1,7 +1,5 @@
 """Files that the package writes."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 import tempfile

@@ -6,8 +6,6 @@ classes. Code of libraries is named by the version of its package. The leaves of
 the same: they contain no addresses, no order of sets, and no paths of modules.
 """
 
-from __future__ import annotations
-
 import datetime
 import decimal
 import enum

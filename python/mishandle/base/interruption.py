@@ -1,8 +1,6 @@
 """Ctrl-C in functions that write no run file: the running batch ends first, and the exception holds
 the result so far."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

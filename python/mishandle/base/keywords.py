@@ -1,7 +1,5 @@
 """Checks of keyword arguments."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Sequence
 

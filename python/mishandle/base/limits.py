@@ -1,7 +1,5 @@
 """Time limits of simulations."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

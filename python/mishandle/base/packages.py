@@ -1,7 +1,5 @@
 """Which code is a library, the versions of libraries, and packages that may be missing."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import importlib.metadata

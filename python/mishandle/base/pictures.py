@@ -1,7 +1,5 @@
 """Pictures of systems that draw themselves, for reports."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Traces that users pass: dictionaries of arrays and data frames."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 """The command ``python3 -m mishandle.cluster``: completes the runs of a campaign on a Ray
 cluster."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

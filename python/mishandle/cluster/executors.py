@@ -1,7 +1,5 @@
 """The executor that simulates batches on a Ray cluster."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Simulation of recorded plans, and hardenings, on a worker."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -136,6 +136,9 @@ class CpuBatch(gpu.WarpBatch):
 FORCES = int(gpu.probes.FORCES)
 """Number of forces that a probe measures."""
 
+ACCELERATION_SHARE = gpu.probes.MOTIONS.index("acceleration share")
+"""The one motion that is no largest value."""
+
 
 def start_readings() -> NDArray[np.float64]:
     """Returns the readings of a probe before the first physics step of a control step."""
@@ -145,11 +148,11 @@ def start_readings() -> NDArray[np.float64]:
 
 
 def measure(
-    probe: dict[str, Any], model: Any, data: Any, before: NDArray[np.float64], substep: int,
+    probe: dict[str, Any], model: Any, data: Any, start: NDArray[np.float64], substep: int,
     readings: NDArray[np.float64]
 ) -> None:
     """Adds a physics step of one world of MuJoCo C to its readings, as the kernels of
-    :mod:`mishandle.gpu.probe` do. ``before`` are the velocities before the step."""
+    :mod:`mishandle.gpu.probe` do. ``start`` are the velocities at the start of the control step."""
     parts = {"geom": probe["geoms"], "flex": probe["flexes"]}
     holds = probe["weld"] >= 0 and bool(data.eq_active[probe["weld"]])
     forces, force = np.zeros(FORCES), np.zeros(6)
@@ -166,7 +169,11 @@ def measure(
     qpos, dofs, actuators = table[:, :3].astype(int).T
     low, high, max_velocity, max_acceleration, max_torque = table[:, 3:].T
     speed, q = np.abs(data.qvel[dofs]), data.qpos[qpos]
-    acceleration = np.abs(data.qvel[dofs] - before[dofs]) / model.opt.timestep
+    acceleration = np.abs(data.qvel[dofs] - start[dofs]) / ((substep + 1) * model.opt.timestep)
+    torque = (
+        model.actuator_gainprm[actuators, 0] * (data.ctrl - data.actuator_length)[actuators]
+        + model.actuator_biasprm[actuators, 2] * data.actuator_velocity[actuators]
+    )
     tool = np.zeros(6)
     if substep > 0:
         # Poses and velocities of bodies are those of the start of the step.
@@ -175,7 +182,7 @@ def measure(
         speed.max(),
         (speed / max_velocity).max(),
         (acceleration / max_acceleration).max(),
-        (np.abs(data.actuator_force[actuators]) / max_torque).max(),
+        (np.abs(torque) / max_torque).max(),
         np.linalg.norm(tool[3:]),
     ]
     largest, sums, moved = readings[:FORCES], readings[FORCES : 2 * FORCES], readings[
@@ -183,6 +190,7 @@ def measure(
     ]
     np.maximum(largest, forces, out=largest)
     sums += forces
+    moved[ACCELERATION_SHARE] = 0
     np.maximum(moved, motions, out=moved)
     readings[-1] = min(readings[-1], (q - low).min(), (high - q).min())
 
@@ -203,6 +211,7 @@ class CpuPhysics:
         )
         self.probe = arguments.get("probe")
         self.readings = start_readings()
+        self.velocities = self.data.qvel.copy()
 
     def start(self, state: NDArray[np.float64], inputs: dict[str, NDArray[Any]], row: int) -> None:
         """Sets a state, and a row's active constraints, mocap poses and fields of the model."""
@@ -233,11 +242,12 @@ class CpuPhysics:
 
     def step(self, inputs: dict[str, NDArray[Any]], row: int, substep: int) -> None:
         """Takes a physics step of a control step."""
-        before = self.data.qvel.copy()
+        if substep == 0:
+            self.velocities = self.data.qvel.copy()
         self.set_inputs(inputs, row, substep)
         mujoco.mj_step2(self.model, self.data)
         if self.probe is not None:
-            measure(self.probe, self.model, self.data, before, substep, self.readings)
+            measure(self.probe, self.model, self.data, self.velocities, substep, self.readings)
 
     def output(self) -> NDArray[np.float64]:
         """Returns the output row of the present state."""

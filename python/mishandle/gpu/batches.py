@@ -46,6 +46,9 @@ CONTACTS = 64
 FLEX_CONTACTS = 256
 """Contacts per world of a model with a cloth."""
 
+CCD_TOLERANCE = 1e-6
+"""Smallest tolerance of the collider of convex shapes: that of MuJoCo."""
+
 GRAVITY = "opt.gravity"
 
 UNUSED_FIELDS = {"actuator_length0", "bvh_aabb", "dof_M0", "dof_length"}
@@ -105,6 +108,8 @@ def compile_model(xml: str, timestep: float, assets: Mapping[str, bytes] | None 
     model.opt.timestep = timestep
     # Without this flag, MuJoCo Warp finds 4 instead of 8 contacts between two boxes.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
+    # MuJoCo Warp has no midphase and refuses the flag, which changes no contact in MuJoCo C.
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     return model
 
 
@@ -206,6 +211,8 @@ class WarpBatch:
             gravity = np.tile(model.opt.gravity, (rows, 1))
             self._model.opt.gravity = wp.array(gravity, dtype=wp.vec3)
             self._model.opt.gravity._is_batched = True
+        # Numbers of 32 bits never reach the tolerances of some scenes.
+        self._model.opt.ccd_tolerance.fill_(max(model.opt.ccd_tolerance, CCD_TOLERANCE))
         self._model.opt.warn_overflow = 0
         self._field_parts = [
             (offset, _floats(attribute(self._model, name))) for name, offset in varying.items()
@@ -348,7 +355,7 @@ class WarpBatch:
                     outputs=[force]
                 )
             if self._probe is not None:
-                self._probe.before_step()
+                self._probe.before_step(substep)
             self.physics_step()
             if self._probe is not None:
                 self._probe.after_step(substep)

@@ -9,8 +9,6 @@ The learner keeps parameters, losses and optimizer. It calls :meth:`WarpNetwork.
 # mypy: ignore-errors
 # pyright: basic
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from mishandle.gpu.batches import CPU_LOCK, find_device, wp

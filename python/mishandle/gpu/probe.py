@@ -10,9 +10,9 @@ import warp as wp
 from mujoco_warp._src.support import contact_force_fn
 from mujoco_warp._src.types import vec5
 
-FORCES = wp.constant(5)
-"""Forces of the robot on fixtures, on the ground, on itself and on the object, and of the robot
-without its fingers on the object."""
+FORCES = wp.constant(6)
+"""Forces of the robot on fixtures, on the ground, on itself and on the object, of the robot without
+its fingers on the object, and all of the robot but those on an object that it carries."""
 
 PARTS = wp.constant(5)
 """Parts that forces act between: fingers, arm, object, ground, fixture."""
@@ -24,8 +24,9 @@ COLUMNS = (
 limits."""
 
 MOTIONS = ("speed", "speed share", "acceleration share", "torque share", "tool speed")
-"""The largest motions of a control step: speed of a joint, its share of the limit, those of
-acceleration and torque, and speed of the tool between the physics steps."""
+"""The largest motions of a control step: speed of a joint, its share of the limit, the shares of
+the acceleration, which is that over the whole control step, and of the torque that a servo demands
+before it is limited, and speed of the tool between the physics steps."""
 
 READINGS = 2 * int(FORCES) + len(MOTIONS) + 1
 """Numbers of a control step: the largest forces, the sums of the forces over the physics steps, the
@@ -52,13 +53,14 @@ class WarpProbe:
         self._weld, self._body, self._site = probe["weld"], probe["body"], probe["site"]
         self._root = int(mujoco_model.body_rootid[self._body])
         rows = data.nworld
-        self._before = wp.zeros((rows, mujoco_model.nv), dtype=float)
+        self._start = wp.zeros((rows, mujoco_model.nv), dtype=float)
         self._forces = wp.zeros((rows, int(FORCES)), dtype=float)
         self.readings = wp.zeros((rows, READINGS), dtype=float)
 
-    def before_step(self):
-        """Keeps the velocities."""
-        wp.copy(self._before, self._data.qvel)
+    def before_step(self, substep):
+        """Keeps the velocities at the start of a control step."""
+        if substep == 0:
+            wp.copy(self._start, self._data.qvel)
 
     def after_step(self, substep):
         """Measures the physics step. The first one of a control step starts the readings."""
@@ -76,9 +78,11 @@ class WarpProbe:
         wp.launch(add_forces, data.naconmax, inputs=inputs, outputs=[self._forces])
         inputs = [
             substep, model.opt.timestep, self._joints, self._body, self._site, self._root,
-            self._before, data.qpos, data.qvel
+            self._start, data.qpos, data.qvel
         ]
-        inputs += [data.actuator_force, data.cvel, data.subtree_com, data.site_xpos]
+        inputs += [model.actuator_gainprm, model.actuator_biasprm, data.ctrl]
+        inputs += [data.actuator_length, data.actuator_velocity]
+        inputs += [data.cvel, data.subtree_com, data.site_xpos]
         wp.launch(measure, data.nworld, inputs=inputs, outputs=[self._forces, self.readings])
 
 
@@ -132,8 +136,10 @@ def keep_largest(readings: wp.array2d(dtype=float), row: int, column: int, value
 @wp.kernel
 def measure(
     substep: int, timestep: wp.array(dtype=float), joints: wp.array2d(dtype=float), body: int,
-    site: int, root: int, before: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
-    qvel: wp.array2d(dtype=float), actuator_force: wp.array2d(dtype=float),
+    site: int, root: int, start: wp.array2d(dtype=float), qpos: wp.array2d(dtype=float),
+    qvel: wp.array2d(dtype=float), gains: wp.array2d(dtype=vec10),
+    biases: wp.array2d(dtype=vec10), control: wp.array2d(dtype=float),
+    length: wp.array2d(dtype=float), velocity: wp.array2d(dtype=float),
     cvel: wp.array2d(dtype=wp.spatial_vector), subtree_com: wp.array2d(dtype=wp.vec3),
     site_xpos: wp.array2d(dtype=wp.vec3), forces: wp.array2d(dtype=float),
     readings: wp.array2d(dtype=float)
@@ -148,11 +154,16 @@ def measure(
         keep_largest(readings, row, i, forces[row, i])
         readings[row, FORCES + i] = readings[row, FORCES + i] + forces[row, i]
         forces[row, i] = 0.0
+    duration = float(substep + 1) * timestep[0]
+    readings[row, 2 * FORCES + 2] = 0.0
     for i in range(joints.shape[0]):
         q, v = qpos[row, int(joints[i, 0])], qvel[row, int(joints[i, 1])]
-        # MuJoCo's own acceleration is that before the implicit integration.
-        acceleration = (v - before[row, int(joints[i, 1])]) / timestep[0]
-        torque = actuator_force[row, int(joints[i, 2])]
+        acceleration = (v - start[row, int(joints[i, 1])]) / duration
+        servo = int(joints[i, 2])
+        gain = gains[row % gains.shape[0], servo][0]
+        damping = biases[row % biases.shape[0], servo][2]
+        ahead = control[row, servo] - length[row, servo]
+        torque = gain * ahead + damping * velocity[row, servo]
         keep_largest(readings, row, 2 * FORCES, wp.abs(v))
         keep_largest(readings, row, 2 * FORCES + 1, wp.abs(v) / joints[i, 5])
         keep_largest(readings, row, 2 * FORCES + 2, wp.abs(acceleration) / joints[i, 6])
@@ -164,5 +175,5 @@ def measure(
         # Poses and velocities of bodies are those of the start of the step.
         twist = cvel[row, body]
         arm = site_xpos[row, site] - subtree_com[row, root]
-        velocity = wp.spatial_bottom(twist) + wp.cross(wp.spatial_top(twist), arm)
-        keep_largest(readings, row, 2 * FORCES + 4, wp.length(velocity))
+        speed = wp.length(wp.spatial_bottom(twist) + wp.cross(wp.spatial_top(twist), arm))
+        keep_largest(readings, row, 2 * FORCES + 4, speed)

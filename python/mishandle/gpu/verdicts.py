@@ -21,8 +21,6 @@ alone. The last line has all rows as JSON. ``--c-only`` needs no GPU. ``--gpu-on
 ``moved``. ``--jobs`` is the number of cases at the same time.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -134,7 +132,7 @@ def draws(axes: list[Axis], sample: Sample) -> list[tuple[list[float], int]]:
     """Returns scenario and seed of each simulation of ``mishandle risk`` on these axes."""
     drawn: list[tuple[list[float], int]] = []
 
-    def simulate(batch: list[_native.Request]) -> list[_native.Outcome]:
+    def simulate(batch: "list[_native.Request]") -> "list[_native.Outcome]":
         drawn.extend(
             ([float(scenario[axis.name]) for axis in axes], seed) for scenario, seed, _ in batch
         )

@@ -1,8 +1,6 @@
 """Columns of numbers from messages. A nested field is a column such as ``wrench/force/x`` or
 ``position[0]``."""
 
-from __future__ import annotations
-
 import dataclasses
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -50,7 +48,7 @@ class Tables:
         try:
             if stamp is None:
                 raise InvalidValueError(
-                    'has messages without header.stamp; read it with time="log"'
+                    'has messages without header.stamp; leave out plan["log"]["time"]'
                 )
             self.columns.setdefault(topic, Columns()).append(stamp, message)
         except InvalidValueError as error:

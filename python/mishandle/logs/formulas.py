@@ -1,19 +1,18 @@
 """Formulas of signal temporal logic."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Unpack
 
 import mishandle._native as _native
+from mishandle.base.documents import Plan
 from mishandle.base.traces import columns_of
 from mishandle.errors import InvalidValueError
-from mishandle.logs.sources import Reading, native_logs, native_reading
+from mishandle.logs.recordings import Reading
+from mishandle.logs.sources import native_logs
 from mishandle.logs.violations import violation
 
 
@@ -71,7 +70,7 @@ class Formula:
         return self._native.needs_period
 
     @property
-    def subformulas(self) -> list[Formula]:
+    def subformulas(self) -> "list[Formula]":
         """Its sub-formulas: the formula itself first, then depth first.
 
         >>> [str(part) for part in Formula("always(x <= 1 and y > 0)").subformulas]
@@ -89,7 +88,7 @@ class Formula:
         return self._native.symbols
 
     def robustness(
-        self, log: Any, *, decided_only: bool = False, **reading: Unpack[Reading]
+        self, log: Any, *, decided_only: bool = False, plan: Plan | None = None
     ) -> float | None:
         """Returns the robustness at the first time; ``None`` if ``decided_only`` and the log is too
         short.
@@ -102,17 +101,17 @@ class Formula:
         decided_only : bool
             Whether windows that reach past the end of the log leave the formula undecided. By
             default they are cut, as RTAMT does.
-        **reading
-            How the log is read, such as ``period`` in seconds, as for :func:`mishandle.monitor`.
-            Formulas with a unit in their bounds need the times or the period.
+        plan : dict, optional
+            Rare settings: how the log is read, as for :func:`mishandle.monitor`. Formulas with a
+            unit in their bounds need times in the log or ``{"log": {"period": SECONDS}}``.
         """
-        given = native_reading(reading)
-        sources = list(native_logs(log, self.signals, self.hint, given))
+        reading = Reading("robustness", plan)
+        sources = list(native_logs(log, self.signals, self.hint, reading))
         if len(sources) != 1:
             raise InvalidValueError(
                 f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each"
             )
-        return _native.log_robustness(self._native, sources[0], given, decided_only)
+        return _native.log_robustness(self._native, sources[0], reading.call, decided_only)
 
     def hint(self, names: list[str]) -> str | None:
         """Returns a hint for a log with columns of these names that lacks a signal."""
@@ -239,15 +238,15 @@ class Formula:
         return f"Formula({str(self)!r})"
 
 
-def robustness(formula: str | Formula, log: Any, **reading: Unpack[Reading]) -> float | None:
+def robustness(formula: str | Formula, log: Any, *, plan: Plan | None = None) -> float | None:
     """Returns the robustness of a formula on a log: positive if it is satisfied, negative if it is
     violated.
 
-    The log is a path, a :class:`mishandle.logs.Log`, or columns in memory, and ``reading`` says how
-    it is read, as for :func:`mishandle.monitor`.
+    The log is a path, a :class:`mishandle.logs.Log`, or columns in memory, and ``plan`` says how it
+    is read, as for :func:`mishandle.monitor`.
 
     >>> robustness("eventually(x >= 3)", {"x": [1.0, 2.5]})
     -0.5
     """
     parsed = formula if isinstance(formula, Formula) else Formula(formula)
-    return parsed.robustness(log, **reading)
+    return parsed.robustness(log, plan=plan)

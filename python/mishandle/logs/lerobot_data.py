@@ -1,7 +1,5 @@
 """LeRobot data sets of the versions 2 and 3, by the package ``pyarrow``."""
 
-from __future__ import annotations
-
 import json
 import pathlib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Monitors that get one sample after the other, while a robot runs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -59,7 +57,7 @@ class OnlineMonitor(_native.OnlineMonitor):
         cls, formulas: str | Formula | Sequence[str | Formula],
         signals: Sequence[str] | None = None, period: float | None = None,
         samples: int | None = None
-    ) -> OnlineMonitor:
+    ) -> "OnlineMonitor":
         given = [formulas] if isinstance(formulas, (str, Formula)) else list(formulas)
         parsed = [
             formula if isinstance(formula, Formula) else Formula(formula) for formula in given

@@ -1,21 +1,17 @@
 """Logs of real robots: topics with times and columns, from the files of other tools."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import pathlib
 from collections.abc import Iterable, Sequence
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Unpack
 
 import mishandle._native as _native
+from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike
-from mishandle.base.keywords import check_options
-from mishandle.errors import InvalidTypeError, InvalidValueError
+from mishandle.errors import InvalidValueError
 from mishandle.logs import lerobot_data, mcap_files, ros_bags
 from mishandle.logs.columns import Tables
 
@@ -27,31 +23,27 @@ TIMES = ("log", "publish", "header")
 one in its header."""
 
 
-class TableOptions(TypedDict, total=False):
-    """How a table is read, in the words of the flags of ``mishandle monitor``."""
+FILE = ("topic_column", "format", "delimiter", "decimal")
+"""Keys of the table ``log`` of a plan that have an effect on files only."""
 
-    time_unit: str
-    """Unit of times that are numbers: ``"s"``, ``"ms"``, ``"us"``, ``"ns"`` or ``"d"``. By default
-    seconds; numbers that look otherwise are an error."""
-    utc_offset: str
-    """Offset from UTC of dates without a zone, such as ``"Z"`` or ``"+02:00"``."""
-    topic_column: str
-    """Column that names the topic of each row; signals are then named ``topic/column``."""
-    format: str
-    """``"csv"``, ``"jsonl"``, ``"numpy"`` or ``"parquet"``. By default by the first bytes, then the
-    ending."""
-    delimiter: str
-    """Character between the cells of a CSV file. By default the one that fits the first lines."""
-    decimal: str
-    """``"point"`` or ``"comma"`` in the numbers of a CSV file. By default as its numbers show."""
+TABLE = ("time_unit", "utc_offset", *FILE)
+"""Keys that have an effect on tables only."""
 
 
-NATIVE_DEFAULTS = {
-    **dict.fromkeys(TableOptions.__annotations__),
-    **dict.fromkeys(["time", "period", "resample", "dense", "tolerance", "missing", "duplicates"]),
-    "sort": False,
-}
-"""All choices of the extension module, none of them stated."""
+class Reading:
+    """How a function reads a log: the table ``log`` of its argument ``plan``."""
+
+    def __init__(self, function: str, plan: Plan | None) -> None:
+        self.call = Call(function, {"plan": plan}).text()
+        self.time, self._keys = _native.log_keys(self.call)
+
+    def check_effect(self, keys: Sequence[str], kind: str) -> None:
+        """Checks that the plan has none of these keys, which have no effect on a kind of log."""
+        for key in self._keys:
+            if key in keys:
+                raise InvalidValueError(
+                    f'plan["log"]["{key}"] has no effect on {kind}; leave it out'
+                )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -96,8 +88,8 @@ class Log:
 
 
 def read_log(
-    path: PathLike, topics: Iterable[str] | None = None, *, time: str | None = None,
-    partial: bool = False, episode: int | None = None, **table: Unpack[TableOptions]
+    path: PathLike, topics: Iterable[str] | None = None, *, partial: bool = False,
+    episode: int | None = None, plan: Plan | None = None
 ) -> Log:
     """Reads a recording (MCAP, rosbag2, ROS 1 bag), an episode of a LeRobot data set, or a table
     (CSV, JSON lines, NumPy, Parquet).
@@ -106,7 +98,7 @@ def read_log(
     ``topic/field``, and nested fields are ``topic/field/part`` and ``topic/field[0]``, in
     backquotes: ``"always(`/wrench/wrench/force/z` <= 20)"``. Text, bytes, and arrays of more than
     100 elements are no columns; :attr:`Topic.left_out` lists them. A table is a topic without a
-    name, or has those that its ``topic_column`` names; its rows stay in their order.
+    name, or has those that ``log.topic_column`` names; its rows stay in their order.
 
     Parameters
     ----------
@@ -116,30 +108,26 @@ def read_log(
     topics : iterable of str, optional
         Topics to read. By default all whose messages can be read; :attr:`Log.not_read` says why
         others cannot.
-    time : str, optional
-        Of messages ``"log"`` (default): when the recorder received them. ``"publish"``: when they
-        were sent (MCAP). ``"header"``: their ``header.stamp``, or the field ``timestamp`` of a
-        message of Foxglove. Of a table the column with the times, by default ``time``. A LeRobot
-        data set has one time and ignores this.
     partial : bool
         Whether to read a damaged or truncated MCAP file up to the damage, as after a power failure.
         By default it is an error.
     episode : int, optional
         Episode of a LeRobot data set. A data set of one episode needs none.
-    **table
-        Of a table: ``time_unit``, ``utc_offset``, ``topic_column``, ``format``, ``delimiter`` and
-        ``decimal``, as for :func:`mishandle.monitor`.
+    plan : dict, optional
+        Rare settings: ``time`` of the table ``log``, and for a table ``time_unit``,
+        ``utc_offset``, ``topic_column``, ``format``, ``delimiter`` and ``decimal``. The ``time`` of
+        messages is ``"log"`` (default): when the recorder received them; ``"publish"``: when they
+        were sent (MCAP); or ``"header"``: their ``header.stamp``, or the field ``timestamp`` of a
+        message of Foxglove. A LeRobot data set has one time and ignores this.
     """
     file = pathlib.Path(os.fspath(path))
     requested = None if topics is None else ([topics] if isinstance(topics, str) else list(topics))
-    check_options(table, list(TableOptions.__annotations__))
+    reading = Reading("read_log", plan)
     if not file.exists():
         raise InvalidValueError(f"the log {file} does not exist")
     is_data_set = lerobot_data.is_data_set(file)
-    if (is_data_set or is_recording(file)) and table:
-        raise InvalidTypeError(
-            f"{file} is no table, so the argument `{next(iter(table))}` has no effect; leave it out"
-        )
+    if is_data_set or is_recording(file):
+        reading.check_effect(TABLE, f"{file}, which is no table")
     if is_data_set:
         if requested is not None:
             raise InvalidValueError(
@@ -153,8 +141,8 @@ def read_log(
     if not is_recording(file):
         if partial:
             raise InvalidValueError(f"{file}: partial is for MCAP files")
-        return _requested(_table(file, time, table), requested)
-    return _requested(_messages(file, requested, time, partial), requested)
+        return _requested(_table(file, reading), requested)
+    return _requested(_messages(file, requested, reading.time, partial), requested)
 
 
 def _requested(log: Log, requested: list[str] | None) -> Log:
@@ -207,8 +195,8 @@ def _messages(
     )
 
 
-def _table(file: pathlib.Path, time: str | None, table: TableOptions) -> Log:
-    topics, left_out = _native.read_table(str(file), {**NATIVE_DEFAULTS, **table, "time": time})
+def _table(file: pathlib.Path, reading: Reading) -> Log:
+    topics, left_out = _native.read_table(str(file), reading.call)
     reasons: dict[str, dict[str, str]] = {name or "": {} for name, _, _ in topics}
     for column, reason in left_out:
         topic = next((name for name in reasons if name and column.startswith(f"{name}/")), "")
@@ -224,8 +212,7 @@ def _table(file: pathlib.Path, time: str | None, table: TableOptions) -> Log:
 
 
 def read_logs(
-    paths: PathLike | Sequence[PathLike], *, time: str | None = None, partial: bool = False,
-    **table: Unpack[TableOptions]
+    paths: PathLike | Sequence[PathLike], *, partial: bool = False, plan: Plan | None = None
 ) -> list[Log]:
     """Reads several logs, as :func:`read_log`. A LeRobot data set has one for each episode."""
     files = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
@@ -238,7 +225,7 @@ def read_logs(
                 for number, times, columns, left_out in lerobot_data.episodes(file)
             ]
         else:
-            logs.append(read_log(path, time=time, partial=partial, **table))
+            logs.append(read_log(path, partial=partial, plan=plan))
     return logs
 
 
@@ -254,7 +241,7 @@ def _read(file: pathlib.Path, tables: Tables, time: str, partial: bool) -> None:
         return
     if time == "publish":
         raise InvalidValueError(
-            f'{file}: a bag has no publish times; pass time="log" or time="header"'
+            f'{file}: a bag has no publish times; pass plan={{"log": {{"time": "log|header"}}}}'
         )
     if partial:
         raise InvalidValueError(

@@ -1,20 +1,18 @@
 """Formulas that engineers write: in words, with their traps, from patterns, and with mined
 parameters."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Union
 
-from typing_extensions import Unpack
-
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Plan
 from mishandle.errors import InvalidValueError
 from mishandle.logs.formulas import Formula
-from mishandle.logs.sources import Reading, native_logs, native_reading
+from mishandle.logs.recordings import Reading
+from mishandle.logs.sources import native_logs
 
 Range = Union[tuple[float, float], tuple[float, float, str]]
 """Least and greatest value of a parameter; a bound of a window has a unit."""
@@ -43,8 +41,8 @@ class Mining(results.Mining):
 
 
 def formula(
-    formula: str | Formula, log: Any = (), *, unit: str | None = None,
-    units: Mapping[str, str] | None = None, episode: float | None = None, **reading: Unpack[Reading]
+    formula: str | Formula, log: Any = (), *, units: Mapping[str, str] | None = None,
+    plan: Plan | None = None
 ) -> FormulaDescription:
     """Returns a formula in words, with its known traps, drawn over logs or over two traces that are
     found for it.
@@ -55,15 +53,11 @@ def formula(
     log : log, or list, tuple or iterator of logs, optional
         As for :func:`mishandle.monitor`. Without one, the examples are a trace that satisfies the
         formula and one that violates it.
-    unit : str, optional
-        Unit of bounds without one: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. By default such bounds
-        count samples.
     units : dict, optional
         Units by the names of signals. By default those of the endings of names, such as ``_deg``.
-    episode : float, optional
-        Duration of an episode in seconds, with which the windows are compared.
-    **reading
-        How the log is read, as for :func:`mishandle.monitor`.
+    plan : dict, optional
+        Rare settings: how the log is read, as for :func:`mishandle.monitor`, and ``{"formula":
+        {"episode": SECONDS}}``, the duration with which the windows are compared.
 
     Examples
     --------
@@ -71,11 +65,9 @@ def formula(
     ['precedence']
     """
     text = str(formula) if isinstance(formula, Formula) else formula
-    given = native_reading(reading)
-    named = _logs(log, Formula(text).signals, given)
-    document, shown = _native.describe_formula(
-        text, named, given, unit, dict(units or {}), episode
-    )
+    reading = Reading("formula", plan)
+    named = _logs(log, Formula(text).signals, reading)
+    document, shown = _native.describe_formula(text, named, reading.call, dict(units or {}))
     return dataclasses.replace(results.build(FormulaDescription, json.loads(document)), text=shown)
 
 
@@ -94,9 +86,7 @@ def pattern(name: str, **settings: object) -> str:
 
 
 def mine(
-    formula: str, parameters: Mapping[str, Range], log: Any, *,
-    resolution: Mapping[str, float] | None = None, share: float = 1.0, points: int = 10,
-    unit: str | None = None, **reading: Unpack[Reading]
+    formula: str, parameters: Mapping[str, Range], log: Any, *, plan: Plan | None = None
 ) -> Mining:
     """Returns the tightest values of the parameters of a formula for which logs satisfy it.
 
@@ -107,17 +97,11 @@ def mine(
     parameters : dict from name to (low, high) or (low, high, unit)
     log : log, or list, tuple or iterator of logs
         As for :func:`mishandle.monitor`.
-    resolution : dict, optional
-        Steps by the names of parameters. By default values are exact, and bounds are multiples of
-        the sampling period.
-    share : float
-        Share of the logs that must satisfy the formula.
-    points : int
-        Number of points of the Pareto front of several parameters.
-    unit : str, optional
-        Unit of bounds without one. By default such bounds count samples.
-    **reading
-        How the log is read, as for :func:`mishandle.monitor`.
+    plan : dict, optional
+        Rare settings: how the log is read, as for :func:`mishandle.monitor`, and in the table
+        ``formula``: ``share`` of the logs that must satisfy the formula (1), number of ``points``
+        of the Pareto front of several parameters (10), and ``resolution``, the steps by the names
+        of parameters. By default values are exact, and bounds are multiples of the sampling period.
 
     Examples
     --------
@@ -126,27 +110,23 @@ def mine(
     ... ).points[0].values
     (7.5,)
     """
-    steps = dict(resolution or {})
-    unknown = [name for name in steps if name not in parameters]
-    if unknown:
-        raise InvalidValueError(f"resolution names `{unknown[0]}`, which is no parameter")
+    reading = Reading("mine", plan)
     ranges = []
     for name, given_range in parameters.items():
         low, high, *rest = given_range
-        ranges.append((name, float(low), float(high), rest[0] if rest else None, steps.get(name)))
-    given = native_reading(reading)
-    named = _logs(log, _native.mined_signals(formula, ranges), given)
+        ranges.append((name, float(low), float(high), rest[0] if rest else None))
+    named = _logs(log, _native.mined_signals(formula, ranges, reading.call), reading)
     if not named:
         raise InvalidValueError("there is no log")
-    document, text = _native.mine(formula, ranges, named, given, unit, share, points)
+    document, text = _native.mine(formula, ranges, named, reading.call)
     return dataclasses.replace(results.build(Mining, json.loads(document)), text=text)
 
 
-def _logs(log: Any, signals: list[str], given: dict[str, Any]) -> list[Any]:
+def _logs(log: Any, signals: list[str], reading: Reading) -> list[Any]:
     sources = [
         source
         for each in (log if isinstance(log, (list, tuple, Iterator)) else [log])
-        for source in native_logs(each, signals, lambda known: None, given)
+        for source in native_logs(each, signals, lambda known: None, reading)
     ]
     return [
         (name or f"log {number}", files, topics)

@@ -1,7 +1,5 @@
 """Bags of ROS 1 and ROS 2, by the package ``rosbags``."""
 
-from __future__ import annotations
-
 import pathlib
 
 from mishandle.base.packages import needed

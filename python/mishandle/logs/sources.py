@@ -1,7 +1,5 @@
 """What can be a log: files, recordings, and columns in memory."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,12 +8,11 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from mishandle.base.keywords import check_options
 from mishandle.base.traces import columns_of, trace_of
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs import lerobot_data
 from mishandle.logs.recordings import (
-    NATIVE_DEFAULTS, Log, TableOptions, Topic, is_recording, read_logs, read_signals
+    FILE, TABLE, Log, Reading, Topic, is_recording, read_logs, read_signals
 )
 
 Times = tuple[str, str, Union[NDArray[Any], list[str]]]
@@ -26,74 +23,30 @@ NativeLog = tuple[str, list[tuple[Union[str, None], str]], list[NativeTopic]]
 """Name, files with their topics, and topics in memory, as the extension module takes a log."""
 
 
-class Reading(TableOptions, total=False):
-    """How a log is read, in the words of the flags of ``mishandle monitor``."""
-
-    time: str
-    """Column with the times, by default ``time`` if there is one. Of messages ``"log"``,
-    ``"publish"`` or ``"header"``, as for :func:`mishandle.read_log`."""
-    period: float
-    """Sampling period in seconds. By default that of the times."""
-    resample: str
-    """Resample to ``period``: ``"hold"`` keeps the last value, ``"linear"`` is a line between two
-    samples."""
-    dense: str
-    """Read each signal as a function of time: ``"hold"`` or ``"linear"``."""
-    tolerance: float
-    """Longest step in seconds that ``resample`` or ``dense`` bridges. By default any."""
-    missing: str
-    """Values that are no finite number: ``"error"`` (default), ``"hold"`` the last value, or
-    ``"drop"``."""
-    duplicates: str
-    """Rows with the same time: ``"error"`` (default), or the ``"first"`` or ``"last"`` one
-    counts."""
-    sort: bool
-    """Whether to sort the rows by time."""
-
-
-TABLE = list(TableOptions.__annotations__)
-"""Choices about tables."""
-
-FILE = ["topic_column", "format", "delimiter", "decimal"]
-"""Choices about files."""
-
-
-def _check_effect(reading: Mapping[str, Any], names: Sequence[str], kind: str) -> None:
-    for name in names:
-        if reading.get(name) is not None:
-            raise InvalidTypeError(f"the argument `{name}` has no effect on {kind}; leave it out")
-
-
-def native_reading(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns all choices as the extension module takes them."""
-    check_options(given, list(NATIVE_DEFAULTS))
-    return {**NATIVE_DEFAULTS, **given}
-
-
 Hint = Callable[[list[str]], Union[str, None]]
 
 
 def native_logs(
-    log: Any, signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+    log: Any, signals: Sequence[str], hint: Hint, reading: Reading
 ) -> Iterator[NativeLog]:
     """Yields the logs that an argument is: one, or all episodes of a data set."""
     if isinstance(log, (str, os.PathLike)):
         file = pathlib.Path(os.fspath(log))
         if lerobot_data.is_data_set(file):
-            _check_effect(reading, [*TABLE, "time"], f"the data set {file}")
+            reading.check_effect([*TABLE, "time"], f"the data set {file}")
             yield from (_of_recording(episode, signals) for episode in read_logs(file))
         elif is_recording(file):
-            _check_effect(reading, TABLE, f"the recording {file}")
-            yield _of_recording(read_signals(file, signals, reading.get("time")), signals)
+            reading.check_effect(TABLE, f"the recording {file}")
+            yield _of_recording(read_signals(file, signals, reading.time), signals)
         else:
             yield str(file), [(None, str(file))], []
     elif isinstance(log, Log):
-        _check_effect(reading, [*TABLE, "time"], "a log that was read")
+        reading.check_effect([*TABLE, "time"], "a log that was read")
         yield _of_recording(log, signals)
     elif isinstance(log, Mapping) and log and all(_is_topic(part) for part in log.values()):
         yield _of_topics({str(name): part for name, part in log.items()}, signals, hint, reading)
     else:
-        _check_effect(reading, FILE, "columns in memory")
+        reading.check_effect(FILE, "columns in memory")
         columns = columns_of(log, signals, hint)
         yield "", [], [(None, _times(log, reading), list(columns.items()))]
 
@@ -103,7 +56,7 @@ def _is_topic(part: Any) -> bool:
 
 
 def _of_topics(
-    log: Mapping[str, Any], signals: Sequence[str], hint: Hint, reading: Mapping[str, Any]
+    log: Mapping[str, Any], signals: Sequence[str], hint: Hint, reading: Reading
 ) -> NativeLog:
     """Returns the log of several topics: all of them files, or all in memory."""
     files: list[tuple[str | None, str]] = [
@@ -116,7 +69,7 @@ def _of_topics(
         raise InvalidTypeError(
             f"the topic {files[0][0]} is a file, and others are not; read it by mishandle.read_log"
         )
-    _check_effect(reading, FILE, "topics in memory")
+    reading.check_effect(FILE, "topics in memory")
     topics: list[NativeTopic] = []
     known: list[str] = []
     for name, part in log.items():
@@ -183,11 +136,11 @@ def _of_log(topic: Topic) -> Times | None:
     )
 
 
-def _times(trace: Any, reading: Mapping[str, Any]) -> Times | None:
+def _times(trace: Any, reading: Reading) -> Times | None:
     """Returns the column with the times of columns in memory. A column `time` of text is none,
     unless it is named."""
     trace = trace_of(trace)
-    stated = reading.get("time")
+    stated = reading.time
     labels = {
         str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)
     }

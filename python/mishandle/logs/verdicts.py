@@ -1,20 +1,18 @@
 """Verdicts of formulas on logs: when a formula is violated, how long, and by which part."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Union
 
-from typing_extensions import Unpack
-
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Plan
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs.formulas import Formula
-from mishandle.logs.sources import NativeLog, Reading, native_logs, native_reading
+from mishandle.logs.recordings import Reading
+from mishandle.logs.sources import NativeLog, native_logs
 
 Formulas = Union[str, Formula, Sequence[Union[str, Formula]], Mapping[str, Union[str, Formula]]]
 
@@ -33,10 +31,7 @@ class Monitoring(results.Monitor):
         return "\n".join([self.text, *(f"no verdict: {reason}" for reason in self.without_verdict)])
 
 
-def monitor(
-    formulas: Formulas, log: Any, *, unit: str | None = None, strict_horizon: bool = False,
-    values: bool = False, **reading: Unpack[Reading]
-) -> Monitoring:
+def monitor(formulas: Formulas, log: Any, *, plan: Plan | None = None) -> Monitoring:
     """Returns the verdicts of formulas on logs, worst first.
 
     ``verdicts`` has one for each formula and log, with ``violations`` (first and last time,
@@ -51,46 +46,37 @@ def monitor(
         :class:`mishandle.logs.Log`, or columns in memory: a dictionary of arrays, a data frame, a
         result of :func:`mishandle.simulate`. A LeRobot data set is several logs. A dictionary from
         names to files, or to columns in memory, is one log with these topics.
-    unit : str, optional
-        Unit of bounds without one: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. By default such bounds
-        count samples.
-    strict_horizon : bool
-        Whether to use only windows inside the log, instead of cutting them at its end.
-    values : bool
-        Whether to return the robustness of the first formula over time as ``robustness_signal`` and
+    plan : dict, optional
+        Rare settings: the table ``log`` says how a log is read, such as ``{"log": {"period":
+        0.1}}``; ``mishandle monitor --help`` lists its keys. ``{"monitor": {"values": True}}``
+        returns the robustness of the first formula over time as ``robustness_signal`` and
         ``robustness_times``.
-    **reading
-        How the log is read: ``period``, ``resample``, ``dense``, ``tolerance``, ``missing``,
-        ``duplicates``, ``sort``, ``time``, ``time_unit``, ``utc_offset``, ``topic_column``,
-        ``format``, ``delimiter``, ``decimal``. They are the flags of ``mishandle monitor``.
 
     Examples
     --------
     >>> found = monitor(
     ...     "always(force <= 2)", {"time": [0.0, 0.5, 1.5], "force": [1.0, 3.0, 1.0]},
-    ...     dense="linear"
+    ...     plan={"log": {"dense": "linear"}}
     ... )
     >>> [(part.start, part.end, part.worst) for part in found.verdicts[0].violations]
     [(0.25, 1.0, -1.0)]
     """
     parsed = _parsed(formulas)
-    given = native_reading(reading)
+    reading = Reading("monitor", plan)
     sources: list[tuple[NativeLog, list[int]]] = []
     lacking: list[str] = []
     for each in log if isinstance(log, (list, tuple, Iterator)) else [log]:
-        found, readable, errors = _readable(parsed, each, given)
+        found, readable, errors = _readable(parsed, each, reading)
         lacking += errors
         sources += [(source, readable) for source in found]
     if not sources:
         raise InvalidValueError("there is no log")
-    if values and len(sources) > 1:
-        raise InvalidValueError("values are those of one log; pass one")
     named = [
         ((name or f"log {number}", files, topics), readable)
         for number, ((name, files, topics), readable) in enumerate(sources, 1)
     ]
     asked = [(name, str(formula)) for name, formula in parsed]
-    document, text, without = _native.monitor(asked, named, given, unit, strict_horizon, values)
+    document, text, without = _native.monitor(asked, named, reading.call)
     return dataclasses.replace(
         results.build(Monitoring, json.loads(document)), text=text,
         without_verdict=(*lacking, *without)
@@ -98,14 +84,14 @@ def monitor(
 
 
 def _columns(
-    formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Mapping[str, Any]
+    formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Reading
 ) -> list[NativeLog]:
     signals = list(dict.fromkeys(signal for _, formula in formulas for signal in formula.signals))
     return list(native_logs(log, signals, lambda known: _hint(formulas, known), reading))
 
 
 def _readable(
-    formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Mapping[str, Any]
+    formulas: Sequence[tuple[str | None, Formula]], log: Any, reading: Reading
 ) -> tuple[list[NativeLog], list[int], list[str]]:
     """Returns a log, the positions of the formulas whose signals it has, and why the others have no
     verdict."""

@@ -1,7 +1,5 @@
 """The samples of a trace that make it violate a formula."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +10,7 @@ import mishandle._native as _native
 Mask = NDArray[np.bool_]
 
 
-def violation(nodes: Sequence[_native.Node], values: Sequence[NDArray[np.float64]]) -> Mask:
+def violation(nodes: Sequence["_native.Node"], values: Sequence[NDArray[np.float64]]) -> Mask:
     """Returns the samples that make a trace violate a formula.
 
     Parameters

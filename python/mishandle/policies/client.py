@@ -6,8 +6,6 @@ of its output the answer. What is left of a chunk of actions is the ``state`` of
 an answer follows from its question alone.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,11 +1,10 @@
 """Connections to policy servers: one WebSocket each, in the protocol of openpi or of vla-eval."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import struct
 import time
+import weakref
 from collections.abc import Generator, Mapping
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -79,11 +78,15 @@ class Connection:
         while True:
             try:
                 self._socket = self._opened(headers)
-                return
+                break
             except PolicyServerError:
                 if time.monotonic() + _RETRY > deadline:
                     raise
                 time.sleep(_RETRY)
+        # Runs when nothing refers to the connection, and at the end of the program, while the
+        # thread that reads from the socket still runs: a thread that the interpreter has stopped
+        # could hold the lock of the socket for good.
+        self._leave = weakref.finalize(self, self._socket.close)
 
     def _opened(self, headers: Mapping[str, str]) -> Any:
         with needed("policy servers need websockets and msgpack: pip install websockets msgpack"):
@@ -128,10 +131,11 @@ class Connection:
 
     def leave(self) -> None:
         """Closes the connection between two questions, with a word to the server."""
-        self._socket.close()
+        self._leave()
 
     def close(self) -> None:
         """Closes the connection at once, without waiting for the server."""
+        self._leave.detach()
         with contextlib.suppress(OSError):
             self._socket.socket.shutdown(socket.SHUT_RDWR)
 

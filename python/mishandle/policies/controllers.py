@@ -1,7 +1,5 @@
 """Shipped controllers, and controllers in files."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Union
@@ -48,7 +46,7 @@ class Controller:
         self.name = name
         self._arguments = (_absolute(name), None if task is None else _absolute(task))
 
-    def __reduce__(self) -> tuple[type[Controller], tuple[str, str | None]]:
+    def __reduce__(self) -> "tuple[type[Controller], tuple[str, str | None]]":
         return Controller, self._arguments
 
     @property

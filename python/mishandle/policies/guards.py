@@ -1,7 +1,5 @@
 """Guards: a policy that an online monitor watches, and who acts when it alarms."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Policies of other libraries as functions of a batch of observations."""
 
-from __future__ import annotations
-
 import hashlib
 import pathlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Messages with NumPy arrays in msgpack, as policy servers send and read them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Union

@@ -1,7 +1,5 @@
 """What a policy server gets in a request: observations, pictures, instructions, values of axes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Union

@@ -1,7 +1,5 @@
 """What an ONNX file contains, read without the package ``onnx``."""
 
-from __future__ import annotations
-
 import pathlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Models in ONNX files as policies."""
 
-from __future__ import annotations
-
 import json
 import math
 import pathlib
@@ -99,7 +97,7 @@ class OnnxPolicy:
         self._output = self._find_action(interface.get("action"))
         self._is_batched = not self._states and self._computes_rows(self._examples())
 
-    def __reduce__(self) -> tuple[type[OnnxPolicy], tuple[Any, ...]]:
+    def __reduce__(self) -> "tuple[type[OnnxPolicy], tuple[Any, ...]]":
         return OnnxPolicy, self._arguments
 
     def reset(self, rows: int) -> None:

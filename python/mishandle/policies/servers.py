@@ -1,7 +1,5 @@
 """Policies behind a server, such as a vision-language-action model on a GPU elsewhere."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -291,10 +289,6 @@ class ServedPolicy:
             self._rows[row].next() if self._batch.is_running(row) else idle_action(self._space)
             for row in range(rows)
         ]
-
-    def __del__(self) -> None:
-        for row in self.__dict__.get("_rows", ()):
-            row.close()
 
 
 class _Row:

@@ -1,7 +1,5 @@
 """Results from the documents of the extension module."""
 
-from __future__ import annotations
-
 import json
 import os
 import pathlib
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import mishandle._native as _native
 import mishandle.results as results
+from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike, write_text
 from mishandle.base.interruption import Progress, after_the_batch, deliver
 from mishandle.errors import MishandleError
@@ -85,27 +84,21 @@ class RunFile:
 class Reported:
     """A result with a page."""
 
-    def report(
-        self, path: PathLike, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0
-    ) -> None:
+    def report(self, path: PathLike, *, plan: Plan | None = None) -> None:
         """Writes a page: one HTML file that loads nothing, for a browser or to send.
 
         Parameters
         ----------
         path : path
             File to write; an existing file is replaced.
-        simulate : bool
-            Whether to measure what takes simulations: sizes of failing patches, repeats with other
-            seeds, noise, corners.
-        probes : int
-            Number of random scenarios that estimate the size of a failing patch.
-        sensitivity : int
-            Number of random scenarios that measure the total effect of each axis on the robustness
-            (Sobol index): each is simulated twice and once more for each axis. 0 skips them.
+        plan : dict, optional
+            Rare settings: ``{"report": {"simulations": False}}`` leaves out what takes simulations
+            (sizes of failing patches, repeats with other seeds, noise, corners). ``mishandle report
+            --help`` lists the keys.
         """
-        write_text(path, self._page(probes if simulate else None, sensitivity))
+        write_text(path, self._page(Call("report", {"plan": plan}).text()))
 
-    def _page(self, probes: int | None, sensitivity: int) -> str:
+    def _page(self, call: str) -> str:
         raise NotImplementedError
 
 
@@ -141,7 +134,7 @@ class RunResult(Reported):
     def remembered(self) -> _native.Target | None:
         return self.__dict__.get("_target")
 
-    def _page(self, probes: int | None, sensitivity: int) -> str:
-        if self.remembered is None or probes is None:
-            return _native.Run(os.fspath(self.path)).report(probes, sensitivity)
-        return _native.report(self.remembered, os.fspath(self.path), probes, sensitivity)
+    def _page(self, call: str) -> str:
+        if self.remembered is None:
+            return _native.Run(os.fspath(self.path)).report(call)
+        return _native.report(self.remembered, os.fspath(self.path), call)

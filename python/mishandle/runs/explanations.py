@@ -1,7 +1,5 @@
 """Explanations and comparisons of recorded simulations."""
 
-from __future__ import annotations
-
 import json
 import os
 import pathlib

@@ -3,8 +3,6 @@
 Rerun and MuJoCo are imported when :func:`to_rerun` is called.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pathlib
@@ -15,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mishandle._native as _native
+from mishandle.base.documents import Call, Plan
 from mishandle.base.files import PathLike
 from mishandle.base.packages import needed
 from mishandle.errors import InvalidValueError
@@ -39,8 +38,7 @@ _PLANE = 5.0
 
 def to_rerun(
     simulation: HasPath | PathLike, path: PathLike, *, nominal: bool = True,
-    trial: int | None = None, number: int | None = None, controller: str | None = None,
-    target: str | None = None
+    trial: int | None = None, number: int | None = None, plan: Plan | None = None
 ) -> pathlib.Path:
     """Writes a recorded simulation as a file for Rerun: bodies, contacts, cameras, signals and
     robustness on one timeline.
@@ -59,8 +57,9 @@ def to_rerun(
     trial, number : int, optional
         The simulation of a run; by default the first counterexample, otherwise the one with the
         least robustness.
-    controller, target : path, optional
-        Present paths of the run's controller and target file, if they were moved.
+    plan : dict, optional
+        Rare settings: ``controller`` and ``target`` of the table ``engine`` are the present paths
+        of the run's controller and target file, if they were moved.
 
     Notes
     -----
@@ -75,7 +74,7 @@ def to_rerun(
         raise InvalidValueError(f"the file is {os.fspath(path)}; its name must end with .rrd")
     source = simulation if isinstance(simulation, (str, os.PathLike)) else simulation.path
     scene = _native.recorded_states(
-        os.fspath(source), trial=trial, number=number, controller=controller, target=target,
+        os.fspath(source), Call("to_rerun", {"plan": plan}).text(), trial=trial, number=number,
         nominal=nominal
     )
     if scene["differences"]:

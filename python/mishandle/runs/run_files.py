@@ -1,7 +1,5 @@
 """Run files as tables."""
 
-from __future__ import annotations
-
 import json
 import os
 import pathlib
@@ -14,13 +12,12 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 import mishandle._native as _native
-from mishandle.base.documents import Call
+from mishandle.base.documents import Call, Plan
 from mishandle.base.files import write_text
-from mishandle.errors import MissingPackageError
+from mishandle.errors import InvalidValueError, MissingPackageError
 from mishandle.results import Counterexamples, FailureMode, build
 from mishandle.runs.explanations import Explanation
 from mishandle.runs.targets import Formulas, Space, TargetOptions, make_target
-from mishandle.scenarios.arguments import check_number
 from mishandle.scenarios.axes import Value
 
 if TYPE_CHECKING:
@@ -121,7 +118,7 @@ class Run:
         return columns
 
     @property
-    def simulations(self) -> pandas.DataFrame:
+    def simulations(self) -> "pandas.DataFrame":
         """All simulations as a data frame of pandas, with the columns of :meth:`columns`."""
         try:
             import pandas
@@ -139,34 +136,40 @@ class Run:
             return None
         return {name: samples[:, column] for column, (name, _) in enumerate(self.signals)}
 
-    def explain(self, trial: int, number: int, *, axes: int = 30) -> Explanation:
+    def explain(self, trial: int, number: int, *, plan: Plan | None = None) -> Explanation:
         """Explains when, where and by which predicate a simulation violates or satisfies the
         formula.
 
         A counterexample is explained from its stored trace. A simulation without one is simulated
-        again, and so is a failure with each axis alone at its nominal value, for at most ``axes``
-        axes. Both work for runs of Mishandle's own tasks and target files only;
-        ``axes_at_nominal.reason`` says so for other systems.
+        again, and so is a failure with each axis alone at its nominal value, for at most
+        ``report.axes`` axes of ``plan`` (30). Both work for runs of Mishandle's own tasks and
+        target files only; ``axes_at_nominal.reason`` says so for other systems. ``controller`` and
+        ``target`` of the table ``engine`` are the present paths of files that were moved.
         """
-        check_number("axes", axes, 0)
-        return build(Explanation, json.loads(self._native.explain(trial, number, axes)))
+        call = Call("explain", {"plan": plan})
+        return build(Explanation, json.loads(self._native.explain(trial, number, call.text())))
 
     def report(
         self, path: str | os.PathLike[str], system: Any = None, formula: Formulas = None,
-        space: Space = None, *, simulate: bool = True, probes: int = 64, sensitivity: int = 0,
-        **target: Unpack[TargetOptions]
+        space: Space = None, **target: Unpack[TargetOptions]
     ) -> None:
         """Writes a page about the run, as the result of its question does.
 
         A run file never imports code: without its ``system``, given as in :func:`falsify`, only
         Mishandle's own tasks can be simulated; the page says so if another system cannot.
         """
-        if system is None or not simulate:
-            html = self._native.report(probes if simulate else None, sensitivity)
+        call = Call("evaluate" if self.is_evaluation else "simulate", target)
+        parts = Call("report", {"plan": {"report": call.take("report", {})}}).text()
+        if system is None:
+            given = {"formula": formula, "space": space, **call.plan, **target}
+            given.pop("plan", None)
+            for name, value in given.items():
+                if value is not None:
+                    raise InvalidValueError(f"{name} has no effect without a system; leave it out")
+            html = self._native.report(parts)
         else:
-            call = Call("evaluate" if self.is_evaluation else "simulate", target)
             made = make_target(system, formula, space, target, call)
-            html = _native.report(made.native, os.fspath(self.path), probes, sensitivity)
+            html = _native.report(made.native, os.fspath(self.path), parts)
         write_text(path, html)
 
     def failure_modes(self) -> tuple[FailureMode, ...]:

@@ -1,8 +1,6 @@
 """Systems as targets: what the arguments of a falsification describe, and its checks before the
 first simulation."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -436,7 +434,7 @@ def _in_core(
             f"an evaluation uses the formulas of {system}; leave out `formula`, or pass "
             "`requirements`"
         )
-    table = "falsify" if call.question == "simulate" else call.question
+    table = "falsify" if call.question in ("simulate", "regress") else call.question
     asked: dict[str, Any] = {} if formula is None else {table: {"formula": str(formula)}}
     if not has_controller:
         text = call.text(

@@ -1,7 +1,5 @@
 """How the values of a scenario reach an environment."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 from collections.abc import Callable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """Checks of the arguments that describe a system and its formulas."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import numbers
@@ -43,14 +41,15 @@ def checked_cameras(cameras: object) -> list[str]:
     return names
 
 
-def _is_whole(value: object) -> TypeGuard[int]:
+def is_whole(value: object) -> TypeGuard[int]:
+    """Returns whether a value is a whole number, and no Boolean."""
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
 def checked_size(name: str, size: object) -> tuple[int, int]:
     """Checks the size of an image, and returns its width and its height."""
     sides = list(size) if isinstance(size, (tuple, list)) else []
-    if len(sides) != 2 or not all(_is_whole(side) and 1 <= side <= 1024 for side in sides):
+    if len(sides) != 2 or not all(is_whole(side) and 1 <= side <= 1024 for side in sides):
         raise InvalidValueError(
             f"{name} is {size!r}; expected a width and a height from 1 to 1024, such as (64, 64)"
         )
@@ -59,7 +58,7 @@ def checked_size(name: str, size: object) -> tuple[int, int]:
 
 def check_steps(steps: object) -> None:
     """Checks the number of control steps."""
-    if steps is not None and (not _is_whole(steps) or steps < 1):
+    if steps is not None and (not is_whole(steps) or steps < 1):
         raise InvalidValueError(f"steps is {steps!r}; it must be a whole number of at least 1")
 
 
@@ -97,7 +96,7 @@ def check_number(name: str, value: object, least: int, most: int = 2**64 - 1) ->
         ...
     mishandle.errors.InvalidValueError: batch is 0; it must be a whole number from 1 to ...
     """
-    if not _is_whole(value) or not least <= int(value) <= most:
+    if not is_whole(value) or not least <= int(value) <= most:
         raise InvalidValueError(
             f"{name} is {value!r}; it must be a whole number from {least} to {most}"
         )

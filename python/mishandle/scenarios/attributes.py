@@ -1,7 +1,5 @@
 """Attributes of an environment that a scenario sets, and their return to what they were."""
 
-from __future__ import annotations
-
 import copy
 import importlib
 import warnings

@@ -1,7 +1,5 @@
 """Axes of scenario spaces."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -50,7 +48,7 @@ class FaultParameter:
     """Sets a parameter of what is between the environment and the policy: of a fault or delay
     (:func:`mishandle.faults`), or of the images of an observation (:func:`mishandle.sight`)."""
 
-    settings: FaultSettings | ImageSettings
+    settings: "FaultSettings | ImageSettings"
 
 
 @dataclass(frozen=True)
@@ -102,6 +100,9 @@ class Axis:
     apply : ResetOption, Attribute, PolicyArgument or callable, optional
         How an environment or its policy gets the value; by default the reset option with the name
         of the axis. Functions get a dictionary instead and ignore it.
+    drawn_from : float
+        Fraction of the range, from 0 to less than 1, below which no random value is: an axis that
+        is nominal at its lower bound then has strong values only. Searches use the whole range.
     when : mapping, optional
         Values of other axes, by name, without which this axis has no effect. It is then nominal, no
         search varies it, and no explanation names it.
@@ -128,6 +129,7 @@ class Axis:
     kind: str = "start"
     meaning: str = ""
     apply: Application | None = None
+    drawn_from: float = 0.0
     when: Mapping[str, Sequence[Value] | Except] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -215,7 +217,7 @@ class Axis:
         return int(number) if self.values == "integer" else number
 
     @classmethod
-    def from_document(cls, given: Mapping[str, Any], apply: Application | None = None) -> Axis:
+    def from_document(cls, given: Mapping[str, Any], apply: Application | None = None) -> "Axis":
         """Returns an axis of the extension module. A setting can have left it one value only."""
         when = {
             name: Except(levels["except"]) if isinstance(levels, Mapping) else levels
@@ -236,7 +238,7 @@ class Axis:
         return {
             "name": self.name, "low": float(self.low), "high": float(self.high), "unit": self.unit,
             "values": values, "nominal": self.nominal_number, "kind": self.kind,
-            "meaning": self.meaning, "when": when
+            "meaning": self.meaning, "drawn_from": self.drawn_from, "when": when
         }
 
 

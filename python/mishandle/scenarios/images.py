@@ -1,7 +1,5 @@
 """Effects and faults of the images in observations, while an environment and its policy act."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -67,7 +65,7 @@ class ImageSettings:
 class SeenImages:
     """The images of one episode. Control steps count from 0."""
 
-    def __init__(self, active: _native.ActiveImages, images: Sequence[Image]) -> None:
+    def __init__(self, active: "_native.ActiveImages", images: Sequence[Image]) -> None:
         self._active = active
         self._images = images
 

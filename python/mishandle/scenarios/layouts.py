@@ -4,7 +4,6 @@ their ranges."""
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Union
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 import mishandle._native as _native
 from mishandle.errors import InvalidTypeError, InvalidValueError
-from mishandle.scenarios.arguments import is_real
+from mishandle.scenarios.arguments import is_real, is_whole
 from mishandle.scenarios.values import Part, leaves, parts_of
 
 Channels = Mapping[str, Union[int, Sequence[int]]]
@@ -208,15 +207,10 @@ def _entries(side: Side, name: str, given: object, size: int) -> tuple[int, ...]
         "counted from 0"
     )
     many: Any = given.tolist() if isinstance(given, np.ndarray) else given
-    if isinstance(many, numbers.Integral):
+    if is_whole(many):
         many = [many]
     is_list = isinstance(many, Sequence) and not isinstance(many, (str, bytes)) and len(many) > 0
-    if (
-        not is_list
-        or not all(
-            isinstance(entry, numbers.Integral) and not isinstance(entry, bool) for entry in many
-        )
-    ):
+    if not is_list or not all(map(is_whole, many)):
         raise InvalidValueError(
             f"the channel `{name}` in `{side.channels}` is {given!r}; {expected}"
         )

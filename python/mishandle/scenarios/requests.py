@@ -1,7 +1,5 @@
 """Simulations that are requested from a system."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, Union
 

@@ -1,7 +1,5 @@
 """Observations and actions as flat arrays of numbers, in the order of their space."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

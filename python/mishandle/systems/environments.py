@@ -1,7 +1,5 @@
 """Gymnasium environments in the process of the search as systems."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import math
@@ -111,7 +109,7 @@ class PolicySystem(System):
             raise
 
     def act(
-        self, observations: list[Any], times: Sequence[Time]
+        self, observations: list[Any], times: "Sequence[Time]"
     ) -> tuple[tuple[str, str] | None, Any]:
         """Returns the end of the simulations and its reason if the policy fails, and its actions.
         The simulations share its time."""
@@ -203,7 +201,7 @@ class EnvironmentSystem(PolicySystem):
             for row in reversed(rows):
                 row.attributes.restore()
 
-    def _run(self, rows: list[_Row]) -> list[Outcome]:
+    def _run(self, rows: "list[_Row]") -> list[Outcome]:
         for row in rows:
             row.set()
         for row in rows:

@@ -1,7 +1,5 @@
 """Axes of faults of sensors and actuators between an environment and its policy."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Systems that are functions from a scenario to a trace."""
 
-from __future__ import annotations
-
 import inspect
 import time
 import warnings

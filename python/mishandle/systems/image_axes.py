@@ -1,7 +1,5 @@
 """Axes of what an environment's cameras see: the images in its observation."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -14,33 +12,41 @@ from mishandle.systems.environments import (
     control_period, episode_steps, spec_name, states_control_dt
 )
 
-OF_IMAGES = ("image", "faults-camera")
-"""Spaces of any image."""
+OF_IMAGES = ("occlusion", "image")
+"""Factors of any image."""
 
-OF_SCENES = ("light", "camera", "appearance", "clutter")
-"""Spaces that only the simulator of a scene can draw."""
+OF_SCENES = ("camera", "light", "background", "object", "distractors")
+"""Factors that change what cameras take, which only the simulator of a scene can draw. The others
+act between environment and policy."""
+
+CAMERA_FAULTS = "faults-camera"
+"""The space of faults of cameras, which have no severity."""
+
+SEVERITIES = range(1, 6)
+"""Severities of a factor."""
 
 
 def sight(
-    environment: Any, *, spaces: str | Sequence[str] = OF_IMAGES, steps: int | None = None,
-    control_dt: float | None = None
+    environment: Any, *, spaces: str | Sequence[str] = ("image-3", CAMERA_FAULTS),
+    steps: int | None = None, control_dt: float | None = None
 ) -> list[Axis]:
     """Returns the axes of the images in the observation of an environment.
 
     Each array of bytes of the shape (height, width, 3) in the observation counts as a camera. The
-    axes act between the environment and the policy, as :func:`faults` do: the space ``"image"``
-    changes images (noise, blur, exposure, colors, compression, a patch, black rows),
-    ``"faults-camera"`` freezes, drops, exchanges or delays them. At their nominal values they
-    change no byte. ``docs/reference/sight.md`` lists the axes.
+    axes act between the environment and the policy, as :func:`faults` do: a space such as
+    ``"image-3"`` corrupts images (noise, blur, brightness, colors, compression, black rows) with a
+    severity from 1 to 5, ``"occlusion-3"`` puts a patch on the lens, and ``"faults-camera"``
+    freezes, drops, exchanges or delays images. At their nominal values they change no byte.
+    ``docs/reference/sight.md`` lists the axes.
 
     Parameters
     ----------
     environment
         A Gymnasium environment or vector environment.
     spaces : str or sequence of str
-        ``"image"``, ``"faults-camera"``, or both. ``"light"``, ``"camera"``, ``"appearance"`` and
-        ``"clutter"`` change the scene. Only environments that draw it again have them, such as
-        ``TaskEnv(task, cameras=["over"])``.
+        Factors with a severity, and ``"faults-camera"``. ``"camera-3"``, ``"light-3"``,
+        ``"background-3"``, ``"object-3"`` and ``"distractors-3"`` change the scene. Only
+        environments that draw it again have them, such as ``TaskEnv(task, cameras=["over"])``.
     steps, control_dt
         As for :func:`faults`.
 
@@ -48,7 +54,7 @@ def sight(
     --------
     >>> from mishandle import TaskEnv
     >>> env = TaskEnv("point-reaching", cameras=["over"])
-    >>> [axis.name for axis in sight(env, spaces=["light", "image"])][:2]
+    >>> [axis.name for axis in sight(env, spaces=["light-3", "image-3"])][:2]
     ['lamp_x', 'lamp_y']
     """
     if not (hasattr(environment, "reset") and hasattr(environment, "step")):
@@ -57,7 +63,7 @@ def sight(
             "in an observation"
         )
     names = [spaces] if isinstance(spaces, str) else list(spaces)
-    known = OF_SCENES + OF_IMAGES
+    known = [*_spaces(OF_SCENES), *_spaces(OF_IMAGES), CAMERA_FAULTS]
     for name in names:
         if name not in known:
             raise InvalidValueError(
@@ -85,12 +91,14 @@ def sight(
         )
     of_scene = getattr(one.unwrapped, "sight_axes", ())
     missing = [
-        name for name in names if name in OF_SCENES and name not in {space for space, _ in of_scene}
+        name for name in names
+        if name in _spaces(OF_SCENES) and name not in {space for space, _ in of_scene}
     ]
     if missing:
         raise InvalidValueError(
             f"{', '.join(missing)} would change the scene, which {spec_name(one)} does not draw "
-            f"for Mishandle; its images have the spaces {' and '.join(OF_IMAGES)}"
+            f"for Mishandle; its images have the spaces {', '.join(_spaces(OF_IMAGES))} and "
+            f"{CAMERA_FAULTS}"
         )
     if control_dt is None and not states_control_dt(one):
         raise InvalidValueError(
@@ -103,9 +111,13 @@ def sight(
     )
     scene = [
         Axis.from_document(axis, ResetOption(f"sight.{axis['name']}")) for name, axis in of_scene
-        if name in names and name in OF_SCENES
+        if name in names and name in _spaces(OF_SCENES)
     ]
     return scene + [
         Axis.from_document(axis, FaultParameter(settings))
         for name, axis in json.loads(settings.native().axes) if name in names
     ]
+
+
+def _spaces(factors: Sequence[str]) -> list[str]:
+    return [f"{factor}-{severity}" for factor in factors for severity in SEVERITIES]

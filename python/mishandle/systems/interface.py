@@ -1,7 +1,5 @@
 """What every system under test has in common."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback
@@ -48,7 +46,7 @@ class Outcome:
     reason: str = ""
     """Why it ended so, if an exception says it."""
 
-    def to_native(self) -> _native.Outcome:
+    def to_native(self) -> "_native.Outcome":
         """Returns the outcome as the extension module takes it."""
         return (
             self.end, self.step, self.index, self.samples, self.steps, self.total_reward,

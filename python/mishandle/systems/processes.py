@@ -1,7 +1,5 @@
 """Systems that are programs of their own."""
 
-from __future__ import annotations
-
 import os
 import pathlib
 import shlex

@@ -1,8 +1,6 @@
 """Signals that reduce several values of a control step to one number, such as contact forces
 between two control steps."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 """Environments that draw a scenario at each reset, to train a policy on the axes with which it was
 falsified."""
 
-from __future__ import annotations
-
 import os
 import secrets
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Starts of episodes of an environment: settling after a reset, and starts that are invalid."""
 
-from __future__ import annotations
-
 import numbers
 from collections.abc import Callable, Mapping
 from typing import Any, Union

@@ -18,6 +18,7 @@ import mishandle._native as _native
 from mishandle.errors import InvalidStateError, InvalidValueError
 from mishandle.scenarios.arguments import checked_cameras, checked_size
 from mishandle.scenarios.axes import Axis
+from mishandle.systems.image_axes import OF_SCENES
 
 Floats = NDArray[np.float32]
 
@@ -70,11 +71,6 @@ class _Simulations:
         return values
 
 
-_OF_SCENES = ("light", "camera", "appearance", "clutter")
-"""Spaces of sight that change what cameras take. Those of images and camera faults act between
-environment and policy."""
-
-
 class _Eyes:
     """The cameras of a task in its observation."""
 
@@ -85,7 +81,7 @@ class _Eyes:
         self.spaces = {name: Box(0, 255, (height, width, 3), np.uint8) for name in self._names}
         self.axes = [
             (space, axis) for space, axis in json.loads(_native.task_sight_axes(task))
-            if space in _OF_SCENES
+            if space.rpartition("-")[0] in OF_SCENES
         ]
         self._known = {axis["name"]: Axis.from_document(axis) for _, axis in self.axes}
 
@@ -128,12 +124,12 @@ class TaskEnv(gymnasium.Env[Any, Floats]):
 
     Notes
     -----
-    ``options={"sight": {"lamp_strength": 0.3}}`` of a reset sets axes of the spaces ``light``,
-    ``camera``, ``appearance`` and ``clutter``; :func:`mishandle.sight` returns them. Actions change
-    the targets of seven joints and two fingers; each is clipped to [-1, 1]. A reset draws the
-    initial state with ``seed``; ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its
-    axes. ``info`` contains the dictionaries ``signals`` and ``reward_terms``. Gymnasium's wrapper
-    ``TimeLimit`` truncates the episode.
+    ``options={"sight": {"lamp_strength": 0.3}}`` of a reset sets axes of sight, which
+    :func:`mishandle.sight` returns. Actions change the targets of seven joints and two fingers;
+    each is clipped to [-1, 1]. A reset draws the initial state with ``seed``;
+    ``options={"scenario": {"target_x": 0.5}}`` sets some or all of its axes. ``info`` contains the
+    dictionaries ``signals`` and ``reward_terms``. Gymnasium's wrapper ``TimeLimit`` truncates the
+    episode.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 60}

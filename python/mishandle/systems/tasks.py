@@ -1,7 +1,5 @@
 """Systems that the Rust core simulates with a policy in Python: tasks, and robots in files."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -113,7 +111,7 @@ class TaskSystem(System):
         self.versions = [("numpy", np.__version__)]
         self.exceptions = []
 
-    def __reduce__(self) -> tuple[Callable[..., TaskSystem], tuple[Any, ...]]:
+    def __reduce__(self) -> "tuple[Callable[..., TaskSystem], tuple[Any, ...]]":
         return _task_system, (*self._arguments, len(self.signals) > len(self.own_signals))
 
     def _simulate(self, manner: bool) -> _native.Simulator:

@@ -1,8 +1,6 @@
 """Vector environments without access to their sub-environments as systems: ``AsyncVectorEnv`` and
 native ones."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -61,7 +61,7 @@ impl ExplainedSimulation {
                 |sample| instant(sample, header.control_dt),
             ),
             axes_at_nominal: None,
-            point: point.map(str::to_string),
+            point,
             space_axes: recorded_axes(&header.axes),
             control_dt: header.control_dt,
         }

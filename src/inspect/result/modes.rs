@@ -60,6 +60,7 @@ fn modes(header: &RunHeader, found: &FailureModes) -> Vec<results::FailureMode> 
             scenario: recorded_scenario(&header.axes, &failure.scenario),
             robustness: failure.robustness.into(),
             distance_from_nominal: failure.distance_from_nominal,
+            physics: None,
         }
     };
     found.modes.iter().zip(1..).map(mode).collect()

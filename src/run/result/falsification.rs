@@ -71,7 +71,7 @@ fn trial(facts: &Facts, found: &TrialOutcome) -> Trial {
         scenario: minimum.map(|minimum| named_scenario(axes, minimum.scenario.values())),
         simulation: minimum.map(|minimum| minimum.number),
         seed: minimum.map(|minimum| Seed(minimum.seed.0)),
-        end: found.end.map(|end| end_name(end).to_string()),
+        end: found.end.map(end),
         diverged: found.diverged,
         invalid: found.invalid,
         failed: found.failed,
@@ -79,17 +79,18 @@ fn trial(facts: &Facts, found: &TrialOutcome) -> Trial {
         undefined: found.undefined,
         first_unevaluated: found.first_unevaluated.as_ref().map(unevaluated),
         repeats: None,
+        physics: None,
         cause: None,
     }
 }
 
-/// Returns the name of a trial's end.
-fn end_name(end: TrialEnd) -> &'static str {
+/// Returns the end of a trial as a result.
+fn end(end: TrialEnd) -> results::TrialEnd {
     match end {
-        TrialEnd::Falsified => "falsified",
-        TrialEnd::BudgetSpent => "budget spent",
-        TrialEnd::ModesDriedUp => "modes dried up",
-        TrialEnd::SearchEnded(_) => "search ended",
+        TrialEnd::Falsified => results::TrialEnd::Falsified,
+        TrialEnd::BudgetSpent => results::TrialEnd::BudgetSpent,
+        TrialEnd::ModesDriedUp => results::TrialEnd::ModesDriedUp,
+        TrialEnd::SearchEnded(_) => results::TrialEnd::SearchEnded,
     }
 }
 

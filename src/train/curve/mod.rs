@@ -8,11 +8,11 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
 use mishandle_files::{limits, read_bounded};
-
-use crate::error::{CurveProblem, MishandleError};
 use row::{
     COLUMNS, CURRICULUM_COLUMNS, REWARD, SCENARIO_COLUMNS, has_curriculum_columns, has_scenario_columns,
 };
+
+use crate::error::{CurveProblem, MishandleError};
 
 pub use row::CurveRow;
 pub use training_time::NoTrainingTime;
@@ -65,7 +65,7 @@ impl Curve {
 /// Reads a curve, or its part up to iteration `last`; returns the curve and its number of bytes.
 fn read(path: &Path, last: Option<u64>) -> Result<(Curve, u64), MishandleError> {
     let wrong = |problem| MishandleError::Curve { path: path.to_path_buf(), problem };
-    let failed = |source| MishandleError::File { path: path.to_path_buf(), source };
+    let failed = MishandleError::file(path);
     parse(&read_bounded(path, limits::CURVE).map_err(failed)?, last).map_err(wrong)
 }
 

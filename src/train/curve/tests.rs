@@ -1,5 +1,7 @@
-use super::*;
 use mishandle_training::{Checkpoint, PartValidation, Rates, TimeShares, TrainingProgress, Validation};
+
+use super::*;
+use crate::error::MishandleError;
 
 /// Returns the progress of a run with two reward terms; an iteration has 512 environment steps and
 /// takes 0.5 s.

@@ -15,7 +15,7 @@ const ROUNDING_FRACTION: f64 = 1e-12;
 #[non_exhaustive]
 pub enum NoTrainingTime {
     /// The training run wrote no curve.
-    #[error("it needs a curve; use --csv")]
+    #[error("it needs a curve")]
     NoCurve,
     /// The first row is not iteration 1.
     #[error("the curve does not start with iteration 1")]

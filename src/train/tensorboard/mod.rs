@@ -10,11 +10,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use mishandle_training::{Rates, TrainingProgress, Validation};
-
-use crate::error::MishandleError;
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
 use mishandle_files::{GrowingFile, NewFolders};
+use mishandle_results::Key;
+use mishandle_training::{Rates, TrainingProgress, Validation};
+
+use crate::error::{MishandleError, exists};
 
 /// TensorBoard recognizes event files by this part of the name.
 const MARK: &str = "tfevents";
@@ -40,7 +41,7 @@ impl EventFile {
         reward_terms: &[String],
         resumes: bool,
     ) -> Result<EventFile, MishandleError> {
-        let failed = |source| MishandleError::Write { what: "folder", path: folder.to_path_buf(), source };
+        let failed = MishandleError::write("folder", folder);
         let mut folders = NewFolders::default();
         folders.create(folder).map_err(failed)?;
         EventFile::check(folder, resumes)?;
@@ -60,12 +61,8 @@ impl EventFile {
         if resumes || !folder.exists() {
             return Ok(());
         }
-        let found = event_file(folder).map_err(|source| MishandleError::Write {
-            what: "folder",
-            path: folder.to_path_buf(),
-            source,
-        })?;
-        found.map_or(Ok(()), |path| Err(MishandleError::Exists { path, flag: "--tensorboard" }))
+        let found = event_file(folder).map_err(MishandleError::write("folder", folder))?;
+        found.map_or(Ok(()), |path| Err(exists(&path, Key::EVENTS)))
     }
 
     /// Deletes the file.

@@ -1,6 +1,8 @@
+use mishandle_results::{Key, Remedy};
+use mishandle_training::TimeShares;
+
 use super::encoding::{checksum, masked_checksum};
 use super::*;
-use mishandle_training::TimeShares;
 
 #[test]
 fn checksums_match_published_values() {
@@ -179,8 +181,9 @@ fn a_folder_contains_event_files_of_one_training_run() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("a/b");
     let first = EventFile::create(&inside, &[], false).unwrap();
-    let error = EventFile::create(&inside, &[], false).unwrap_err().to_string();
-    assert!(error.contains("a/b") && error.contains("--tensorboard"), "{error}");
+    let error = EventFile::create(&inside, &[], false).unwrap_err();
+    assert!(error.to_string().contains("a/b"), "{error}");
+    assert_eq!(error.remedies().first(), Some(&Remedy::Another(Key::EVENTS)));
     // Same second, same process.
     let second = EventFile::create(&inside, &[], true).unwrap();
     assert!(second.file.path() > first.file.path(), "{second:?}");

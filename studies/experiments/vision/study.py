@@ -1,15 +1,16 @@
-"""Measures what breaks policies that see, and writes the tables of studies/notebook/2026-11-28-seeing.md.
+"""Measures the policies that see under each factor at each severity, and writes the table of
+studies/notebook/2026-11-29-factors.md.
 
-    python study.py --episodes 100          rates in each space of sight, with a control arm
-    python study.py --axes --spaces light --policies cube-stacking/vision --episodes 20
-                                            rates with one axis of the spaces alone
-    python study.py --tables
+    python study.py                 every factor and severity, and the nominal images
+    python study.py --factors light --policies cube-stacking --jobs 8 --threads 4
+    python study.py --table
 
-Each line is saved when it is measured, in figures/, and not measured again with the same file of the policy, seed and
-number. `MISHANDLE` names the program (default: mishandle).
+Each line is saved when it is measured, in the folder of figures, and not measured again with the same file of the
+policy, seed and number. `MISHANDLE` names the program (default: mishandle).
 """
 
 import argparse
+import concurrent.futures
 import hashlib
 import json
 import os
@@ -17,17 +18,16 @@ import pathlib
 import shlex
 import subprocess
 import tempfile
+import threading
 
 HERE = pathlib.Path(__file__).parent
 ROOT = HERE.parents[2]
-FIGURES = HERE / "figures"
-PAGE = ROOT / "studies/notebook" / "2026-11-28-seeing.md"
-BEGIN, END = "<!-- figures: {} -->", "<!-- end of figures -->"
-SPACES = ["light", "camera", "appearance", "clutter", "image", "faults-camera"]
+PAGE = ROOT / "studies/notebook" / "2026-11-29-factors.md"
+BEGIN, END = "<!-- figures -->", "<!-- end of figures -->"
+FACTORS = ["camera", "light", "background", "object", "distractors", "occlusion", "image", "posture"]
+SEVERITIES = [1, 2, 3, 4, 5]
+NOMINAL = "starts"
 TASKS = ["point-reaching", "ball-pushing", "peg-in-hole", "door-opening", "cube-stacking"]
-# Name, task, file.
-POLICIES = [(f"{task}/vision", task, ROOT / "controllers" / task / "vision.onnx") for task in TASKS]
-POLICIES += [(path.stem, "cube-stacking", path) for path in sorted((HERE / "policies").glob("cube-stacking-*.onnx"))]
 
 
 def ask(program, *words):
@@ -39,141 +39,90 @@ def ask(program, *words):
         return json.loads(done.stdout)
 
 
-def known(name):
-    path = FIGURES / f"{name.replace('/', '-')}.json"
-    return path, json.loads(path.read_text()) if path.exists() else {}
+class Figures:
+    """The figures of a policy, in a file."""
+
+    def __init__(self, folder, task, controllers):
+        self.task, self.controller = task, controllers / task / "vision.onnx"
+        self.path = folder / f"factors-{task}.json"
+        self.lock = threading.Lock()
+        found = json.loads(self.path.read_text()) if self.path.exists() else {}
+        digest = hashlib.sha256(self.controller.read_bytes()).hexdigest()
+        self.record = found if found.get("sha256") == digest else {"sha256": digest}
+
+    def measure(self, program, space, setting):
+        found = self.record.get(space, {})
+        if {key: found.get(key) for key in setting} == setting:
+            return
+        words = [word for key, value in setting.items() for word in (f"--{key}", value)]
+        threads = ["--threads", options.threads] if options.threads else []
+        result = ask(
+            program, "evaluate", self.task, "--controller", self.controller, "--space", space, *words, *threads,
+            "-k", "evaluate.control=false", "-k", "evaluate.corners=false",
+        )
+        rate = result["success_rate"]
+        with self.lock:
+            self.record[space] = setting | {"success": [rate["value"], rate["low"], rate["high"]]}
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(json.dumps(self.record, indent=1) + "\n")
+            print(self.task, space, self.record[space]["success"], flush=True)
 
 
-def save(path, record):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(record, indent=1) + "\n")
+def spaces():
+    factors = [f"{NOMINAL}+{factor}-{severity}" for factor in options.factors for severity in options.severities]
+    return [NOMINAL, *factors]
 
 
-def interval(rate):
-    return [rate["value"], rate["low"], rate["high"]]
-
-
-def policies(options):
-    """The chosen ones: name, task, file, path of the figures, figures of this file."""
-    for name, task, file in POLICIES:
-        if options.policies and name not in options.policies:
-            continue
-        path, record = known(name)
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        if record.get("sha256", digest) != digest:
-            record = {}
-        record["sha256"] = digest
-        yield name, task, file, path, record
-
-
-def rates(program, options):
-    for name, task, file, path, record in policies(options):
-        for space in options.spaces:
-            setting = {"episodes": options.episodes, "seed": options.seed}
-            found = record.setdefault("rates", {}).get(space, {})
-            if {key: found.get(key) for key in setting} == setting:
-                continue
-            result = ask(
-                program, "evaluate", task, "--controller", file, "--space", f"starts+{space}",
-                "--episodes", options.episodes, "--seed", options.seed,
-            )
-            control = result["control"]
-            record["rates"][space] = setting | {
-                "success": interval(result["success_rate"]),
-                "control": interval(control["success_rate"]),
-                "difference": interval(control["difference"]),
-            }
-            save(path, record)
-            print(name, space, record["rates"][space], flush=True)
-
-
-def axes(program, options):
-    """Each axis alone, over the whole of its range, from the starts of the rates."""
-    for name, task, file, path, record in policies(options):
-        of_starts = {axis["name"] for axis in facts(program, task, file, "starts")}
-        for space in options.spaces:
-            for axis in facts(program, task, file, f"starts+{space}"):
-                setting = {"episodes": options.episodes, "seed": options.seed}
-                found = record.setdefault("axes", {}).setdefault(space, {}).get(axis["name"], {})
-                if axis["name"] in of_starts or {key: found.get(key) for key in setting} == setting:
-                    continue
-                try:
-                    result = ask(
-                        program, "evaluate", task, "--controller", file, "--space", "starts",
-                        "--axis", f"{axis['name']}={axis['low']}:{axis['high']}", "-k", "evaluate.control=false",
-                        "--episodes", options.episodes, "--seed", options.seed,
-                    )
-                except SystemExit as error:
-                    # Such as the place of a second lamp of strength 0.
-                    if "has no effect" not in str(error):
-                        raise
-                    continue
-                record["axes"][space][axis["name"]] = setting | {"success": interval(result["success_rate"])}
-                save(path, record)
-                print(name, axis["name"], record["axes"][space][axis["name"]]["success"], flush=True)
-
-
-def facts(program, task, file, space):
-    return ask(program, "simulate", task, "--controller", file, "--space", space)["space_axes"]
-
-
-def percent(values, sign=""):
-    value, low, high = (100 * value for value in values)
-    return f"{value:{sign}.1f} [{low:{sign}.1f}, {high:{sign}.1f}]"
-
-
-def rate_table():
-    lines = ["| policy | space | n | success, % | control arm, % | difference, % |", "|---|---|--:|--:|--:|--:|"]
-    for name, _, _ in POLICIES:
-        measured = known(name)[1].get("rates", {})
-        for space in filter(measured.get, SPACES):
-            found = measured[space]
-            cells = [percent(found["success"]), percent(found["control"]), percent(found["difference"], "+")]
-            lines.append(f"| `{name}` | `{space}` | {found['episodes']} | " + " | ".join(cells) + " |")
+def table(figures):
+    heads = [f"severity {severity}" for severity in SEVERITIES]
+    lines = [f"| policy | factor | {' | '.join(heads)} |", "|---|---|" + "--:|" * len(SEVERITIES)]
+    percent = lambda found: "{:.0f} [{:.0f}, {:.0f}]".format(*(100 * value for value in found["success"]))
+    for own in figures:
+        if NOMINAL in own.record:
+            cells = [percent(own.record[NOMINAL])] + [""] * (len(SEVERITIES) - 1)
+            lines.append(f"| `{own.task}` | none (n = {own.record[NOMINAL]['episodes']}) | {' | '.join(cells)} |")
+        for factor in FACTORS:
+            found = [own.record.get(f"{NOMINAL}+{factor}-{severity}") for severity in SEVERITIES]
+            if any(found):
+                lines.append(f"| | `{factor}` | {' | '.join(percent(each) if each else '' for each in found)} |")
     return lines
 
 
-def axis_table():
-    """The axes with a failure, the worst first."""
-    lines = ["| policy | space | n | success with one axis alone, % | axes without a failure |", "|---|---|--:|---|--:|"]
-    for name, _, _ in POLICIES:
-        for space, measured in known(name)[1].get("axes", {}).items():
-            worst = sorted(measured.items(), key=lambda item: item[1]["success"][0])
-            broken = [f"`{axis}` {100 * found['success'][0]:.0f}" for axis, found in worst if found["success"][0] < 1]
-            count = len(measured) - len(broken)
-            episodes = {found["episodes"] for found in measured.values()}
-            numbers = ", ".join(map(str, sorted(episodes)))
-            lines.append(f"| `{name}` | `{space}` | {numbers} | {', '.join(broken) or '-'} | {count} of {len(measured)} |")
-    return lines
-
-
-def write(name, lines):
+def write(lines):
     text = PAGE.read_text()
-    before, begin, rest = text.partition(BEGIN.format(name))
+    before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
-        raise SystemExit(f"{PAGE} lacks {BEGIN.format(name)} or {END}")
+        raise SystemExit(f"{PAGE} lacks {BEGIN} or {END}")
     PAGE.write_text("\n".join([before + begin, *lines, end + after]))
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=100)
-    parser.add_argument("--spaces", nargs="+", default=SPACES, choices=SPACES)
-    parser.add_argument("--policies", nargs="+", metavar="NAME", choices=[name for name, _, _ in POLICIES])
-    parser.add_argument("--seed", type=int, default=77)
-    parser.add_argument("--axes", action="store_true", help="measure each axis alone instead of the spaces")
-    parser.add_argument("--tables", action="store_true", help="write the tables of the page, and measure nothing")
-    options = parser.parse_args()
     program = shlex.split(os.environ.get("MISHANDLE", "mishandle"))
-    if options.tables:
-        write("spaces", rate_table())
-        write("axes", axis_table())
-    elif options.axes:
-        axes(program, options)
-    else:
-        rates(program, options)
+    figures = [Figures(options.figures, task, options.controllers.resolve()) for task in options.policies]
+    if options.table:
+        write(table(figures))
+        return
+    setting = {"episodes": options.episodes, "seed": options.seed}
+    jobs = [(own, space) for space in spaces() for own in figures]
+    with concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
+        done = [pool.submit(own.measure, program, space, setting) for own, space in jobs]
+        for each in done:
+            each.result()
 
+
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("--episodes", type=int, default=100)
+parser.add_argument("--factors", nargs="+", default=FACTORS, choices=FACTORS)
+parser.add_argument("--severities", nargs="+", type=int, default=SEVERITIES, choices=SEVERITIES)
+parser.add_argument("--policies", nargs="+", default=TASKS, choices=TASKS)
+parser.add_argument("--controllers", type=pathlib.Path, default=ROOT / "controllers", help="folder with TASK/vision.onnx")
+parser.add_argument("--figures", type=pathlib.Path, default=HERE / "figures")
+parser.add_argument("--seed", type=int, default=77)
+parser.add_argument("--jobs", type=int, default=1, help="measurements at a time")
+parser.add_argument("--threads", type=int, help="threads of each")
+parser.add_argument("--table", action="store_true", help="write the table of the page, and measure nothing")
+options = parser.parse_args()
 
 if __name__ == "__main__":
     main()

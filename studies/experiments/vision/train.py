@@ -5,7 +5,7 @@ labels of each state, and trains on all that was recorded. The student gets join
 the images; while it trains, an auxiliary head learns the rest of the observation from the images.
 
     python train.py ball-pushing --out policies/ball-pushing --rounds 30 --minutes 25
-    python train.py ball-pushing --out policies/ball-pushing-dr --randomize appearance+light+camera+clutter
+    python train.py ball-pushing --out policies/ball-pushing-dr --randomize background-3+light-3+camera-3
 
 Needs torch, numpy and onnx. The folder has round-N.onnx, the student of each round; policy.onnx, the best of them;
 log.jsonl, a line for each round; and evaluation.sqlite, the run of the last evaluation. Five disjoint ranges of
@@ -32,7 +32,7 @@ def arguments():
     parser.add_argument("--mishandle", default="mishandle", help="the program")
     parser.add_argument("--cameras", default="over,wrist", help="cameras of the policy, joined by commas")
     parser.add_argument("--size", type=int, default=64, help="width and height of the images, pixels")
-    parser.add_argument("--randomize", metavar="SPACE", help="record half of the episodes in this space, such as light+camera")
+    parser.add_argument("--randomize", metavar="SPACE", help="record half of the episodes in this space, such as light-3+camera-3")
     parser.add_argument("--start", type=Path, help="begin with the weights of this policy.onnx")
     parser.add_argument("--chunk", type=int, default=1, help="actions that the policy predicts, by attention if more than 1")
     parser.add_argument("--decay", type=float, default=0.01, help="decay of the weights in the ensemble of chunks")

@@ -1,6 +1,6 @@
 """Continues a policy that sees on the failures of a hardening: the trainer of `mishandle harden`.
 
-    mishandle harden cube-stacking --controller vision.onnx --space starts+light --steps 1500 \\
+    mishandle harden cube-stacking --controller vision.onnx --space starts+light-3 --steps 1500 \\
         --trainer 'python trainer.py' --out better.onnx
 
 Each of two passes records the policy with the expert's actions as labels, a third of the episodes from random starts

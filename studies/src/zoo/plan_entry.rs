@@ -159,8 +159,7 @@ fn full_settings(path: &Path, training: &Training) -> Result<String, ZooError> {
     };
     let config = AlgorithmSettings::from_toml(&training.algorithm, &text).ok_or_else(unknown)?;
     let config = config.and_then(|config| config.check().map(|()| config));
-    let config = config
-        .map_err(|source| MishandleError::Settings { path: path.to_path_buf(), source: Box::new(source) })?;
+    let config = config.map_err(|error| MishandleError::from(error).of(path.display().to_string()))?;
     Ok(config.to_toml())
 }
 
@@ -171,7 +170,8 @@ fn full_settings(path: &Path, training: &Training) -> Result<String, ZooError> {
 /// If a file cannot be read.
 pub(crate) fn entry(
     folder: &ZooFolder,
-    (task, training): (&BenchmarkTask, &Training),
+    task: &BenchmarkTask,
+    training: &Training,
     expected: TrainingInputs,
     adopt: bool,
 ) -> Result<PlanEntry, ZooError> {

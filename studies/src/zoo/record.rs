@@ -5,7 +5,7 @@
 
 use mishandle::plan::StartRegion;
 use mishandle::results::{
-    CornerPoint, Corners, Estimate, Evaluation, Falsification, Number, Seed, Subject, Trial,
+    CornerPoint, Corners, Estimate, Evaluation, Falsification, Number, Seed, Subject, Trial, TrialEnd,
 };
 use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
@@ -311,7 +311,7 @@ pub struct TrialMeasurement {
     /// Its seed.
     pub seed: Option<Seed>,
     /// `falsified`, `budget spent` or `search ended`.
-    pub end: Option<String>,
+    pub end: Option<TrialEnd>,
     /// Simulations whose numbers stopped being finite.
     pub diverged: u32,
     /// Simulations that were undecided.
@@ -328,7 +328,7 @@ impl From<&Trial> for TrialMeasurement {
             initial_configuration: found.initial_configuration.clone(),
             simulation: found.simulation,
             seed: found.seed,
-            end: found.end.clone(),
+            end: found.end,
             diverged: found.diverged,
             undecided: found.undecided,
         }

@@ -6,6 +6,7 @@ use std::path::Path;
 use mishandle::MishandleError;
 use mishandle::files::FileLock;
 use mishandle::plan::TrainPlan;
+use mishandle::results::Key;
 use mishandle::train::TrainObserver;
 use mishandle::training::{TrainingControl, TrainingProgress};
 
@@ -36,7 +37,7 @@ pub(crate) fn train(
     create_parent(&lock_path)?;
     let lock = FileLock::try_acquire(&lock_path).map_err(ZooError::file(&lock_path))?;
     // Its files must not be removed while a training run that was started by hand writes them.
-    drop(lock.ok_or(MishandleError::Busy { path: file(CONTROLLER), flag: "--out" })?);
+    drop(lock.ok_or_else(|| MishandleError::busy("training run", &file(CONTROLLER), Key::OUT))?);
     if !matches!(entry.state, TrainingState::Interrupted { .. }) {
         clear(&file(""))?;
         write(&file(STARTED), started_mark(&entry.expected).as_bytes())?;

@@ -138,7 +138,7 @@ impl<'a> Zoo<'a> {
                 Err(_) if !is_selected => TrainingInputs::without_settings(task),
                 found => found?,
             };
-            found.push(entry(&self.folder, (task, &training), expected, self.adopts && is_selected)?);
+            found.push(entry(&self.folder, task, &training, expected, self.adopts && is_selected)?);
         }
         Ok(found)
     }

@@ -10,24 +10,20 @@ use super::{Problem, Tree};
 
 const PAGE: &str = "ARCHITECTURE.md";
 const COLUMNS: [&str; 5] = ["level", "crate", "purpose", "invariant", "uses"];
-/// In the column `uses`: every crate of a lower level.
-const ALL: &str = "all above";
 /// Chores, which are not part of the product.
 const UNLISTED: [&str; 1] = ["xtask"];
 /// The crate that links MuJoCo.
 const MUJOCO: &str = "world";
 /// Crates that must not link MuJoCo, directly or through another crate, because they serve any
 /// simulator.
-const WITHOUT_MUJOCO: [&str; 15] = [
+const WITHOUT_MUJOCO: [&str; 13] = [
     "random",
     "files",
     "stl",
-    "expression",
     "search",
     "network",
     "store",
     "toys",
-    "arch",
     "rollout",
     "controllers",
     "evaluation",
@@ -47,12 +43,7 @@ struct Row {
     line: usize,
     level: u32,
     name: String,
-    uses: Uses,
-}
-
-enum Uses {
-    All,
-    Named(BTreeSet<String>),
+    uses: BTreeSet<String>,
 }
 
 /// Parses the output of `cargo metadata --no-deps`.
@@ -158,7 +149,7 @@ fn row(line: usize, text: &str) -> Result<Row, Problem> {
         line,
         level: level.parse().map_err(|_| problem(line, format!("the level `{level}` is not a number")))?,
         name: quoted(name).next().unwrap_or(name).to_owned(),
-        uses: if uses == ALL { Uses::All } else { Uses::Named(quoted(uses).map(str::to_owned).collect()) },
+        uses: quoted(uses).map(str::to_owned).collect(),
     })
 }
 
@@ -168,18 +159,15 @@ pub(super) fn quoted(cell: &str) -> impl Iterator<Item = &str> {
 }
 
 fn uses(row: &Row, rows: &[Row], package: &Package) -> Vec<String> {
-    let below = || rows.iter().filter(|other| other.level < row.level).map(|other| other.name.clone());
-    let named = match &row.uses {
-        Uses::All => below().collect(),
-        Uses::Named(names) => names.clone(),
-    };
-    let below: BTreeSet<String> = below().collect();
+    let below: BTreeSet<String> =
+        rows.iter().filter(|other| other.level < row.level).map(|other| other.name.clone()).collect();
     let name = &row.name;
     let too_few = package
         .uses
-        .difference(&named)
+        .difference(&row.uses)
         .map(|used| format!("`{name}` uses `{used}`, which its row does not name"));
-    let too_many = named
+    let too_many = row
+        .uses
         .difference(&package.uses)
         .map(|used| format!("`{name}` does not use `{used}`, which its row names"));
     let not_below = package.uses.difference(&below).map(|used| {
@@ -213,7 +201,7 @@ mod tests {
 
     const STL: &str = "| 0 | `stl` | text | no files | – |\n";
     const ROLLOUT: &str = "| 1 | `rollout` | text | no physics | `stl` |\n";
-    const ROOT: &str = "| 2 | `mishandle`, the root package | text | no robot | all above |\n";
+    const ROOT: &str = "| 2 | `mishandle`, the root package | text | no robot | `stl`, `rollout` |\n";
 
     #[test]
     fn a_true_table_has_no_problems() {

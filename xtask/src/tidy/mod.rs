@@ -4,7 +4,6 @@
 mod crates;
 mod imports;
 mod links;
-mod plain;
 mod programs;
 mod prose;
 mod python;
@@ -104,7 +103,6 @@ pub fn check(root: &Path) -> Result<()> {
         links::check(&tree),
         programs::check(&tree),
         prose::check(&tree),
-        plain::check(&tree),
         python::check(&tree),
         sizes::check(&tree),
         tuples::check(&tree),

@@ -1,5 +1,5 @@
-//! Refuses phrases that readers of the field do not know, and spellings that differ from the names
-//! in the API.
+//! Refuses phrases that readers of the field do not know, spellings that differ from the names in
+//! the API, and turns of phrase in comments and Markdown that read as a translation.
 
 use super::{File, Problem, Tree};
 
@@ -33,6 +33,9 @@ const PHRASES: &[(&str, &str)] = &[
     ("have_to_be", "must be"),
     ("step_length", "learning rate, or step size"),
     ("the_field_of", "the column of"),
+    ("stranger", "untrusted"),
+    ("strangers", "untrusted"),
+    ("sample_of_the_others", "audit sample, or name the simulations"),
 ];
 
 /// The begin of a spelling that is not American, and the American one, found inside identifiers
@@ -76,6 +79,10 @@ const HASHED_TEXTS: [&str; 4] = [
     "crates/tasks/src/peg_in_hole/reward.rs",
 ];
 
+/// Words after `is no` that make it right, as in `is no longer`.
+const RIGHT: [&str; 10] =
+    ["longer", "more", "less", "better", "worse", "larger", "smaller", "faster", "slower", "such"];
+
 pub fn check(tree: &Tree) -> Vec<Problem> {
     tree.files.iter().filter(|file| is_prose(&file.path)).flat_map(check_file).collect()
 }
@@ -89,8 +96,8 @@ fn is_prose(path: &str) -> bool {
 }
 
 fn check_file(file: &File) -> impl Iterator<Item = Problem> {
-    (1..).zip(file.text.lines()).flat_map(move |(line, text)| {
-        let text = text.to_lowercase();
+    (1..).zip(file.text.lines()).flat_map(move |(line, original)| {
+        let text = original.to_lowercase();
         let phrases = PHRASES.iter().filter_map(|(phrase, replacement)| {
             let phrase = phrase.replace('_', " ");
             has_words(&text, &phrase).then(|| format!("`{phrase}`: write `{replacement}`"))
@@ -100,7 +107,8 @@ fn check_file(file: &File) -> impl Iterator<Item = Problem> {
             (text.contains(spelling) && !is_hashed)
                 .then(|| format!("`{spelling}`: write `{american}` (American spelling)"))
         });
-        let found: Vec<String> = phrases.chain(spellings).collect();
+        let translated = comment(&file.path, original).map(translations).unwrap_or_default();
+        let found: Vec<String> = phrases.chain(spellings).chain(translated).collect();
         found.into_iter().map(move |what| Problem { path: file.path.clone(), line, what })
     })
 }
@@ -111,6 +119,36 @@ fn has_words(text: &str, phrase: &str) -> bool {
     text.match_indices(phrase).any(|(at, _)| {
         is_edge(text[..at].chars().next_back()) && is_edge(text[at + phrase.len()..].chars().next())
     })
+}
+
+/// Returns the comment of a line of Rust, or a line of Markdown.
+fn comment<'a>(path: &str, line: &'a str) -> Option<&'a str> {
+    let start = line.trim_start();
+    match path.rsplit_once('.') {
+        Some((_, "md")) => Some(line),
+        Some((_, "rs")) if start.starts_with("//") => Some(start),
+        Some((_, "rs")) => line.find(" // ").map(|at| &line[at + 1..]),
+        _ => None,
+    }
+}
+
+fn translations(text: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    if text.starts_with("/// What ") || text.starts_with("//! What ") {
+        found.push("a doc comment starts with `What`: name the thing".to_owned());
+    }
+    let text = text.trim_start_matches(['/', '!']).to_lowercase();
+    let words: Vec<&str> = text.split_whitespace().collect();
+    for (at, pair) in words.windows(2).enumerate() {
+        // The first word of a line may follow a `there` on the line before.
+        let after_there = at == 0 || words[at - 1].trim_start_matches(['(', '"', '*']) == "there";
+        let is_right =
+            words.get(at + 2).is_some_and(|word| RIGHT.contains(&word.trim_matches([',', '.', ':'])));
+        if matches!(pair, ["is" | "are", "no"]) && !after_there && !is_right {
+            found.push(format!("`{} no`: write `{} not a`", pair[0], pair[0]));
+        }
+    }
+    found
 }
 
 #[cfg(test)]
@@ -141,5 +179,29 @@ mod tests {
     fn data_of_other_programs_is_not_checked() {
         check_text("crates/stl/tests/golden/a.md", "centre", &[]);
         check_text("controllers/a.json", "centre", &[]);
+    }
+
+    #[test]
+    fn translated_phrases_are_found_in_comments_and_markdown() {
+        let name = "crates/stl/src/a.rs:1: a doc comment starts with `What`: name the thing";
+        check_text("crates/stl/src/a.rs", "    /// What is allowed.", &[name]);
+        check_text("docs/a.md", "What is allowed.", &[]);
+        check_text("docs/a.md", "This is no proof.", &["docs/a.md:1: `is no`: write `is not a`"]);
+        check_text("docs/a.md", "There is no proof. It is no longer so, and it is no better.", &[]);
+        let untrusted = "docs/a.md:1: `stranger`: write `untrusted`";
+        check_text("docs/a.md", "The file of a stranger.", &[untrusted]);
+        let others = "docs/a.md:1: `sample of the others`: write `audit sample, or name the simulations`";
+        check_text("docs/a.md", "A sample of the others; the others are nominal.", &[others]);
+    }
+
+    #[test]
+    fn code_is_not_checked_for_translated_phrases() {
+        check_text("crates/stl/src/a.rs", "let text = \"this is no proof\";", &[]);
+        check_text(
+            "crates/stl/src/a.rs",
+            concat!("let a = 1; /", "/ This is no proof."),
+            &["crates/stl/src/a.rs:1: `is no`: write `is not a`"],
+        );
+        check_text("crates/stl/src/a.rs", concat!("/// If there\n", "/// is no proof.\n"), &[]);
     }
 }

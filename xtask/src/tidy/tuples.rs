@@ -3,58 +3,14 @@
 
 use super::{Problem, Tree};
 
-/// Files that have such functions. The list may only shrink.
-const LEFT: [&str; 35] = [
-    "crates/evidence/src/checks.rs",
-    "crates/logs/src/verdict.rs",
-    "crates/report/src/charts/draw.rs",
-    "crates/report/src/charts/linked_mark.rs",
-    "crates/report/src/hardened_modes.rs",
-    "crates/report/src/measure.rs",
-    "crates/report/src/pictures.rs",
-    "crates/report/src/ranking.rs",
-    "crates/report/src/seen.rs",
-    "crates/report/src/sensitivity.rs",
-    "crates/report/src/trace.rs",
-    "crates/report/tests/hardening.rs",
-    "python/src/policy.rs",
-    "python/src/remote.rs",
-    "src/counterexample/export.rs",
-    "src/harden/measure.rs",
-    "src/harden/minimized.rs",
-    "src/harden/result.rs",
-    "src/harden/round.rs",
-    "src/harden/search.rs",
-    "src/inspect/axes_at_nominal.rs",
-    "src/picture/cameras.rs",
-    "src/picture/frames.rs",
-    "src/picture/recorded_scene.rs",
-    "src/picture/trajectory.rs",
-    "src/record/mod.rs",
-    "src/replay/mod.rs",
-    "src/resolve/guard.rs",
-    "src/resolve/scene.rs",
-    "src/resolve/training.rs",
-    "src/run/header.rs",
-    "src/train/mod.rs",
-    "src/tune/alarm.rs",
-    "studies/src/zoo/plan_entry.rs",
-    "tests/train_scenarios.rs",
-];
-
 pub fn check(tree: &Tree) -> Vec<Problem> {
     let mut found = Vec::new();
     for file in tree.files.iter().filter(|file| file.path.ends_with(".rs")) {
-        let problem = |line: usize, what: String| Problem { path: file.path.clone(), line, what };
-        let names = functions(&file.text);
-        if !LEFT.contains(&&*file.path) {
-            found.extend(names.into_iter().map(|(line, name)| {
-                problem(line, format!("`{name}` takes a tuple apart: write two parameters, or a struct"))
-            }));
-        } else if names.is_empty() {
-            let what = "takes no tuple apart; remove it from the list in xtask/src/tidy/tuples.rs";
-            found.push(problem(1, what.to_owned()));
-        }
+        found.extend(functions(&file.text).into_iter().map(|(line, name)| Problem {
+            path: file.path.clone(),
+            line,
+            what: format!("`{name}` takes a tuple apart: write two parameters, or a struct"),
+        }));
     }
     found
 }
@@ -121,12 +77,11 @@ f! e(x: fn(u8, (u8, u8)), &(y, z): &(u8, u8)) {}"
     }
 
     #[test]
-    fn a_file_that_takes_none_apart_is_not_listed() {
-        let problems = |path: &str, parameters: &str| {
-            check(&Tree::of(&[(path, &format!("fn a({parameters}) {{}}"))])).len()
-        };
-        assert_eq!(problems("crates/stl/src/a.rs", "(x, y): (u8, u8)"), 1);
-        assert_eq!(problems(LEFT[0], "(x, y): (u8, u8)"), 0);
-        assert_eq!(problems(LEFT[0], "x: u8, y: u8"), 1);
+    fn each_function_is_a_problem_of_its_file() {
+        let file = |parameters: &str| format!("fn a({parameters}) {{}}");
+        let tree = [("a.rs", file("(x, y): (u8, u8)")), ("b.rs", file("x: u8, y: u8"))];
+        let found = check(&Tree::of(&tree.each_ref().map(|(path, text)| (*path, &**text))));
+        assert_eq!(found.len(), 1);
+        assert!(found[0].path == "a.rs" && found[0].what.contains("`a`"));
     }
 }

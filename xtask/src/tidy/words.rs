@@ -2,52 +2,18 @@
 //! literals. Errors state facts, and the command line and Python word their remedies. Refuses code
 //! that reads our own messages, too.
 
+use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
+
 use super::{File, Problem, Tree};
 
 /// Files whose literals a front does not word, with the reasons.
-const EXEMPT: [(&str, &str); 4] = [
+const EXEMPT: [(&str, &str); 6] = [
+    ("crates/evidence/src/readme.rs", "commands of other tools"),
     ("crates/report/src/map.rs", "a property of CSS"),
     ("crates/results/src/schema.rs", "headings of the reference of JSON documents"),
     ("crates/world/src/containment/message.rs", "the word that starts the child process"),
     ("src/harden/trainer.rs", "arguments that the trainer of a user reads"),
-];
-
-/// Files that still name flags or commands. The list may only become shorter.
-const LEFT: [&str; 34] = [
-    "crates/evidence/src/checks.rs",
-    "crates/evidence/src/error.rs",
-    "crates/evidence/src/readme.rs",
-    "crates/evidence/src/replays.rs",
-    "crates/evidence/src/write.rs",
-    "crates/report/src/bisection.rs",
-    "crates/report/src/commands.rs",
-    "crates/report/src/comparison.rs",
-    "crates/report/src/hardened_modes.rs",
-    "crates/report/src/ranking.rs",
-    "crates/requirements/src/pattern/page.rs",
-    "crates/training/src/error.rs",
-    "src/campaign/mod.rs",
-    "src/check/cell.rs",
-    "src/check/folder.rs",
-    "src/error.rs",
-    "src/error/curve.rs",
-    "src/harden/folder.rs",
-    "src/harden/mod.rs",
-    "src/inspect/comparison.rs",
-    "src/inspect/sample_size.rs",
-    "src/record/mod.rs",
-    "src/replay/command.rs",
-    "src/resolve/check.rs",
-    "src/resolve/hint.rs",
-    "src/resolve/robot.rs",
-    "src/resolve/simulator.rs",
-    "src/run/evaluate.rs",
-    "src/run/preflight.rs",
-    "src/train/curve/training_time.rs",
-    "src/train/mod.rs",
-    "src/train/plan.rs",
-    "src/train/tensorboard/mod.rs",
-    "src/tune/mod.rs",
+    ("src/train/plan.rs", "the command that controller files record"),
 ];
 
 /// Words of Python or of the command line besides flags and commands.
@@ -79,8 +45,8 @@ pub fn check(tree: &Tree) -> Vec<Problem> {
         if is_library(&file.path) {
             let names = literals(&file.text).into_iter().filter(|(_, text)| names_front(text));
             let problems: Vec<Problem> =
-                names.map(|(line, text)| literal_problem(file, line, text)).collect();
-            let is_exempt = EXEMPT.iter().any(|(path, _)| *path == file.path) || LEFT.contains(&&*file.path);
+                names.map(|(line, text)| literal_problem(file, line, &text)).collect();
+            let is_exempt = EXEMPT.iter().any(|(path, _)| *path == file.path);
             match (is_exempt, problems.is_empty()) {
                 (true, true) => found.push(Problem {
                     path: file.path.clone(),
@@ -137,112 +103,42 @@ fn names_front(text: &str) -> bool {
 }
 
 /// Returns the string literals of Rust code with their first lines, up to the module of tests.
-/// Comments are skipped, also those that document.
-fn literals(text: &str) -> Vec<(usize, &str)> {
-    let code = before_tests(text);
+/// Comments are skipped, also those that document. Code that cannot be read has none, because it
+/// does not compile either.
+fn literals(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
-    let mut at = 0;
-    while let Some(next) = code[at..].find(['/', '"', '\'', 'r']) {
-        let start = at + next;
-        let rest = &code[start..];
-        at = start
-            + if rest.starts_with("//") {
-                rest.find('\n').unwrap_or(rest.len())
-            } else if rest.starts_with("/*") {
-                block_comment(rest)
-            } else if rest.starts_with('\'') {
-                character(rest)
-            } else if let Some(length) = raw_marks(rest).filter(|_| !is_in_word(code, start)) {
-                let close = format!("\"{}", "#".repeat(length));
-                let inside = &rest[length + 2..];
-                let length_inside = inside.find(&close).unwrap_or(inside.len());
-                found.push((line_of(code, start), &inside[..length_inside]));
-                (length + 2 + length_inside + close.len()).min(rest.len())
-            } else if let Some(inside) = rest.strip_prefix('"') {
-                let length = quoted(inside);
-                found.push((line_of(code, start), &inside[..length]));
-                (length + 2).min(rest.len())
-            } else {
-                1
-            };
-    }
+    add_literals(before_tests(text).parse().unwrap_or_default(), &mut found);
     found
+}
+
+fn add_literals(tokens: TokenStream, found: &mut Vec<(usize, String)>) {
+    for token in tokens {
+        match token {
+            TokenTree::Group(group) if !is_documentation(&group) => add_literals(group.stream(), found),
+            TokenTree::Literal(literal) => {
+                let written = literal.to_string();
+                // A quotation mark as a character is the only one.
+                if let (Some(first), Some(last)) = (written.find('"'), written.rfind('"'))
+                    && first < last
+                {
+                    found.push((literal.span().start().line, written[first + 1..last].to_owned()));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Returns whether a group is from the attribute that a comment that documents stands for.
+fn is_documentation(group: &Group) -> bool {
+    let first = group.stream().into_iter().next();
+    group.delimiter() == Delimiter::Bracket
+        && first.is_some_and(|token| matches!(token, TokenTree::Ident(name) if name == "doc"))
 }
 
 /// Returns the code up to the module of tests at the end of a file.
 fn before_tests(text: &str) -> &str {
     text.split_once("\n#[cfg(test)]\nmod tests {").map_or(text, |(code, _)| code)
-}
-
-fn line_of(code: &str, at: usize) -> usize {
-    1 + code[..at].matches('\n').count()
-}
-
-/// Returns whether the character at this place continues a word, other than the prefix `b` or `c`
-/// of a literal.
-fn is_in_word(code: &str, at: usize) -> bool {
-    let is_word = |c: char| c.is_alphanumeric() || c == '_';
-    let before = code[..at].strip_suffix(['b', 'c']).unwrap_or(&code[..at]);
-    before.ends_with(is_word)
-}
-
-/// Returns the number of `#` of a raw string that starts here.
-fn raw_marks(rest: &str) -> Option<usize> {
-    let marks = rest.strip_prefix('r')?;
-    let length = marks.len() - marks.trim_start_matches('#').len();
-    marks[length..].starts_with('"').then_some(length)
-}
-
-/// Returns the length of a text up to the quotation mark that ends it.
-fn quoted(inside: &str) -> usize {
-    let mut is_escaped = false;
-    for (at, c) in inside.char_indices() {
-        match c {
-            _ if is_escaped => is_escaped = false,
-            '\\' => is_escaped = true,
-            '"' => return at,
-            _ => {}
-        }
-    }
-    inside.len()
-}
-
-/// Returns the length of a character literal, or 1 of the mark of a lifetime.
-fn character(rest: &str) -> usize {
-    let inside = &rest[1..];
-    let length = match inside.chars().next() {
-        Some('\\') => {
-            inside[1..].char_indices().nth(1).and_then(|(at, _)| Some(1 + at + inside[1 + at..].find('\'')?))
-        }
-        Some(c) => inside[c.len_utf8()..].starts_with('\'').then_some(c.len_utf8()),
-        None => None,
-    };
-    length.map_or(1, |length| length + 2)
-}
-
-/// Returns the length of a block comment, in which others can be.
-fn block_comment(rest: &str) -> usize {
-    let mut depth = 0;
-    let mut at = 0;
-    while let Some(next) = rest[at..].find(['/', '*']) {
-        at += next;
-        let step = match &rest[at..] {
-            inside if inside.starts_with("/*") => {
-                depth += 1;
-                2
-            }
-            inside if inside.starts_with("*/") => {
-                depth -= 1;
-                2
-            }
-            _ => 1,
-        };
-        at += step;
-        if depth == 0 {
-            return at;
-        }
-    }
-    rest.len()
 }
 
 /// Returns the lines of the library and of the Python package that look into the text of an error.
@@ -297,7 +193,8 @@ mod tests {
     const A: &str = "no";
 }
 "##;
-        let found: Vec<(usize, &str)> = literals(text);
+        let found = literals(text);
+        let found: Vec<(usize, &str)> = found.iter().map(|(line, text)| (*line, text.as_str())).collect();
         assert_eq!(found, [(3, "one \\\" two"), (4, "three \"four\""), (4, "five"), (6, "six\nseven")]);
     }
 

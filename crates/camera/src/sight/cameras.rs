@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use crate::Lamp;
 use mishandle_rollout::{Axis, Disturbance, Image, RolloutError, Space};
 
-use crate::sight::axes::{SIGHT_SPACES, SightAxis, feed_disturbances, image_axes, sight_axes};
+use crate::sight::axes::{CAMERA_FAULTS, feed_disturbances, image_axes, sight_axes};
+use crate::sight::factor::{Factor, SEVERITIES, SightAxis};
 use crate::sight::part::Part;
 
 /// A camera of a target, as its axes see it.
@@ -21,6 +23,8 @@ pub struct SightCamera {
 #[derive(Clone, Debug)]
 pub struct Sight {
     cameras: Vec<SightCamera>,
+    /// Direction to the nominal lamp, of any length.
+    pub(crate) lamp: [f64; 3],
     pub(crate) axes: Arc<[SightAxis]>,
     pub(crate) disturbances: Vec<Disturbance>,
     /// Control steps of an episode.
@@ -29,11 +33,18 @@ pub struct Sight {
 
 impl Sight {
     /// Makes the sight of a target with at least one camera. `parts` are those that its scene has,
-    /// and an episode has `episode_steps` control steps of `control_dt` s.
-    pub fn new(cameras: Vec<SightCamera>, parts: &[Part], control_dt: f64, episode_steps: usize) -> Sight {
+    /// `lamp` is the direction to its lamp for a vertical part of 1, and an episode has
+    /// `episode_steps` control steps of `control_dt` s.
+    pub fn new(
+        cameras: Vec<SightCamera>,
+        parts: &[Part],
+        lamp: [f64; 3],
+        control_dt: f64,
+        episode_steps: usize,
+    ) -> Sight {
         let disturbances = feed_disturbances(&cameras, control_dt, episode_steps);
-        let axes = sight_axes(&cameras, parts, &disturbances).into();
-        Sight { cameras, axes, disturbances, episode_steps }
+        let axes = sight_axes(&cameras, parts, lamp, &disturbances).into();
+        Sight { cameras, lamp, axes, disturbances, episode_steps }
     }
 
     /// Makes the sight of an environment with images of its own: axes of images that do not need
@@ -42,8 +53,9 @@ impl Sight {
         let camera = |name| SightCamera { name, is_mounted: false };
         let cameras: Vec<SightCamera> = names.into_iter().map(camera).collect();
         let disturbances = feed_disturbances(&cameras, control_dt, episode_steps);
-        let axes = image_axes(&cameras, &disturbances).into();
-        Sight { cameras, axes, disturbances, episode_steps }
+        let axes = image_axes(&disturbances).into();
+        let lamp = Lamp::NOMINAL.direction.map(f64::from);
+        Sight { cameras, lamp, axes, disturbances, episode_steps }
     }
 
     /// Returns the names of the axes that make images depend on the seed.
@@ -63,9 +75,9 @@ impl Sight {
         self.cameras.len()
     }
 
-    /// Returns all axes, with the index of their space in [`SIGHT_SPACES`].
-    pub fn axes(&self) -> impl Iterator<Item = (usize, &Axis)> {
-        self.axes.iter().map(|own| (own.space, &own.axis))
+    /// Returns all axes with the bounds of the largest severity.
+    pub fn axes(&self) -> impl Iterator<Item = &Axis> {
+        self.axes.iter().map(|own| &own.axis)
     }
 
     /// Returns the names of the axes that change nothing of these images.
@@ -78,15 +90,24 @@ impl Sight {
         self.axes.iter().filter(is_unseen).map(|own| own.axis.name.clone()).collect()
     }
 
-    /// Returns the spaces of sight.
+    /// Returns the spaces of sight: for each factor that has axes, one space per severity, in this
+    /// order; then the space of the camera faults.
     ///
     /// # Errors
     /// If two axes have the same name.
     pub fn spaces(&self) -> Result<Vec<Space>, RolloutError> {
-        let space = |(index, name): (usize, &&str)| {
-            let own = self.axes().filter(|(space, _)| *space == index);
-            Space::new(name, own.map(|(_, axis)| axis.clone()).collect())
+        let of_factor = |factor: Option<Factor>, severity: usize| -> Vec<Axis> {
+            let own = self.axes.iter().filter(|own| own.factor == factor);
+            own.filter_map(|own| own.at(severity)).collect()
         };
-        SIGHT_SPACES.iter().enumerate().map(space).collect()
+        let severities = |(factor, _): (Factor, &str)| {
+            (1..=SEVERITIES).map(move |severity| (factor.space(severity), Some(factor), severity))
+        };
+        let all = Factor::ALL.into_iter().flat_map(severities);
+        all.chain([(CAMERA_FAULTS.to_string(), None, SEVERITIES)])
+            .map(|(name, factor, severity)| (name, of_factor(factor, severity)))
+            .filter(|(_, axes)| !axes.is_empty())
+            .map(|(name, axes)| Space::new(&name, axes))
+            .collect()
     }
 }

@@ -16,13 +16,18 @@ pub enum Part {
 }
 
 impl Part {
-    /// All parts with the names that their axes begin with.
+    /// All parts with their names, which the axes of all but the robot begin with.
     pub const ALL: [(Part, &'static str); 4] = [
         (Part::Object, "object"),
         (Part::Support, "support"),
         (Part::Floor, "floor"),
         (Part::Robot, "robot"),
     ];
+
+    /// Returns the name.
+    pub(crate) fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(part, _)| *part == self).map_or("", |(_, name)| name)
+    }
 }
 
 /// The bodies of the parts of a scene, as indices.

@@ -2,17 +2,17 @@
 
 use std::sync::Arc;
 
-use crate::{Ambient, Background, Camera, CameraError, Effects, Form, Material, Pose, Poses, Scene, Shape};
+use crate::{Ambient, Background, Camera, CameraError, Effects, Material, Poses, Scene};
 use mishandle_rollout::{Scenario, Space};
 use mishandle_world::{Body, Change, Model};
 
-use crate::sight::axes::{MOST_CLUTTER, SightAxis};
+use crate::sight::axes::MOST_DISTRACTORS;
 use crate::sight::cameras::Sight;
+use crate::sight::corruption::CorruptImages;
+use crate::sight::distractor::Distractor;
+use crate::sight::factor::SightAxis;
 use crate::sight::part::{Part, PartBodies};
-use crate::sight::set::Distractor;
-
-/// Height up to which distractors stand on a box, m: on tables and blocks, not on a door.
-const HIGHEST: f32 = 0.6;
+use crate::sight::placing::Placing;
 
 /// The scene and the cameras of a target in a scenario.
 #[derive(Clone, Debug)]
@@ -25,8 +25,9 @@ pub struct View {
     parts: Arc<[Part]>,
     axes: Arc<[SightAxis]>,
     sizes: Option<Arc<SizeAxes>>,
-    pub(crate) clutter_count: usize,
-    pub(crate) clutter: [Distractor; MOST_CLUTTER],
+    pub(crate) corruption: CorruptImages,
+    pub(crate) distractor_count: usize,
+    pub(crate) distractors: [Distractor; MOST_DISTRACTORS],
 }
 
 /// Axes of physics that change the sizes of bodies.
@@ -48,7 +49,9 @@ impl View {
         cameras: Vec<Camera>,
         bodies: &PartBodies,
     ) -> Result<View, CameraError> {
-        let scene = Scene::of_model(model)?;
+        let mut scene = Scene::of_model(model)?;
+        scene.lamps[0].direction = sight.lamp.map(|v| v as f32);
+        scene.reflect();
         let parts = scene.shapes.iter().map(|shape| bodies.part(shape)).collect();
         Ok(View {
             scene,
@@ -56,8 +59,9 @@ impl View {
             parts,
             axes: sight.axes.clone(),
             sizes: None,
-            clutter_count: 0,
-            clutter: std::array::from_fn(Distractor::nominal),
+            corruption: CorruptImages::NOMINAL,
+            distractor_count: 0,
+            distractors: std::array::from_fn(Distractor::nominal),
         })
     }
 
@@ -84,8 +88,9 @@ impl View {
             parts: Arc::new([]),
             axes: sight.axes.clone(),
             sizes: None,
-            clutter_count: 0,
-            clutter: std::array::from_fn(Distractor::nominal),
+            corruption: CorruptImages::NOMINAL,
+            distractor_count: 0,
+            distractors: std::array::from_fn(Distractor::nominal),
         }
     }
 
@@ -107,8 +112,14 @@ impl View {
                 set.apply(&mut view, value);
             }
         }
-        for index in 0..view.clutter_count {
-            view.put(index, start);
+        view.scene.reflect();
+        view.scene.light_background(&self.scene);
+        view.cameras.iter_mut().for_each(|camera| view.corruption.apply(camera));
+        if view.distractor_count > 0 {
+            // Where they stand does not depend on what else the scenario changes.
+            let mut placing = Placing::new(&self.scene, &self.parts, &self.cameras[0], start);
+            let asked = &view.distractors[..view.distractor_count];
+            view.scene.shapes.extend(asked.iter().filter_map(|distractor| placing.put(distractor)));
         }
         view
     }
@@ -144,29 +155,5 @@ impl View {
     /// Changes the effects of all cameras.
     pub(crate) fn effects(&mut self, change: impl Fn(&mut Effects)) {
         self.cameras.iter_mut().for_each(|camera| change(&mut camera.effects));
-    }
-
-    /// Puts a distractor on what is at its place.
-    fn put(&mut self, index: usize, start: &Poses) {
-        let distractor = self.clutter[index];
-        let (form, material) = distractor.look();
-        let [x, y] = distractor.place;
-        let position = [x, y, self.top(x, y, start) + distractor.size];
-        let pose = Pose { position, ..Pose::IDENTITY };
-        self.scene.shapes.push(Shape { body: 0, pose, form, material, geom: None });
-    }
-
-    /// Returns the height of the boxes at a point that are low enough to stand on, m; 0 is the
-    /// ground.
-    fn top(&self, x: f32, y: f32, start: &Poses) -> f32 {
-        let height = |(shape, part): (&Shape, &Part)| match shape.form {
-            Form::Box { half: [a, b, c] } if *part == Part::Support => {
-                let Pose { position: [cx, cy, cz], .. } = start.bodies.get(shape.body)?.of(&shape.pose);
-                let is_there = (x - cx).abs() <= a && (y - cy).abs() <= b && cz + c <= HIGHEST;
-                is_there.then_some(cz + c)
-            }
-            _ => None,
-        };
-        self.scene.shapes.iter().zip(self.parts.iter()).filter_map(height).fold(0.0, f32::max)
     }
 }

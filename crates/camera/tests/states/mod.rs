@@ -1,8 +1,7 @@
-//! States of the tasks' experts, and cameras that look at them.
+//! States of the tasks' experts.
 
-use mishandle_camera::{Camera, Size};
 use mishandle_rollout::{Environment, Sample, Seed};
-use mishandle_tasks::{CameraPlace, EPISODE_STEPS, JOINTS, Preset, Reward, Task, TaskEnvironment, compose};
+use mishandle_tasks::{EPISODE_STEPS, JOINTS, Preset, Reward, Task, TaskEnvironment, compose};
 use mishandle_world::Model;
 
 /// Returns the model of a task's pictures and the states of an episode of its expert, which starts
@@ -11,6 +10,7 @@ pub fn expert_states(task: &dyn Task, place: f64) -> (Model, Vec<Vec<f64>>) {
     let environment = TaskEnvironment::new(task, Preset::Paper, Reward::Shaped).expect("the task is valid");
     let model = Model::from_xml(&compose(task).expect("the scene compiles")).expect("the scene compiles");
     let expert = task.expert().expect("the task has an expert");
+    let environment = environment.with_further_parts(expert.further_parts()).expect("they are the task's");
     let mut worker = environment.worker();
     let mut controller = expert.worker();
     let mut memory = vec![0.0; expert.state_size()];
@@ -32,14 +32,4 @@ pub fn expert_states(task: &dyn Task, place: f64) -> (Model, Vec<Vec<f64>>) {
     }
     states.push(state);
     (model, states)
-}
-
-/// Returns the cameras of a task.
-pub fn cameras(task: &dyn Task, model: &Model, size: Size) -> Vec<Camera> {
-    let camera = |place: &CameraPlace| {
-        let body = place.body.map_or(0, |name| model.body(name).expect("the body exists").index());
-        let points = [place.from, place.to, place.up].map(|p| p.map(|v| v as f32));
-        Camera::looking(size, body, points, place.focal_length as f32)
-    };
-    task.cameras().iter().map(camera).collect()
 }

@@ -6,14 +6,15 @@ use clap::Args;
 use mishandle::Plan;
 use mishandle::check::{CheckProgress, CheckSubject, Requirements, check};
 use mishandle::resolve::command_target;
-use mishandle::results::{Check, NOT_APPLICABLE};
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle::results::{Check, CheckVerdict};
+use mishandle_text::{plural, shell_path, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::run::{self, check_reports, control_flow, logs};
 use crate::show::progress::Bar;
 use crate::show::{self, escape, output};
+use crate::words::shell_command;
 
 /// Check all requirements of a file on a target, for one or several controllers: a matrix with
 /// verdicts and evidence
@@ -81,7 +82,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let subjects: Vec<CheckSubject> = std::iter::once(subject(first.clone())).chain(further).collect();
     let names: BTreeSet<&str> = subjects.iter().map(|subject| subject.plan.controller.as_str()).collect();
     ensure!(names.len() == subjects.len(), "a controller is given twice");
-    let requirements = Requirements { file: &file, path, text: &text };
+    let requirements = Requirements { file: &file, path, text: &text, words: shell_command };
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
     let found = check(&subjects, &requirements, &settings.check, out, &mut |progress: &CheckProgress| {
@@ -104,7 +105,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     } else {
         output::line(&show::check::text(&found))?;
     }
-    output::message(&format!("Page: {}", shell_quote(&path_text(&page))));
+    output::message(&format!("Page: {}", shell_path(&page)));
     status(&found)
 }
 
@@ -115,7 +116,7 @@ fn status(found: &Check) -> Result<ExitStatus> {
         let title = show::check::title(found, cell);
         output::message(&format!("error: {}: {}", escape::name(&title), escape::name(&cell.evidence)));
     }
-    let hint = if open.iter().any(|cell| cell.verdict == NOT_APPLICABLE) {
+    let hint = if open.iter().any(|cell| cell.verdict == CheckVerdict::NotApplicable) {
         format!(
             "; `mishandle list {}` lists the signals, and -k check.allow-inapplicable=true accepts requirements \
              whose signals the target lacks",

@@ -15,6 +15,7 @@ use crate::run;
 use crate::run::sample_size::{self, Expectation};
 use crate::show::progress::Bar;
 use crate::show::{comparison, difference, output};
+use crate::words::shell_command;
 
 /// Compare two controllers, or two versions of one, on the same scenarios and seeds
 #[derive(Debug, Args)]
@@ -126,7 +127,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let a = run::read(&first, skip_check)?;
     let b = run::read(&second, skip_check)?;
-    let found = mishandle::inspect::compare(&a, &b)?;
+    let found = mishandle::inspect::compare(&a, &b, shell_command)?;
     if let Some(out) = &command.out {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b])?.as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
@@ -165,7 +166,7 @@ fn planned(command: &Arguments) -> Result<Planned> {
 /// Evaluates both controllers. Returns `None` if a signal interrupts it.
 fn evaluate_both(command: &Arguments) -> Result<Option<[PathBuf; 2]>> {
     let planned = planned(command)?;
-    let has_rule = !planned.has_stated_in("compare") || planned.has("compare", "until");
+    let has_rule = planned.stated_in("compare").next().is_none() || planned.has("compare", "until");
     let (mut plan, _) = planned.plan()?;
     ensure!(
         has_rule,

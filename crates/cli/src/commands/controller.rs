@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
+use mishandle::plan::ImportSettings;
 use mishandle::resolve::is_onnx;
 
 use crate::exit_status::ExitStatus;
@@ -61,6 +62,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         (Some(task), true) => import::run(Path::new(&command.controller), task, out, &settings, command.json),
         (None, true) => bail!("--task is missing: an imported policy does not say its task"),
         (Some(_), false) => bail!("--task is for a policy to import; a controller knows its task"),
-        (None, false) => export::run(&command.controller, out, command.json),
+        (None, false) => {
+            ensure!(
+                settings == ImportSettings::default(),
+                "the keys of import are for a policy to import; leave them out"
+            );
+            export::run(&command.controller, out, command.json)
+        }
     }
 }

@@ -2,14 +2,16 @@ mod verify;
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args;
+use mishandle::plan::{EngineSettings, EvidenceSettings};
 use mishandle_evidence::{Collection, EvidenceError, Key, NAMESPACE, SUMS, Signers};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::shell_path;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
 use crate::show::{escape, evidence, output};
+use crate::words::shell_command;
 use crate::{interrupt, run};
 
 /// Put runs, pages, hashes and a signature into a folder that others can verify
@@ -69,6 +71,10 @@ pub struct Arguments {
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let settings = command.keys.settings("evidence")?;
     if let Some(folder) = &command.verify {
+        ensure!(
+            settings.engine == EngineSettings::default(),
+            "--verify reads no key of engine; leave it out"
+        );
         let signers = match (&command.public_key, &command.allowed_signers) {
             (Some(path), _) => Signers::Key(path.clone()),
             (None, Some(path)) => Signers::Allowed(path.clone()),
@@ -77,9 +83,20 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         return verify::run(folder, signers, settings.evidence.replay, command.seed, command.json);
     }
     let Some(out) = command.out.as_deref() else { return Ok(ExitStatus::Done) };
+    ensure!(
+        settings.evidence == EvidenceSettings::default(),
+        "the keys of evidence are for --verify; leave them out"
+    );
     let key = command.key.as_deref().map(Key::new).transpose()?;
     let moved = settings.engine.moved();
-    let collection = Collection { runs: &command.runs, out, force: command.force, moved, key: key.as_ref() };
+    let collection = Collection {
+        runs: &command.runs,
+        out,
+        force: command.force,
+        moved,
+        key: key.as_ref(),
+        words: shell_command,
+    };
     interrupt::listen(|| {}, || {})?;
     let found = match mishandle_evidence::write(&collection, run::control_flow) {
         Err(EvidenceError::Interrupted) => {
@@ -102,12 +119,12 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
             ));
         }
     }
-    let name = shell_quote(&path_text(out));
+    let name = shell_path(out);
     if key.is_none() {
         output::message(&format!(
             "not signed: hashes alone show accidents, not forgery; sign with --key, or with: ssh-keygen -Y sign -f KEY -n \
              {NAMESPACE} {}",
-            shell_quote(&path_text(&out.join(SUMS)))
+            shell_path(&out.join(SUMS))
         ));
     }
     output::message(&format!("Verify with: mishandle evidence --verify {name}"));

@@ -1,7 +1,7 @@
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::Plan;
-use mishandle::plan::Settings;
+use mishandle::plan::{ScreeningPlan, Settings};
 use mishandle::run::Device;
 use mishandle::store::RunKind;
 
@@ -65,9 +65,10 @@ fn plan(command: &Arguments) -> Result<(Plan, Settings)> {
     let has_batch = planned.has_stated("falsify.batch");
     let sets_rate = planned.has_stated("falsify.new-mode-rate");
     let (mut plan, settings) = planned.question("falsify")?;
+    let measured = settings.engine.screening.map(|_| ScreeningPlan::default());
     let Plan { falsify: Some(falsify), screening, .. } = &mut plan else { bail!("the plan has no search") };
-    if let (false, Some(screening)) = (has_batch, screening) {
-        falsify.batch = screening.rows.min(*Plan::BATCH.end() as u32);
+    if let (false, Some(screening)) = (has_batch, screening.as_ref().or(measured.as_ref())) {
+        falsify.batch = screening.batch();
     }
     ensure!(
         falsify.keep_going || !sets_rate,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use mishandle::plan::Settings;
-use mishandle::results::{FormulaDescription, FormulaExample};
+use mishandle::results::{ExampleKind, FormulaDescription, FormulaExample, TrapSeverity};
 use mishandle::stl::Formula;
 use mishandle_logs::{Evaluation, Options, Source};
 use mishandle_requirements::{Context, describe_formula, draw, find_examples, pattern, with_values};
@@ -112,7 +112,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     } else {
         output::line(&shown::text(&found, words.as_deref(), output::width()))?;
     }
-    let warns = found.traps.iter().any(|trap| trap.severity == "warning");
+    let warns = found.traps.iter().any(|trap| trap.severity == TrapSeverity::Warning);
     Ok(if command.strict && warns { ExitStatus::Violated } else { ExitStatus::Done })
 }
 
@@ -130,7 +130,7 @@ fn check_out<'a>(command: &'a Arguments, ending: &str, inputs: impl Iterator<Ite
 fn without_values(found: &FormulaDescription) -> FormulaDescription {
     let mut found = found.clone();
     for example in &mut found.examples {
-        if matches!(example.kind.as_str(), "log" | "episode") {
+        if matches!(example.kind, ExampleKind::Log | ExampleKind::Episode) {
             example.values = None;
         }
     }
@@ -240,7 +240,7 @@ fn traces(
     match formula_context::nominal_episode(plan, &formula.to_string()) {
         Ok(trace) => {
             let name = plan.target.clone();
-            Ok(vec![Drawn { kind: "episode", name, trace, clock: context.clock(), start: 0.0 }])
+            Ok(vec![Drawn { kind: ExampleKind::Episode, name, trace, clock: context.clock(), start: 0.0 }])
         }
         Err(error) => {
             output::message(&format!("note: not drawn over the nominal episode: {error}"));

@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::Plan;
 use mishandle::tune::{TuneProgress, tune};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::{shell_path, shell_quote};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -77,6 +77,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::line(&guard_tuning::text(&found))?;
     }
     output::message(&format!("Guard with its threshold: {}", shell_quote(&found.guard_file)));
-    output::message(&format!("Folder of all runs: {}", shell_quote(&path_text(&command.out))));
+    output::message(&format!("Folder of all runs: {}", shell_path(&command.out)));
     Ok(ExitStatus::Done)
 }

@@ -8,7 +8,7 @@ use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::HardenPlan;
 use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::shell_path;
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -22,7 +22,7 @@ use crate::show::{escape, hardening, output};
   mishandle harden ball-balancing --controller ppo --space starts+delay --out better.safetensors
   mishandle harden ball-balancing --controller ppo --space delay+sensing --axis action_delay=0:2 \\
     --rounds 2 --steps 1e6 --out better.safetensors
-  mishandle harden ball-balancing --controller ./seeing.onnx --space starts+light \\
+  mishandle harden ball-balancing --controller ./seeing.onnx --space starts+light-3 \\
     --trainer 'python train.py' --out better.onnx
   mishandle harden --resume better.harden
 
@@ -104,7 +104,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         }
     };
     bar.clear();
-    let quoted = shell_quote(&path_text(&folder));
+    let quoted = shell_path(&folder);
     let Some(found) = found? else {
         let allowed = if command.trainer.is_some() { "MISHANDLE_ALLOW_PROGRAMS=1 " } else { "" };
         output::message(&format!("Resume with: {allowed}mishandle harden --resume {quoted}"));

@@ -156,7 +156,10 @@ fn overview(found: &Listing) -> String {
         names("Searches", found.searches.iter().map(|search| search.name.clone()).collect()),
         names("Controllers of tasks", shipped),
         names("Patterns of requirements", found.patterns.iter().map(|found| found.name.clone()).collect()),
-        format!("`mishandle list NAME` describes one; {} list a group.", WORDS.join(", ")),
+        format!(
+            "`mishandle list NAME` describes one, `mishandle show TASK/NAME` a controller; {} list a group.",
+            WORDS.join(", ")
+        ),
     ]
     .join("\n\n")
 }

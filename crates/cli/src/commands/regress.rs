@@ -5,7 +5,7 @@ mod junit_xml;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::counterexample::{Suite, Tested};
 use mishandle::plan::{RegressSettings, Settings, Values};
@@ -131,8 +131,23 @@ impl Arguments {
     }
 }
 
+/// Keys of the table `[regress]` that a test, `--add` and `--first-bad` read.
+const OF_TEST: &[&str] = &["repeat", "max-failure-rate"];
+const OF_ADD: &[&str] = &["mode", "all", "trial", "simulation", "minimize", "budget"];
+const OF_FIRST_BAD: &[&str] = &["rate", "every"];
+
 pub fn run(command: &Arguments) -> Result<ExitStatus> {
     run::set_threads(command.threads)?;
+    let read = match (&command.add, &command.first_bad) {
+        (Some(_), _) => OF_ADD,
+        (None, Some(_)) => OF_FIRST_BAD,
+        (None, None) => OF_TEST,
+    };
+    let planned = command.planned()?;
+    if let Some(key) = planned.stated_in("regress").find(|key| !read.contains(key)) {
+        let read: Vec<String> = read.iter().map(|key| format!("regress.{key}")).collect();
+        bail!("regress.{key} has no effect here; leave it out. These have: {}", read.join(", "));
+    }
     match (&command.add, &command.first_bad) {
         (Some(run), _) => add::run(command, run),
         (None, Some(controllers)) => first_bad::run(command, controllers),

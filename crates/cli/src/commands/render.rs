@@ -237,7 +237,7 @@ fn start(target: &str, job: &Job<'_>) -> Result<Drawn> {
     let names = job.seen(&known);
     check_fits(job, &names)?;
     let seen = job.seen_states(names, &trajectory)?;
-    let renderer = FrameRenderer::new(&model, job.size, job.drawing(), (&job.cameras(), seen), None);
+    let renderer = FrameRenderer::new(&model, job.size, job.drawing(), &job.cameras(), seen, None);
     Ok((renderer.map_err(|error| with_cameras(error, known))?, trajectory, None))
 }
 
@@ -362,7 +362,7 @@ impl<'a> Scene<'a> {
         let of_scene: Vec<&str> =
             job.cameras().into_iter().filter(|name| !seen.iter().any(|seen| seen == name)).collect();
         drop(
-            FrameRenderer::new(&model, job.size, job.drawing(), (&of_scene, None), None)
+            FrameRenderer::new(&model, job.size, job.drawing(), &of_scene, None, None)
                 .map_err(|error| with_cameras(error, known))?,
         );
         Ok(Scene { job, model, seen })
@@ -402,9 +402,10 @@ impl<'a> Scene<'a> {
         }
         let captions =
             FrameCaptions::new(header.control_dt, &header.signals, explanation, event.as_ref(), last);
+        let captions = if job.settings.render.contacts { captions.marking_contacts() } else { captions };
         let seen = job.seen_states(seen, &trajectory)?;
         let cameras = job.cameras();
-        let renderer = FrameRenderer::new(&model, job.size, job.drawing(), (&cameras, seen), Some(captions))?;
+        let renderer = FrameRenderer::new(&model, job.size, job.drawing(), &cameras, seen, Some(captions))?;
         if !renderer.has_captions() {
             output::message("frames of this size are too small for captions; try --size 320x240");
         }
@@ -423,7 +424,8 @@ fn filmstrip(
     let last = states.len() - 1;
     let decisive = event.map_or(last, |event| event.sample.min(last));
     let film = Film::new(trajectory.control_dt, last, event.as_ref(), job.settings.render.around, 1.0);
-    let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, film.window);
+    let (from, to) = film.window;
+    let steps = mishandle::picture::strip_samples(event.and_then(|event| event.start), decisive, from, to);
     let count = steps.len();
     renderer.fit(&steps.iter().map(|step| states[*step].as_slice()));
     // As few empty cells as this number of rows has: four frames are two rows of two.

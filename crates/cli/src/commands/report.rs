@@ -18,6 +18,7 @@ use crate::run::path_kind::{self, PathKind};
 use crate::run::{self, pages};
 use crate::show::output;
 use crate::show::progress::Bar;
+use crate::words::shell_command;
 
 /// Write a page about runs (verdict, failure modes, robustness maps, traces, pictures), about a
 /// learning curve, or about logs
@@ -152,7 +153,7 @@ fn write_hardening(folder: &Path, command: &Arguments, options: &pages::Options<
         return interrupted(command);
     };
     options.clear();
-    write(&hardening_page(&found, &failures, &reports, None), command)
+    write(&hardening_page(&found, &failures, &reports, None, shell_command), command)
 }
 
 /// Writes the reports about the requirements of a file.
@@ -179,7 +180,7 @@ fn write_bisection(
     let evidence = pages::bisection(found, options)?;
     options.clear();
     match evidence {
-        Some(evidence) => write(&bisection_page(found, &evidence), command),
+        Some(evidence) => write(&bisection_page(found, &evidence, shell_command), command),
         None => interrupted(command),
     }
 }

@@ -9,7 +9,7 @@ use mishandle::plan::{EngineSettings, GridRun, Settings, Values, grid};
 use mishandle::results::Campaign;
 use mishandle::run::{Device, Opening};
 use mishandle::store::{RunFile, RunKind};
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle_text::{path_text, plural, shell_path, shell_quote};
 use toml::{Table, Value};
 
 use crate::exit_status::ExitStatus;
@@ -65,7 +65,7 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         }
         (Some(path), _) => {
             let found = RunFile::open_unchecked(path)?.header().kind;
-            let name = shell_quote(&path_text(path));
+            let name = shell_path(path);
             ensure!(
                 found == RunKind::Metamorphic,
                 "{} is a run of `{1}`; resume it with: mishandle {1} --resume {name}",
@@ -136,7 +136,7 @@ fn table(path: &Path, text: &str) -> Result<Table> {
     ensure!(
         !has_requirements,
         "it is a file of requirements; check them with: mishandle check TARGET --requirements {}",
-        shell_quote(&path_text(path))
+        shell_path(path)
     );
     Ok(mishandle::plan::table(text, Values::Lists)?)
 }
@@ -164,6 +164,10 @@ fn run_all(
     ensure!(
         engine.ray.is_none() || engine.jobs == 1,
         "engine.jobs has no effect on a Ray cluster, which runs all at the same time; leave it out"
+    );
+    ensure!(
+        engine.screening.is_none(),
+        "engine.screening has no effect on several runs; measure one of them, and set screening.device for all"
     );
     if engine.ray.is_some() {
         check_ray()?;
@@ -252,7 +256,7 @@ fn simulate_on_ray(folder: &Path, address: &str, opening: Opening) -> Result<Exi
         Some(code) if code == i32::from(interrupt::EXIT_CODE) => Ok(ExitStatus::Interrupted),
         _ => bail!(
             "{PYTHON} -m {MODULE} failed ({status}); everything recorded is kept: mishandle run --resume {}",
-            shell_quote(&path_text(folder))
+            shell_path(folder)
         ),
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::{path_text, shell_path};
 
 use crate::exit_status::ExitStatus;
 use crate::flags::{self, numbers};
@@ -108,7 +108,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         PathKind::Curve => bail!(
             "{} is a learning curve; draw it with: mishandle report {} --out curve.html",
             path.display(),
-            shell_quote(&path_text(path))
+            shell_path(path)
         ),
         folder => {
             check_flags(command, "a folder")?;

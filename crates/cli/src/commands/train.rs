@@ -6,7 +6,7 @@ use anyhow::{Error, Result, anyhow};
 use clap::Args;
 use mishandle::MishandleError;
 use mishandle::plan::{TrainPlan, Values};
-use mishandle::results::Training;
+use mishandle::results::{Choice, Key, Remedy, Training};
 use mishandle::run::Device;
 use mishandle::train::{TrainReport, default_out, default_reward};
 use mishandle_text::{path_text, plural};
@@ -17,6 +17,7 @@ use crate::interrupt;
 use crate::run;
 use crate::show::output;
 use crate::show::train_reporter::{TrainReporter, with_causes};
+use crate::words;
 
 /// Numbers of environment steps of a training run: those of the setting `run.total_steps`.
 const STEPS: RangeInclusive<u64> = 1..=1_000_000_000_000;
@@ -137,10 +138,10 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
     if command.run.json {
         output::json(&found)?;
         if found.training_time.is_none() {
-            output::message(&training_time_line(&found));
+            output::message(&training_time_line(&found, &plan));
         }
     } else {
-        for line in lines(&found) {
+        for line in lines(&found, &plan) {
             output::line(&line)?;
         }
     }
@@ -240,13 +241,13 @@ fn plan(command: &Arguments) -> Result<TrainPlan> {
 }
 
 /// Returns the result as lines for the terminal.
-fn lines(found: &Training) -> Vec<String> {
+fn lines(found: &Training, plan: &TrainPlan) -> Vec<String> {
     let secs = found.wall_clock_secs.0;
     let rate = found.environment_steps as f64 / secs;
     let steps = plural(found.environment_steps, "environment step");
     let mut lines = vec![format!("{steps} in {secs:.0} s, {rate:.0} steps/s")];
     lines.extend(found.stop_condition.iter().map(|condition| format!("stopped early: {condition}")));
-    lines.push(training_time_line(found));
+    lines.push(training_time_line(found, plan));
     if let (Some(success), Some(strict)) = (found.success_rate, found.strict_success_rate) {
         lines.push(format!(
             "best on validation: success {:.1} %, strict {:.1} %, after {}",
@@ -265,9 +266,11 @@ fn lines(found: &Training) -> Vec<String> {
 }
 
 /// Returns a line about the time until the return converged, or why it has none.
-fn training_time_line(found: &Training) -> String {
+fn training_time_line(found: &Training, plan: &TrainPlan) -> String {
     let Some(time) = &found.training_time else {
-        return format!("no training time: {}", found.no_training_time.as_deref().unwrap_or_default());
+        let reason = format!("no training time: {}", found.no_training_time.as_deref().unwrap_or_default());
+        let curve = plan.csv.is_none().then(|| Remedy::set(Key::CURVE, Choice::FILE));
+        return words::described(&reason, curve.as_slice(), &words::Shell);
     };
     format!(
         "training time until the return converged: {}, {} per environment, {:.0} s",

@@ -258,9 +258,9 @@ impl Planned {
         self.stated.contains_key(key)
     }
 
-    /// Returns whether an assignment stated a key of a table.
-    pub fn has_stated_in(&self, table: &str) -> bool {
-        self.stated.keys().any(|key| key.strip_prefix(table).is_some_and(|key| key.starts_with('.')))
+    /// Returns the keys of a table that a flag or an assignment stated, without the table.
+    pub fn stated_in(&self, table: &str) -> impl Iterator<Item = &str> {
+        self.stated.keys().filter_map(move |key| key.strip_prefix(table)?.strip_prefix('.'))
     }
 
     /// Returns whether the plan has a key of a table.
@@ -348,7 +348,9 @@ fn check_table(key: &str, command: &str) -> Result<()> {
     });
     if !is_known {
         let known = keys().iter().map(|key| key.name.as_str()).filter(|key| is_within(key, tables));
-        return Err(MishandleError::UnknownKey { key: key.to_string(), known: known.collect() }.into());
+        return Err(
+            MishandleError::UnknownKey { line: None, key: key.to_string(), known: known.collect() }.into()
+        );
     }
     if is_within(key, tables) {
         return Ok(());

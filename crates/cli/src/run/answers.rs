@@ -1,6 +1,7 @@
 //! Answers for people, and the exit codes that they give.
 
 use anyhow::{Result, ensure};
+use mishandle::inspect::FurtherPart;
 use mishandle::results::{
     Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, StartRegion,
 };
@@ -14,7 +15,7 @@ use crate::show::{evaluation, falsification, margin, metamorphic, mode_survey, o
 
 /// Prints the answer of a question.
 pub fn show(mut asked: Asked, as_json: bool) -> Result<ExitStatus> {
-    add_repeats(&mut asked)?;
+    add_further(&mut asked)?;
     match &asked.answer {
         Answer::Evaluation(found) => of_evaluation(&asked, found, as_json),
         Answer::Falsification(found) => of_falsification(&asked, found, as_json),
@@ -25,19 +26,33 @@ pub fn show(mut asked: Asked, as_json: bool) -> Result<ExitStatus> {
     }
 }
 
-/// Adds the repeats of the counterexamples of a search, with a progress bar.
-fn add_repeats(asked: &mut Asked) -> Result<()> {
+/// Adds the checks of the physics and the repeats of the counterexamples of a search, with progress
+/// bars. The largest number of simulations that check the physics is announced before them.
+fn add_further(asked: &mut Asked) -> Result<()> {
     if asked.kind != RunKind::Falsify {
         return Ok(());
     }
     let repeats = Some(asked.settings.report.repeats.into());
-    let bar = Bar::new(0, "repeats");
-    mishandle::inspect::further(&asked.resolved, &mut asked.answer, repeats, |done, all| {
+    let physics = Bar::new(0, "simulations that check the physics");
+    let others = Bar::new(0, "repeats");
+    mishandle::inspect::further(&asked.resolved, &mut asked.answer, repeats, |part, done, all| {
+        let bar = if part == FurtherPart::Physics { &physics } else { &others };
+        if part == FurtherPart::Physics && done == 0 {
+            output::message(&format!(
+                "checking the physics of the counterexamples with at most {}: half the physics step, the other collider, the start \
+                 moved by 1e-6",
+                plural(all, "simulation")
+            ));
+        }
+        if part != FurtherPart::Physics {
+            physics.clear();
+        }
         bar.set_length(all);
         bar.set_position(done);
         control_flow()
     })?;
-    bar.clear();
+    physics.clear();
+    others.clear();
     Ok(())
 }
 

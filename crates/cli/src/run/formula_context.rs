@@ -1,5 +1,6 @@
 //! The traces that a question about a formula is about: logs, or the nominal episode of a target.
 
+use mishandle::results::ExampleKind;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ use crate::show::progress::Bar;
 
 /// A trace, and how the bounds of a formula count its samples.
 pub struct Drawn {
-    pub kind: &'static str,
+    pub kind: ExampleKind,
     pub name: String,
     pub trace: Trace,
     pub clock: Clock,
@@ -85,7 +86,7 @@ pub fn of_logs(
         let samples = OpenLog::open(source, options).and_then(|log| log.samples([formula], options));
         let samples = samples.with_context(shown)?;
         let (trace, clock, start) = samples.evenly(formula, &evaluation).with_context(shown)?;
-        found.push(Drawn { kind: "log", name: name.clone(), trace: trace.clone(), clock, start });
+        found.push(Drawn { kind: ExampleKind::Log, name: name.clone(), trace: trace.clone(), clock, start });
     }
     Ok(found)
 }
@@ -143,7 +144,7 @@ pub fn of_runs(paths: &[PathBuf], limit: u64, unit: Option<TimeUnit>) -> Result<
         let clock = unit.map_or(Clock::steps(period), |unit| Clock::rtamt(period, unit));
         drawn.extend(found.traces.into_iter().map(|((trial, number), trace)| {
             let name = format!("{}, trial {trial}, simulation {number}", path.display());
-            Drawn { kind: "simulation", name, trace, clock, start: 0.0 }
+            Drawn { kind: ExampleKind::Simulation, name, trace, clock, start: 0.0 }
         }));
     }
     bar.clear();

@@ -5,11 +5,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use anyhow::{Context, Result};
-use mishandle::MishandleError;
 use mishandle::campaign::CampaignRun as PlannedRun;
 use mishandle::harden::{HardenProgress, HardenUnit};
 use mishandle::results::{Answer, CampaignRun};
 use mishandle::run::{Device, Engine, OpenRun, Opening};
+use mishandle::{MishandleError, RunError};
 
 use super::file::report_build_differences;
 use crate::interrupt;
@@ -87,7 +87,7 @@ pub fn run_all(
 }
 
 fn is_stopped(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(MishandleError::NothingRuns { .. }))
+    matches!(error.downcast_ref(), Some(MishandleError::Run(RunError::NothingRuns { .. })))
 }
 
 /// Progress of a run.

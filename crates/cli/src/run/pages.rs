@@ -12,12 +12,13 @@ use mishandle_report::{
     BisectionEvidence, GridRun, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
     ViolatedCounterexamples, campaign_page, hardening_page, run_page, statistics_page,
 };
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle_text::{path_text, plural, shell_path};
 
 use super::{ExitStatus, file, path_kind};
 use crate::interrupt::control_flow;
 use crate::show::output;
 use crate::show::progress::Bar;
+use crate::words::shell_command;
 
 /// The page of a campaign that leads to all others.
 const INDEX: &str = "index.html";
@@ -80,7 +81,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
             continue;
         } else if run.is_hardening() {
             hardening(&run.path, options)?.map(|(found, failures, reports)| {
-                let page = hardening_page(&found, &failures, &reports, Some(&up));
+                let page = hardening_page(&found, &failures, &reports, Some(&up), shell_command);
                 hardenings.push(HardeningSummary { name: name.clone(), href, found: Some(found) });
                 page
             })
@@ -112,7 +113,7 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
         for (ending, text) in [("md", page.markdown()), ("html", page.html())] {
             let path = out.join(format!("{STATISTICS}.{ending}"));
             output::write_atomically(&path, true, text.as_bytes())?;
-            output::message(&format!("Page: {}", shell_quote(&path_text(&path))));
+            output::message(&format!("Page: {}", shell_path(&path)));
         }
     }
     let link = statistics.map(|_| format!("{STATISTICS}.html"));
@@ -120,9 +121,9 @@ pub fn write_campaign(campaign: &Path, out: &Path, options: &Options<'_>) -> Res
     options.clear();
     output::message(&format!(
         "Pages: {} ({} in {}, {} kB)",
-        shell_quote(&path_text(&index)),
+        shell_path(&index),
         plural(written - 1, "run"),
-        shell_quote(&path_text(&pages)),
+        shell_path(&pages),
         size.div_ceil(1000)
     ));
     Ok(ExitStatus::Done)
@@ -158,17 +159,18 @@ pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<Bise
         None => Some(ViolatedCounterexamples::skipped(neighbors[1], NO_SIMULATIONS)),
         Some(_) => ViolatedCounterexamples::simulate(neighbors, || control_flow().is_break()),
     };
-    BisectionEvidence::collect(found, violated, |path| {
+    let read = |path: &Path| {
         let file = file::read(path, options.skip_check)?;
         let report = report(&file, path, options).with_context(|| path.display().to_string())?;
         Ok(report.map(|report| (file, report)))
-    })
+    };
+    BisectionEvidence::collect(found, violated, read, shell_command)
 }
 
 /// Returns the report of a run; `None` after an interruption.
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
     let moved = options.controller.and_then(|controller| recorded_plan(file.header(), Some(controller)).ok());
-    let mut report = RunReport::load(file, &path.to_string_lossy(), moved.as_ref())?;
+    let mut report = RunReport::load(file, &path.to_string_lossy(), moved.as_ref(), shell_command)?;
     let Some((samples, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));

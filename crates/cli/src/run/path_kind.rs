@@ -7,7 +7,9 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use mishandle::harden::{finished, is_hardening};
 use mishandle::results::{Bisection, Check, Hardening};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::{path_text, shell_path};
+
+use crate::words::shell_command;
 
 /// First bytes of a run file.
 const SQLITE: &[u8] = b"SQLite format 3\0";
@@ -63,7 +65,7 @@ pub fn is_counterexample(path: &Path) -> bool {
 }
 
 fn of_folder(folder: &Path) -> Result<PathKind> {
-    if let Some(found) = mishandle::check::verified(folder)? {
+    if let Some(found) = mishandle::check::verified(folder, shell_command)? {
         return Ok(PathKind::Check(Box::new(found)));
     }
     if let Some(found) = mishandle::bisect::finished(folder)? {
@@ -78,7 +80,7 @@ fn of_folder(folder: &Path) -> Result<PathKind> {
 /// If it is not finished.
 pub fn hardening(folder: &Path) -> Result<Hardening> {
     finished(folder)?.with_context(|| {
-        let name = shell_quote(&path_text(folder));
+        let name = shell_path(folder);
         format!("the hardening is not finished; continue it with: mishandle harden --resume {name}")
     })
 }

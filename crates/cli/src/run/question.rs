@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
-use anyhow::Result;
-use mishandle::plan::{ScreeningPlan, Settings};
+use anyhow::{Context, Result};
+use mishandle::plan::{EngineChoice, ScreeningPlan, Settings};
 use mishandle::results::{Answer, Screening};
-use mishandle::run::{Device, Engine};
+use mishandle::run::{Device, Engine, with_faster_engine};
 use mishandle::store::RunKind;
-use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle::{MishandleError, Plan, ResolvedPlan, RunError};
 use mishandle_text::plural;
 
 use super::{ExitStatus, control_flow, name, open, report_interruption, stop_on_signals};
@@ -50,6 +50,10 @@ pub fn ask(
     if let (Some(Plan { screening: Some(ScreeningPlan { device, .. }), .. }), None) = (&planned, gpu) {
         return Err(MishandleError::NoDevice { device: device.clone() }.into());
     }
+    let planned = match (planned, settings.engine.screening) {
+        (Some(planned), Some(EngineChoice::Auto)) => Some(faster(&planned, gpu)?),
+        (planned, _) => planned,
+    };
     let (resolved, file) = open(file, kind, &settings.engine, planned)?;
     output::warn_about(&resolved.specification.requirement);
     let is_new = file.file().counts()?.simulations == 0;
@@ -71,12 +75,31 @@ pub fn ask(
         control_flow()
     });
     bar.clear();
-    if let Err(MishandleError::NothingRuns { .. }) = &answer {
+    if let Err(MishandleError::Run(RunError::NothingRuns { .. })) = &answer {
         output::message(&format!("Run file: {name}"));
     }
     let answer = answer?;
     let seconds = start.elapsed().as_secs_f64();
     Ok(Asked { resolved, answer, settings, name, kind, simulations, seconds })
+}
+
+/// Returns a plan with the engine that is faster, and says which.
+fn faster(plan: &Plan, gpu: Option<&Device>) -> Result<Plan> {
+    let rows = plan.screening.clone().unwrap_or_default();
+    let Some(gpu) = gpu else { return Err(MishandleError::NoDevice { device: rows.device }.into()) };
+    output::message(
+        "measuring both engines on the first simulations of the question, which belong to no run",
+    );
+    let bar = Bar::new(rows.rows.into(), "simulations of the device");
+    let watch = |done: usize| {
+        bar.set_position(done as u64);
+        control_flow()
+    };
+    let found = with_faster_engine(&ResolvedPlan::new, plan, &*gpu.worlds, &watch)?;
+    bar.clear();
+    let (plan, speeds) = found.context("interrupted before there is a run file")?;
+    output::message(&speeds.text());
+    Ok(plan)
 }
 
 impl Asked {

@@ -5,14 +5,14 @@ use std::path::Path;
 use mishandle::Plan;
 use mishandle::bisect::{BisectionPlan, BisectionTest};
 use mishandle::plan::assignments;
-use mishandle::results::{BisectedCandidate, Bisection};
-use mishandle_text::{path_text, plural, shell_quote};
+use mishandle::results::{BisectedCandidate, BisectedResult, Bisection};
+use mishandle_text::{plural, shell_path, shell_quote};
 
 use super::{escape, output};
 
 /// Returns the command that asks a question, with the plan as keys.
 pub fn command(plan: &BisectionPlan) -> String {
-    let path = |path: &Path| shell_quote(&path_text(path));
+    let path = |path: &Path| shell_path(path);
     let controllers = path(&plan.controllers);
     let mut words = vec!["mishandle regress".to_string()];
     match &plan.test {
@@ -62,7 +62,7 @@ pub fn text(found: &Bisection) -> String {
         vec![
             candidate.place.to_string(),
             escape::name(&candidate.name),
-            candidate.result.clone(),
+            candidate.result.to_string(),
             rate(candidate),
             candidate.simulations.to_string(),
         ]
@@ -81,7 +81,7 @@ pub fn text(found: &Bisection) -> String {
         .tested
         .iter()
         .filter(|candidate| {
-            found.first_bad.as_ref() == Some(&candidate.name) || candidate.result == "undecided"
+            found.first_bad.as_ref() == Some(&candidate.name) || candidate.result == BisectedResult::Undecided
         })
         .filter_map(|candidate| {
             let reason = escape::name(candidate.reason.as_ref()?);

@@ -160,7 +160,7 @@ fn interval(rate: &Estimate) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mishandle::results::{CampaignRun, Scenario};
+    use mishandle::results::{BoxPoint, CampaignRun, Scenario};
 
     use super::super::corners::samples;
     use super::*;
@@ -168,7 +168,7 @@ mod tests {
     /// Each point has one simulation, which succeeds, violates the formula or has no verdict.
     fn corners(ends: &[&str]) -> Corners {
         let point = |end: &&str| {
-            let mut point = samples::point("corner", 1, Scenario::default());
+            let mut point = samples::point(BoxPoint::Corner, 1, Scenario::default());
             if *end != "success" {
                 samples::fail(&mut point, end);
             }

@@ -4,7 +4,7 @@ use mishandle::results::{Check, CheckCell};
 use mishandle_report::{check_summary, marked_verdict, off_nominal};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output};
+use super::{escape, output, physics};
 
 /// Returns the matrix, the numbers of verdicts, and the evidence of each cell.
 pub fn text(found: &Check) -> String {
@@ -26,6 +26,7 @@ pub fn text(found: &Check) -> String {
             let robustness = decimal(counterexample.robustness.0, 4);
             lines
                 .push(format!("  worst violation: robustness {robustness}, {}", off_nominal(counterexample)));
+            lines.extend(counterexample.physics.as_ref().map(|check| format!("  {}", physics::text(check))));
             lines.push(format!("  replay: {}", escape::name(&counterexample.replay)));
         }
         parts.push(lines.join("\n"));

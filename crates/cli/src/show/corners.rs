@@ -1,13 +1,12 @@
 //! Output of the results at the corners of the initial box.
 
-use mishandle::results::{AxisFacts, CornerPoint, Corners};
+use mishandle::results::{AxisFacts, BoxPoint, CornerPoint, Corners};
 use mishandle_text::plural;
 
 use super::{output, simulation};
 
-/// Kind of the axes of the initial state, and kind of a point that is a corner.
+/// Kind of the axes of the initial state.
 const START: &str = "start";
-const CORNER: &str = "corner";
 
 /// Text in place of a result that no simulation decides.
 const NO_VERDICT: &str = "no verdict";
@@ -39,13 +38,13 @@ pub fn text(axes: &[AxisFacts], report: &Corners) -> String {
 }
 
 /// Returns the points of a kind that count.
-fn counted<'a>(report: &'a Corners, kind: &'a str) -> impl Iterator<Item = &'a CornerPoint> {
+fn counted(report: &Corners, kind: BoxPoint) -> impl Iterator<Item = &CornerPoint> {
     report.points.iter().filter(move |point| point.kind == kind && point.counts)
 }
 
 /// Returns the center if it counts.
 fn center(report: &Corners) -> Option<&CornerPoint> {
-    report.points.iter().find(|point| point.kind != CORNER && point.counts)
+    report.points.iter().find(|point| point.kind == BoxPoint::Center && point.counts)
 }
 
 /// Describes the failed simulations at points that count whose failure is not a violation of the
@@ -59,8 +58,10 @@ fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
         (|point| point.undecided, simulation::UNDECIDED),
     ];
     let describe = |(count, reason): (Count, &str)| {
-        let points: Vec<&CornerPoint> =
-            counted(report, CORNER).chain(center(report)).filter(|point| count(point) > 0).collect();
+        let points: Vec<&CornerPoint> = counted(report, BoxPoint::Corner)
+            .chain(center(report))
+            .filter(|point| count(point) > 0)
+            .collect();
         let places: Vec<String> = points.iter().map(|point| coordinates(axes, point)).collect();
         let total: u32 = points.into_iter().map(count).sum();
         (total > 0).then(|| format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
@@ -90,7 +91,7 @@ fn row(
         n => format!(" with {} of {n} seeds", failures(point)),
     };
     let (tested, others): (Vec<&CornerPoint>, Vec<&CornerPoint>) =
-        counted(report, CORNER).partition(|point| point.has_verdict());
+        counted(report, BoxPoint::Corner).partition(|point| point.has_verdict());
     let done = tested.iter().filter(|point| failures(point) == 0).count();
     let verb = if done == 1 { "succeeds" } else { "succeed" };
     let mut text = match (tested.len(), others.len()) {
@@ -143,12 +144,12 @@ fn coordinates(axes: &[AxisFacts], point: &CornerPoint) -> String {
 /// Corners for tests.
 #[cfg(test)]
 pub mod samples {
-    use mishandle::results::{CornerPoint, Corners, Scenario};
+    use mishandle::results::{BoxPoint, CornerPoint, Corners, Scenario};
 
     /// Returns a point whose `n` simulations succeed.
-    pub fn point(kind: &str, n: u32, scenario: Scenario) -> CornerPoint {
+    pub fn point(kind: BoxPoint, n: u32, scenario: Scenario) -> CornerPoint {
         CornerPoint {
-            kind: kind.to_string(),
+            kind,
             scenario,
             reachable: None,
             counts: true,
@@ -210,7 +211,7 @@ mod tests {
         let point = |(index, [x, y]): (usize, [f64; 2])| {
             let failed = failures.iter().find(|(at, _)| *at == index).map_or(0, |(_, count)| *count);
             let is_reachable = unreachable != Some([x, y]);
-            let kind = if index < 4 { CORNER } else { "center" };
+            let kind = if index < 4 { BoxPoint::Corner } else { BoxPoint::Center };
             let mut found = point(kind, 2, [("x", Some(x)), ("y", Some(y))].into_iter().collect());
             (0..failed).for_each(|_| fail(&mut found, "violation"));
             CornerPoint {

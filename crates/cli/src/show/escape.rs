@@ -4,10 +4,9 @@
 //!
 //! All output of the program passes through this module: [`output`](crate::output) calls it.
 
-use std::io::Write;
+use std::io::{Error, Result, Write};
 
 use mishandle_text::is_invisible;
-use serde_json::ser::{Formatter, PrettyFormatter};
 
 /// Escapes a text of several lines, such as a table or an error of a parser: line breaks and tabs
 /// remain.
@@ -20,67 +19,26 @@ pub fn name(name: &str) -> String {
     escaped(name, |_| false, rust)
 }
 
-/// Writes JSON with indentation, and escapes strings with JSON's own escapes, so that a parser
-/// returns the same strings.
-#[derive(Default)]
-pub struct EscapedJson(PrettyFormatter<'static>);
+/// Escapes JSON that `serde_json` writes to it, with JSON's own escapes, so that a parser returns
+/// the same strings. JSON has characters to escape in strings only, and `serde_json` writes each
+/// part of a string at once, so that no character arrives in pieces. Line breaks are those of
+/// indentation: a string has them as `\n`.
+pub struct EscapedJson<W>(pub W);
 
-impl Formatter for EscapedJson {
-    fn write_string_fragment<W: Write + ?Sized>(
-        &mut self,
-        out: &mut W,
-        fragment: &str,
-    ) -> std::io::Result<()> {
-        EscapedLine.write_string_fragment(out, fragment)
+impl<W: Write> Write for EscapedJson<W> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        // Numbers, of which a document may have millions, pass without a copy.
+        if bytes.iter().all(|byte| matches!(byte, b'\n' | b' '..=b'~')) {
+            self.0.write_all(bytes)?;
+        } else {
+            let text = std::str::from_utf8(bytes).map_err(Error::other)?;
+            self.0.write_all(escaped(text, |c| c == '\n', unicode).as_bytes())?;
+        }
+        Ok(bytes.len())
     }
 
-    fn begin_array<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.begin_array(out)
-    }
-
-    fn end_array<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.end_array(out)
-    }
-
-    fn begin_array_value<W: Write + ?Sized>(&mut self, out: &mut W, first: bool) -> std::io::Result<()> {
-        self.0.begin_array_value(out, first)
-    }
-
-    fn end_array_value<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.end_array_value(out)
-    }
-
-    fn begin_object<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.begin_object(out)
-    }
-
-    fn end_object<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.end_object(out)
-    }
-
-    fn begin_object_key<W: Write + ?Sized>(&mut self, out: &mut W, first: bool) -> std::io::Result<()> {
-        self.0.begin_object_key(out, first)
-    }
-
-    fn begin_object_value<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.begin_object_value(out)
-    }
-
-    fn end_object_value<W: Write + ?Sized>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.0.end_object_value(out)
-    }
-}
-
-/// As [`EscapedJson`], on one line.
-pub struct EscapedLine;
-
-impl Formatter for EscapedLine {
-    fn write_string_fragment<W: Write + ?Sized>(
-        &mut self,
-        out: &mut W,
-        fragment: &str,
-    ) -> std::io::Result<()> {
-        out.write_all(escaped(fragment, |_| false, unicode).as_bytes())
+    fn flush(&mut self) -> Result<()> {
+        self.0.flush()
     }
 }
 
@@ -115,8 +73,7 @@ mod tests {
 
     fn json(value: &impl Serialize) -> String {
         let mut out = Vec::new();
-        let mut serializer = serde_json::Serializer::with_formatter(&mut out, EscapedJson::default());
-        value.serialize(&mut serializer).unwrap();
+        serde_json::to_writer_pretty(EscapedJson(&mut out), value).unwrap();
         String::from_utf8(out).unwrap()
     }
 

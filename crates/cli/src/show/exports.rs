@@ -1,9 +1,10 @@
 //! Exported counterexamples, as text.
 
+use mishandle::falsification::physics_text;
 use mishandle::results::{AxisFacts, ExportedCounterexample, Exports, Minimized};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, scenario};
+use super::{escape, physics, scenario};
 
 /// Returns a paragraph for each file.
 pub fn text(found: &Exports) -> String {
@@ -20,11 +21,17 @@ fn file_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
             escape::name(same)
         );
     }
+    let refused = file.physics.as_ref().filter(|check| check.depends_on_solver);
+    if let Some(check) = refused {
+        return format!("{found}: not written, it {}", physics_text(check));
+    }
     let values = off_nominal_text(axes, file);
     let robustness = decimal(file.robustness.0, 4);
     let mut lines = vec![format!("{}: {found}", escape::name(file.file.as_deref().unwrap_or_default()))];
+    let physics = file.physics.as_ref().map(|check| format!("  {}", physics::text(check)));
     let Some(minimized) = &file.minimized else {
         lines.push(format!("  {values}: robustness {robustness}"));
+        lines.extend(physics);
         return lines.join("\n");
     };
     let [recorded_off, minimized_off] =
@@ -36,6 +43,7 @@ fn file_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
     ));
     lines.push(format!("  minimized  {values}: robustness {robustness}, {minimized_off} off nominal"));
     lines.push(format!("  {}", result_text(minimized)));
+    lines.extend(physics);
     if let (false, Some(predicate)) = (minimized.same_predicate, &file.predicate) {
         lines.push(format!("  its decisive predicate is another one: {}", escape::name(predicate)));
     }
@@ -61,6 +69,11 @@ fn off_nominal_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String
 /// Describes how far a minimization came.
 fn result_text(minimized: &Minimized) -> String {
     let simulations = plural(minimized.simulations, "simulation");
+    if minimized.went_back {
+        return format!(
+            "{simulations}: it went back toward the recorded scenario: nearer failures depend on the solver"
+        );
+    }
     let axes = if minimized.fewest_axes {
         "no smaller set of axes fails at the recorded values"
     } else {

@@ -1,10 +1,13 @@
 //! The result of a falsification, as text.
 
-use mishandle::results::{Cause, Estimate, Falsification, Repeats, SearchValue, SmoothRegion, Trial};
+use mishandle::falsification::physics_text;
+use mishandle::results::{
+    Cause, Estimate, Falsification, PhysicsCheck, Repeats, SearchValue, SmoothRegion, Trial, TrialEnd,
+};
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, reasons, requirements, scenario, screening, simulation, subject};
+use super::{escape, output, physics, reasons, requirements, scenario, screening, simulation, subject};
 
 /// Returns the trials, what they say together, and the part of the space that cannot fail.
 pub fn text(found: &Falsification) -> String {
@@ -84,7 +87,11 @@ fn total(found: &Falsification, count: fn(&Trial) -> u32) -> u64 {
 fn trials_text(found: &Falsification) -> String {
     let axes = &found.subject.space_axes;
     let has_repeats = found.trials.iter().any(|trial| trial.repeats.is_some());
+    let has_physics = found.trials.iter().any(|trial| trial.physics.is_some());
     let mut header = vec!["trial", "result", "simulations", "min robustness", "scenario"];
+    if has_physics {
+        header.insert(4, "physics");
+    }
     if has_repeats {
         header.insert(4, "fails in repeats");
     }
@@ -93,11 +100,14 @@ fn trials_text(found: &Falsification) -> String {
         let at = trial.scenario.as_ref();
         let mut row = vec![
             trial.trial.to_string(),
-            trial.end.clone().unwrap_or("interrupted".to_string()),
+            trial.end.map_or("interrupted", TrialEnd::name).to_string(),
             trial.simulations.to_string(),
             trial.minimum_robustness.map_or("-".to_string(), |minimum| decimal(minimum.0, 4)),
             at.map_or(String::new(), |at| scenario::summary(axes, at)),
         ];
+        if has_physics {
+            row.insert(4, physics::word(trial.physics.as_ref()).to_string());
+        }
         if has_repeats {
             let repeats = trial.repeats.as_ref();
             row.insert(
@@ -136,6 +146,7 @@ fn trials_text(found: &Falsification) -> String {
         ));
     }
     text.push_str(&counterexample_text(found));
+    text.push_str(&physics::count_text(found.trials.iter().filter_map(|trial| trial.physics.as_ref())));
     if has_repeats {
         let repeats = || found.trials.iter().filter_map(|trial| trial.repeats.as_ref());
         let sum = |of: fn(&Repeats) -> u64| repeats().map(of).sum::<u64>();
@@ -163,22 +174,26 @@ fn counterexample_text(found: &Falsification) -> String {
     let mut falsified = found.trials.iter().filter(|trial| trial.falsified);
     let first = falsified.find_map(|trial| {
         let Trial { scenario, seed, simulation, minimum_robustness, .. } = trial;
-        let cause = trial.cause.as_ref();
-        Some((trial.trial, scenario.as_ref()?, (*seed)?, (*simulation)?, (*minimum_robustness)?, cause))
+        Some((trial, scenario.as_ref()?, (*seed)?, (*simulation)?, (*minimum_robustness)?))
     });
-    first.map_or(String::new(), |(trial, at, seed, simulation, robustness, cause)| {
+    first.map_or(String::new(), |(trial, at, seed, simulation, robustness)| {
+        let physics = trial.physics.as_ref();
+        let checked = physics.map_or(String::new(), |check| format!("\n{}", physics::text(check)));
+        let cause = trial.cause.as_ref();
+        let trial = trial.trial;
         let values = found.subject.space_axes.iter().zip(at.values().copied());
         format!(
             "\ncounterexample: {}, seed {} (trial {trial}, simulation {simulation}): robustness {}",
             scenario::text(values),
             seed.0,
             decimal(robustness.0, 4)
-        ) + &cause.map_or(String::new(), |cause| cause_text(found, cause))
+        ) + &checked
+            + &cause.map_or(String::new(), |cause| cause_text(found, cause, physics))
     })
 }
 
-/// Says which axes cause the failure.
-fn cause_text(found: &Falsification, cause: &Cause) -> String {
+/// Says which axes cause the failure. `physics` is the check of the counterexample.
+fn cause_text(found: &Falsification, cause: &Cause, physics: Option<&PhysicsCheck>) -> String {
     let axes = &found.subject.space_axes;
     let values = axes.iter().zip(cause.scenario.values().copied());
     let kept: Vec<_> = values.filter(|(axis, _)| cause.axes.contains(&axis.name)).collect();
@@ -192,6 +207,12 @@ fn cause_text(found: &Falsification, cause: &Cause) -> String {
         plural(cause.simulations, "more simulation"),
         decimal(cause.robustness.0, 4)
     );
+    let depends = |check: &&PhysicsCheck| check.depends_on_solver;
+    if cause.went_back {
+        text.push_str("\nit went back toward the counterexample: nearer failures depend on the solver");
+    } else if let (Some(check), None) = (cause.physics.as_ref().filter(depends), physics.filter(depends)) {
+        text.push_str(&format!("\nit {}", physics_text(check)));
+    }
     let list = |names: &[String]| match names {
         [] => "none".to_string(),
         names => names.iter().map(|name| escape::name(name)).collect::<Vec<_>>().join(", "),

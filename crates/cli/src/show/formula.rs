@@ -1,7 +1,8 @@
 //! A formula in words, its traps, and its sub-formulas over traces, as text.
 
 use mishandle::results::{
-    FormulaDescription, FormulaExample, FormulaLane, FormulaTrap, FormulaValues, RequirementPattern,
+    ExampleKind, FormulaDescription, FormulaExample, FormulaLane, FormulaTrap, FormulaValues, LaneState,
+    RequirementPattern,
 };
 use mishandle_text::{plural, short_number};
 
@@ -110,11 +111,11 @@ pub fn example(found: &FormulaExample, columns: usize) -> String {
     // Each sample has the same number of columns, or each column the same number of samples.
     let columns = if samples <= columns { columns / samples * samples } else { columns };
     let verdict = if found.violated { "violated" } else { "satisfied" };
-    let what = match found.kind.as_str() {
-        "found" => format!("A trace that was found for it: {verdict}"),
-        "pattern" => format!("A trace of the pattern: {verdict}"),
-        "episode" => format!("Nominal episode of {}: {verdict}", escape::name(&found.name)),
-        _ => format!("{}: {verdict}", escape::name(&found.name)),
+    let what = match found.kind {
+        ExampleKind::Found => format!("A trace that was found for it: {verdict}"),
+        ExampleKind::Pattern => format!("A trace of the pattern: {verdict}"),
+        ExampleKind::Episode => format!("Nominal episode of {}: {verdict}", escape::name(&found.name)),
+        ExampleKind::Log | ExampleKind::Simulation => format!("{}: {verdict}", escape::name(&found.name)),
     };
     let border = if found.robustness.0 == 0.0 { " (its sign is the verdict)" } else { "" };
     let mut lines = vec![format!("{what}, robustness {}{border}", short_number(found.robustness.0))];
@@ -151,8 +152,8 @@ fn lane_line(lane: &FormulaLane, samples: usize, columns: usize) -> String {
     let states = bins(samples, columns).map(|(first, last)| {
         while spans.next_if(|span| (span.last as usize) < first).is_some() {}
         let inside = spans.clone().take_while(|span| span.first as usize <= last);
-        let states: Vec<&str> = inside.map(|span| span.state.as_str()).collect();
-        match (states.contains(&"holds"), states.contains(&"violated")) {
+        let states: Vec<LaneState> = inside.map(|span| span.state).collect();
+        match (states.contains(&LaneState::Holds), states.contains(&LaneState::Violated)) {
             (true, true) => '▒',
             (true, false) => '█',
             (false, true) => '░',

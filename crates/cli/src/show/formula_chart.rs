@@ -1,6 +1,6 @@
 //! A formula over traces, as a chart.
 
-use mishandle::results::{FormulaDescription, FormulaExample, FormulaLane};
+use mishandle::results::{FormulaDescription, FormulaExample, FormulaLane, LaneState};
 use mishandle_report::charts::{Area, Chart, ChartAxis, LegendEntry, Panel, Point, Scale, Series};
 use mishandle_text::short_number;
 
@@ -71,10 +71,10 @@ fn panels(example: &FormulaExample) -> Vec<Panel> {
     let verdict = if example.violated { "violated" } else { "satisfied" };
     let head = format!("{} ({verdict}, robustness {})", example.name, short_number(example.robustness.0));
     let lanes: Vec<&FormulaLane> = example.lanes.iter().take(MAX_LANES).collect();
-    let color = |state: &str| match state {
-        "holds" => HOLDS,
-        "violated" => VIOLATED,
-        _ => UNDECIDED,
+    let color = |state: LaneState| match state {
+        LaneState::Holds => HOLDS,
+        LaneState::Violated => VIOLATED,
+        LaneState::Undecided => UNDECIDED,
     };
     let count = lanes.len() as f64;
     let areas = lanes.iter().enumerate().flat_map(|(row, lane)| {
@@ -83,7 +83,7 @@ fn panels(example: &FormulaExample) -> Vec<Panel> {
         lane.spans.iter().map(move |span| Area {
             x: [span.first as f64 * period, ((span.last + 1) as f64 * period).min(end)],
             y: [top - 0.9, top - 0.1],
-            color: color(&span.state),
+            color: color(span.state),
         })
     });
     let ticks = (0..lanes.len()).map(|row| (count - row as f64 - 0.5, (row + 1).to_string())).collect();

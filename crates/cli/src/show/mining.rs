@@ -1,7 +1,7 @@
 //! Mined values of parameters, as text and as CSV.
 
 use anyhow::Result;
-use mishandle::results::{MinedParameter, MinedPoint, Mining, Number};
+use mishandle::results::{MinedParameter, MinedPoint, Mining, MiningOutcome, Number, Tightest};
 use mishandle_text::{number_text, plural, short_number};
 
 use super::{escape, output};
@@ -29,7 +29,7 @@ pub fn text(found: &Mining, width: usize) -> String {
         .parameters
         .iter()
         .map(|parameter| {
-            let tight = if parameter.tightest == "low" { "smaller" } else { "greater" };
+            let tight = if parameter.tightest == Tightest::Low { "smaller" } else { "greater" };
             let step =
                 parameter.resolution.map(|step| format!(", in steps of {}", value_text(parameter, step)));
             format!(
@@ -42,14 +42,14 @@ pub fn text(found: &Mining, width: usize) -> String {
         })
         .collect();
     parts.push(format!("{}\n{}", escape::name(&found.formula), ranges.join("\n")));
-    match (found.outcome.as_str(), found.points.as_slice()) {
-        ("loosest-fails", _) => {
+    match (found.outcome, found.points.as_slice()) {
+        (MiningOutcome::LoosestFails, _) => {
             parts.push(format!(
                 "Nothing was mined: with the loosest values, fewer than {needed} satisfy the formula. Widen the ranges, or lower \
                  the share."
             ));
         }
-        ("tightest-holds", [point]) => {
+        (MiningOutcome::TightestHolds, [point]) => {
             let remedy = match (point.cut, point.support) {
                 (0, 0) => {
                     "In none of them, the conditions of all implications hold: use other logs.".to_string()
@@ -72,7 +72,7 @@ pub fn text(found: &Mining, width: usize) -> String {
     if !found.per_trace.is_empty() && found.per_trace.len() > 1 {
         let mut each: Vec<_> = found.per_trace.iter().collect();
         let parameter = &found.parameters[0];
-        let is_low = parameter.tightest == "low";
+        let is_low = parameter.tightest == Tightest::Low;
         // The logs that need the loosest values first.
         let key = |value: Option<Number>| {
             value.map_or(f64::INFINITY, |value| if is_low { value.0 } else { -value.0 })

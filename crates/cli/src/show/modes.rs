@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, FailureMode};
 use mishandle_text::{decimal, instant, plural};
 
-use super::{escape, output, scenario};
+use super::{escape, output, physics, scenario};
 
 /// Number of axes in the text that describes the region of a mode.
 const REGION_AXES: usize = 4;
@@ -38,7 +38,7 @@ impl Modes<'_> {
     }
 
     fn table(&self) -> Vec<Vec<String>> {
-        let columns = [
+        let mut columns = vec![
             "mode",
             "failures",
             "decisive predicate",
@@ -47,13 +47,15 @@ impl Modes<'_> {
             "robustness",
             "distance from nominal",
         ];
+        let has_physics = self.modes.iter().any(|mode| mode.physics.is_some());
+        columns.extend(has_physics.then_some("physics"));
         let time = |sample: u64| instant(sample as usize, self.control_dt);
         let row = |mode: &&FailureMode| {
             let [first, last] = mode.samples;
             let times =
                 if first == last { time(first) } else { format!("{} to {}", time(first), time(last)) };
             let predicate = if mode.predicate.is_empty() { "none" } else { &mode.predicate };
-            vec![
+            let mut row = vec![
                 mode.mode.to_string(),
                 mode.failures.to_string(),
                 predicate.to_string(),
@@ -61,9 +63,12 @@ impl Modes<'_> {
                 format!("trial {}, simulation {}", mode.trial, mode.simulation),
                 decimal(mode.robustness.0, 4),
                 format!("{:.0} % of the widths", 100.0 * mode.distance_from_nominal),
-            ]
+            ];
+            row.extend(has_physics.then(|| physics::word(mode.physics.as_ref()).to_string()));
+            row
         };
-        std::iter::once(columns.map(String::from).to_vec()).chain(self.modes.iter().map(row)).collect()
+        let columns = columns.into_iter().map(String::from).collect();
+        std::iter::once(columns).chain(self.modes.iter().map(row)).collect()
     }
 
     /// Describes the ranges of a mode on the axes that matter, the narrowest first.

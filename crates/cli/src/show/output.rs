@@ -11,11 +11,10 @@ use mishandle::MishandleError;
 use mishandle::files::{AtomicFile, is_same_file};
 use mishandle::results::Versioned;
 use mishandle::rollout::RolloutError;
-use mishandle::stl::{Formula, MonitorError, spelled};
+use mishandle::stl::{Formula, spelled};
 use serde::Serialize;
-use serde_json::Serializer;
 
-use super::escape::{EscapedJson, EscapedLine};
+use super::escape::EscapedJson;
 use super::{escape, formula_error};
 use crate::words;
 
@@ -37,8 +36,7 @@ pub fn json(result: &impl Serialize) -> Result<()> {
 /// Prints a result as a JSON document on one line, which a reader has at once.
 pub fn json_line(result: &impl Serialize) -> Result<()> {
     let mut text = Vec::new();
-    let mut serializer = Serializer::with_formatter(&mut text, EscapedLine);
-    Versioned::new(result).serialize(&mut serializer)?;
+    serde_json::to_writer(EscapedJson(&mut text), &Versioned::new(result))?;
     text.push(b'\n');
     let mut out = std::io::stdout().lock();
     out.write_all(&text)?;
@@ -55,9 +53,8 @@ pub fn json_array<T: Serialize>(results: &[T]) -> Result<()> {
 /// their text.
 fn print_json(document: &impl Serialize) -> Result<()> {
     let mut out = BufWriter::new(std::io::stdout().lock());
-    let mut serializer = Serializer::with_formatter(&mut out, EscapedJson::default());
     // As an error of the system, by which a closed pipe is recognized.
-    document.serialize(&mut serializer).map_err(std::io::Error::from)?;
+    serde_json::to_writer_pretty(EscapedJson(&mut out), document).map_err(std::io::Error::from)?;
     writeln!(out)?;
     out.flush()?;
     Ok(())
@@ -178,24 +175,20 @@ pub fn shows_progress() -> bool {
 pub fn report_error(error: &Error) {
     let known = error.chain().find_map(|cause| cause.downcast_ref::<MishandleError>());
     let (whose, known) = match known {
-        Some(MishandleError::OfRequirement { source, .. }) => (format!("{error}: "), Some(&**source)),
+        Some(MishandleError::Of { source, .. }) => (format!("{error}: "), Some(&**source)),
         known => (String::new(), known),
     };
+    let remedies = words::remedies(error.chain());
     match known {
         Some(MishandleError::Rollout(RolloutError::Parse { formula, source })) => {
             message(&format!("error: {whose}{}", formula_error::message(formula, source)));
         }
         _ => {
             let text = words::with_causes(error.chain());
-            let text = words::described(&text, &words::remedies(error.chain()), &words::Shell);
-            message(&format!("error: {text}"));
+            message(&format!("error: {}", words::described(&text, &remedies, &words::Shell)));
         }
     }
-    let hint = error.chain().find_map(|cause| {
-        let hint = cause.downcast_ref::<MishandleError>().and_then(MishandleError::hint);
-        hint.or_else(|| cause.downcast_ref::<MonitorError>().and_then(MonitorError::hint))
-    });
-    if let Some(hint) = hint {
+    if let Some(hint) = words::hint(&remedies) {
         message(&format!("hint: {hint}"));
     }
 }

@@ -1,22 +1,15 @@
 //! A folder of counterexamples that were simulated again, as text.
 
-use mishandle::results::{Number, Regression, RegressionTest, Repeats};
+use mishandle::results::{Number, Regression, RegressionResult, RegressionTest, Repeats};
 use mishandle_text::{decimal, plural};
 
 use super::{escape, output};
-
-/// Results of a test.
-const PASSES: &str = "passes";
-const FIXED: &str = "fixed";
-const FAILS: &str = "still fails";
-const NEW_FAILURE: &str = "new failure";
-const ERROR: &str = "error";
 
 /// Reports on stderr what is uncertain about the results.
 pub fn report_problems(found: &Regression) {
     for test in &found.tests {
         let file = escape::name(&test.file);
-        if test.result == ERROR {
+        if test.result == RegressionResult::Error {
             output::message(&format!("error: {file}: {}", test.reason.as_deref().unwrap_or_default()));
         } else if test.same_target == Some(false) {
             output::message(&format!(
@@ -60,10 +53,12 @@ pub fn text(found: &Regression) -> String {
             row.extend(baseline.map(|baseline| rate(baseline.repeats.as_ref())));
             row.push(rate(test.repeats.as_ref()));
         }
-        row.push(test.result.clone());
+        row.push(test.result.to_string());
         rows.push(row);
     }
-    let failing = tests.iter().filter(|test| [FAILS, NEW_FAILURE].contains(&test.result.as_str()));
+    let failing = tests
+        .iter()
+        .filter(|test| [RegressionResult::Fails, RegressionResult::NewFailure].contains(&test.result));
     let reasons: String = failing
         .map(|test| {
             format!(
@@ -80,24 +75,24 @@ pub fn text(found: &Regression) -> String {
 /// Returns the numbers of tests by result. With a baseline also how far the tests that fail with
 /// both controllers are from it: a worse controller violates them by more.
 fn summary(tests: &[RegressionTest], has_baseline: bool) -> String {
-    let n = |results: &[&str]| tests.iter().filter(|test| results.contains(&test.result.as_str())).count();
+    let n = |results: &[RegressionResult]| tests.iter().filter(|test| results.contains(&test.result)).count();
     let head = plural(tests.len(), "counterexample");
-    let errors = plural(n(&[ERROR]), "error");
+    let errors = plural(n(&[RegressionResult::Error]), "error");
     if !has_baseline {
         return format!(
             "{head}: {} pass, {} still fail, {errors}",
-            n(&[PASSES, FIXED]),
-            n(&[FAILS, NEW_FAILURE])
+            n(&[RegressionResult::Passes, RegressionResult::Fixed]),
+            n(&[RegressionResult::Fails, RegressionResult::NewFailure])
         );
     }
     let mut text = format!(
         "{head}: {}, {} still fail, {} fixed, {} pass with both, {errors}",
-        plural(n(&[NEW_FAILURE]), "new failure"),
-        n(&[FAILS]),
-        n(&[FIXED]),
-        n(&[PASSES]),
+        plural(n(&[RegressionResult::NewFailure]), "new failure"),
+        n(&[RegressionResult::Fails]),
+        n(&[RegressionResult::Fixed]),
+        n(&[RegressionResult::Passes]),
     );
-    let still = tests.iter().filter(|test| test.result == FAILS);
+    let still = tests.iter().filter(|test| test.result == RegressionResult::Fails);
     let pairs = still.filter_map(|test| test.robustness.zip(test.baseline.as_ref()?.robustness));
     let pairs: Vec<(Number, Number)> = pairs.collect();
     if !pairs.is_empty() {

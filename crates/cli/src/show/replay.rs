@@ -7,7 +7,7 @@ use super::{escape, scenario, simulation, subject};
 
 /// Returns the replay of a simulation of a run file.
 pub fn text(found: &Replay) -> String {
-    lines(found, &simulation::name(found.trial, found.point.as_deref(), found.simulation))
+    lines(found, &simulation::name(found.trial, found.point, found.simulation))
 }
 
 /// Returns the replay of an exported counterexample.

@@ -25,10 +25,11 @@ pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
     let columns =
         [("failure", "failures there"), ("strict_failure", "strict failures"), ("dangerous", "dangerous")];
     let mut text = format!(
-        "{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.\n\n{}",
+        "{}{}\n\nThe rates are from simulations of MuJoCo C and assume nothing of MuJoCo Warp.{}\n\n{}",
         if found.is_complete { "" } else { "interrupted: the answer is that of the simulations so far\n\n" },
         output::table(&rates),
-        engines(counts, &columns, ["any violation or no verdict", "no violation"]),
+        limits(found),
+        engines(counts, &columns, ["no success or no verdict", "success"]),
     );
     if let Some(report) = &found.corners {
         text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
@@ -39,6 +40,26 @@ pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
         text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict do not count as successes"));
     }
     text
+}
+
+/// Says what the audit sample alone finds, and which metrics are missing.
+fn limits(found: &Evaluation) -> String {
+    let metrics = &found.metrics;
+    let others = match (&metrics.strict_success_rate, &metrics.dangerous_episode_rate) {
+        (Some(_), Some(_)) => Some("strict success and danger"),
+        (Some(_), None) => Some("strict success"),
+        (None, Some(_)) => Some("danger"),
+        (None, None) => None,
+    };
+    let sampled = others.map_or(String::new(), |others| {
+        format!(
+            " A simulation is flagged if it has no success; of the others, the audit sample alone looks for {others}, so these \
+             intervals are wider."
+        )
+    });
+    let missing = others
+        .map_or("", |_| " Dangerous behavior rate and completion time take MuJoCo C in every simulation.");
+    sampled + missing
 }
 
 /// Returns a table of what MuJoCo C found in the simulations that it repeated. `columns` are kinds

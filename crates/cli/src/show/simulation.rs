@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use mishandle::results::{Noise, Repeats, Simulation};
+use mishandle::results::{BoxPoint, Noise, Repeats, Simulation};
 use mishandle::stl::Trace;
 use mishandle::store::{self, RunHeader, StoredTrace, TraceColumn};
 use mishandle_text::{decimal, plural};
@@ -11,7 +11,7 @@ use mishandle_text::{decimal, plural};
 use super::{escape, explanation, output, requirements, scenario, subject};
 
 /// Describes a recorded simulation by its numbers: `trial 2 (corner), simulation 5`.
-pub fn name(trial: u32, point: Option<&str>, simulation: u32) -> String {
+pub fn name(trial: u32, point: Option<BoxPoint>, simulation: u32) -> String {
     let point = point.map_or(String::new(), |point| format!(" ({point})"));
     format!("trial {trial}{point}, simulation {simulation}")
 }

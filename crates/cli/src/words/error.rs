@@ -4,6 +4,8 @@ use std::error::Error;
 
 use mishandle::MishandleError;
 use mishandle::results::Remedy;
+use mishandle::stl::MonitorError;
+use mishandle_evidence::EvidenceError;
 use mishandle_logs::LogError;
 use mishandle_requirements::RequirementError;
 
@@ -26,7 +28,13 @@ fn of(cause: &(dyn Error + 'static)) -> Vec<Remedy> {
     let of_log = cause.downcast_ref().map(LogError::remedies);
     let of_requirement = || cause.downcast_ref().map(RequirementError::remedies);
     let of_library = || cause.downcast_ref().map(MishandleError::remedies);
-    of_log.or_else(of_requirement).or_else(of_library).unwrap_or_default()
+    let of_evidence = || cause.downcast_ref().map(EvidenceError::remedies);
+    let of_formula = || {
+        let hint = cause.downcast_ref().and_then(MonitorError::hint)?;
+        Some(vec![Remedy::Hint(hint)])
+    };
+    let found = of_log.or_else(of_requirement).or_else(of_library).or_else(of_evidence);
+    found.or_else(of_formula).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -1,31 +1,33 @@
 //! Errors and their remedies in the words of a front.
 
 mod error;
+mod python;
 mod shell;
 
 use mishandle::results::{Choice, Command, Key, Remedy};
 
 pub use error::{remedies, with_causes};
-pub use shell::Shell;
+pub use python::{Python, argument, in_plan};
+pub use shell::{Shell, shell_command};
 
 /// The language of a front.
 pub trait Dialect {
     /// Returns the name of a setting.
     fn key(&self, key: Key) -> String;
 
-    /// Returns a setting with its value.
-    fn setting(&self, key: Key, value: &Choice) -> String;
+    /// Returns settings with their values, all of them together.
+    fn settings(&self, settings: &[(Key, Choice)]) -> String;
 
     /// Returns something else to ask, in quotes.
-    fn command(&self, command: Command) -> String;
+    fn command(&self, command: &Command) -> String;
 }
 
-/// Returns the text of an error with what helps.
+/// Returns the text of an error with what helps, without its [`hint`].
 pub fn described(text: &str, remedies: &[Remedy], dialect: &dyn Dialect) -> String {
     let mut described = text.to_owned();
     let mut last_verb = "";
-    for (index, remedy) in remedies.iter().enumerate() {
-        let (verb, phrase, is_conditional) = phrase(remedy, dialect);
+    let phrases = remedies.iter().filter_map(|remedy| phrase(remedy, dialect));
+    for (index, (verb, phrase, is_conditional)) in phrases.enumerate() {
         described += match (index, verb == last_verb && !is_conditional) {
             (0, _) => "; ",
             (_, true) => " or ",
@@ -33,7 +35,6 @@ pub fn described(text: &str, remedies: &[Remedy], dialect: &dyn Dialect) -> Stri
         };
         if verb != last_verb {
             described += verb;
-            described.push(' ');
         }
         described += &phrase;
         last_verb = verb;
@@ -41,21 +42,30 @@ pub fn described(text: &str, remedies: &[Remedy], dialect: &dyn Dialect) -> Stri
     described
 }
 
-/// Returns the verb of a remedy, the rest of the sentence, and whether it has a condition.
-fn phrase(remedy: &Remedy, dialect: &dyn Dialect) -> (&'static str, String, bool) {
-    match remedy {
-        Remedy::Set(settings) => {
-            let settings: Vec<String> =
-                settings.iter().map(|(key, value)| dialect.setting(*key, value)).collect();
-            ("pass", settings.join(" with "), false)
-        }
-        Remedy::Unset(key) => ("leave out", dialect.key(*key), false),
-        Remedy::Run(command) => ("run", dialect.command(*command), false),
+/// Returns the sentence that guesses what was meant.
+pub fn hint(remedies: &[Remedy]) -> Option<&str> {
+    remedies.iter().find_map(|remedy| match remedy {
+        Remedy::Hint(sentence) => Some(sentence.as_str()),
+        _ => None,
+    })
+}
+
+/// Returns the verb of a remedy, the rest of the sentence, and whether it has a condition; `None`
+/// of a hint.
+fn phrase(remedy: &Remedy, dialect: &dyn Dialect) -> Option<(&'static str, String, bool)> {
+    Some(match remedy {
+        Remedy::Set(settings) => ("pass ", dialect.settings(settings), false),
+        Remedy::Unset(key) => ("leave out ", dialect.key(*key), false),
+        Remedy::Another(key) => ("choose another ", dialect.key(*key), false),
+        Remedy::Run(command @ Command::List { .. }) => ("see ", dialect.command(command), false),
+        Remedy::Run(command) => ("run ", dialect.command(command), false),
+        Remedy::Advice(words) => ("", (*words).to_owned(), false),
+        Remedy::Hint(_) => return None,
         Remedy::If(condition, remedy) => {
-            let (verb, phrase, _) = phrase(remedy, dialect);
+            let (verb, phrase, _) = phrase(remedy, dialect)?;
             (verb, format!("{phrase} if {condition}"), true)
         }
-    }
+    })
 }
 
 #[cfg(test)]
@@ -94,6 +104,19 @@ mod tests {
                     Remedy::set(Key::LOG_TIME, Choice::Text("the stamp".to_owned())).when("it has the times"),
                 ],
                 "no; pass -k log.time='the stamp' if it has the times",
+            ),
+            (
+                vec![Remedy::Advice("wait"), Remedy::Another(Key::OUT), Remedy::Hint("x".to_owned())],
+                "no; wait, or choose another --out",
+            ),
+            (
+                vec![
+                    Remedy::Another(Key::OUT),
+                    Remedy::set(Key::RESUME, Choice::On),
+                    Remedy::Run(Command::Import),
+                ],
+                "no; choose another --out, or pass --resume, or run `mishandle controller FILE --task TASK --out \
+                 controller.safetensors`",
             ),
         ] {
             assert_eq!(described("no", &remedies, &Shell), expected);

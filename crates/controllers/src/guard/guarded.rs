@@ -28,6 +28,10 @@ impl Controller for Guarded {
         self.controller.observation_size()
     }
 
+    fn further_parts(&self) -> &[String] {
+        self.controller.further_parts()
+    }
+
     fn action_size(&self) -> usize {
         self.controller.action_size()
     }

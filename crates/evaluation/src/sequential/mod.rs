@@ -35,7 +35,7 @@ mod size;
 pub use clipped::ClippedDifferences;
 pub use difference::DifferenceSequence;
 pub use rate::{RateSequence, anytime_rate};
-pub use rule::{Decision, StopRule};
+pub use rule::StopRule;
 pub use size::{SizeSettings, Sizes, pair_size, rate_size};
 
 use crate::Estimate;

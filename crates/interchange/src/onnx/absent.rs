@@ -6,7 +6,7 @@ use std::path::Path;
 use mishandle_controllers::Layout;
 use mishandle_rollout::{Controller, ControllerWorker};
 
-use super::OnnxSummary;
+use super::{OnnxDescription, OnnxSummary};
 use crate::{InterchangeError, OnnxProblem};
 
 impl OnnxSummary {
@@ -72,8 +72,16 @@ impl OnnxPolicy {
     ///
     /// # Errors
     /// Always.
-    pub fn task_of(path: &Path) -> Result<Option<String>, InterchangeError> {
+    pub fn description(path: &Path) -> Result<OnnxDescription, InterchangeError> {
         Err(InterchangeError::Onnx { problem: OnnxProblem::NotBuilt, path: path.to_path_buf() })
+    }
+
+    /// Returns the error that names the feature.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn description_of_bytes(_bytes: &[u8]) -> Result<OnnxDescription, OnnxProblem> {
+        Err(OnnxProblem::NotBuilt)
     }
 
     /// Returns the hash of what the policy computes.

@@ -36,7 +36,7 @@ const HISTORY: [&str; 2] = ["history", "next_history"];
 /// # let policy = Policy::new(vec![0.0], vec![1.0], Mlp::new(&[1, 1], Activation::Elu, Activation::Identity)?, vec![0.0])?;
 /// # let header = Header {
 /// #     task: "ball-pushing".into(), algorithm: "ppo".into(), preset: String::new(), reward: String::new(),
-/// #     layout: Layout::default(), task_hash: String::new(), training: Default::default(),
+/// #     layout: Layout::default(), action_interface: None, task_hash: String::new(), training: Default::default(),
 /// # };
 /// let bytes = mishandle_interchange::onnx_bytes(&ControllerFile { header, policy }, "0.1.0");
 /// assert!(bytes.windows(6).any(|text| text == b"action"));
@@ -47,9 +47,12 @@ pub fn onnx_bytes(file: &ControllerFile, version: &str) -> Vec<u8> {
     let policy = &file.policy;
     let layout = serde_json::to_string(&header.layout).unwrap_or_default();
     let [algorithm, hash, program] = PROVENANCE;
-    let policy_hash = policy.hash();
+    let policy_hash = file.hash();
     let state = format!("[[\"{}\", \"{}\"]]", HISTORY[0], HISTORY[1]);
     let state = (policy.history().length() > 0).then_some(("state", state.as_str()));
+    let interface = header.action_interface.as_ref().map(serde_json::to_string);
+    let interface = interface.transpose().unwrap_or_default();
+    let interface = interface.as_deref().map(|interface| ("action_interface", interface));
     let metadata = [
         ("task", header.task.as_str()),
         ("observation", "observation"),
@@ -66,7 +69,7 @@ pub fn onnx_bytes(file: &ControllerFile, version: &str) -> Vec<u8> {
         .message(7, &graph(file))
         .message(8, &Message::default().text(1, "").integer(2, OPSET));
     let entry = |(key, value)| Message::default().text(1, &format!("{PREFIX}{key}")).text(2, value);
-    let entries: Vec<Message> = metadata.into_iter().chain(state).map(entry).collect();
+    let entries: Vec<Message> = metadata.into_iter().chain(state).chain(interface).map(entry).collect();
     entries.iter().fold(model, |model, entry| model.message(14, entry)).into_bytes()
 }
 

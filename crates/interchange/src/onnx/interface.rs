@@ -3,16 +3,16 @@
 //!
 //! The model's metadata has the keys `mishandle.task`, `mishandle.observation`, `mishandle.parts`,
 //! `mishandle.images`, `mishandle.history`, `mishandle.padding`, `mishandle.action`,
-//! `mishandle.chunk`, `mishandle.state` and `mishandle.layout`. A file `NAME.onnx.json` beside
-//! `NAME.onnx` has the same keys without the prefix and replaces them.
+//! `mishandle.action_interface`, `mishandle.chunk`, `mishandle.state` and `mishandle.layout`. A
+//! file `NAME.onnx.json` beside `NAME.onnx` has the same keys without the prefix and replaces them.
 
-use mishandle_controllers::Layout;
+use mishandle_controllers::{ActionInterface, Layout};
 use rten_onnx::onnx::ModelProto;
 use serde::{Deserialize, Serialize};
 
 use super::chunk::Chunk;
 use super::history::Padding;
-use super::{PREFIX, PROVENANCE};
+use super::{OnnxDescription, PREFIX, PROVENANCE};
 use crate::OnnxProblem;
 
 /// The description of a model's inputs and outputs. Everything is optional.
@@ -49,6 +49,9 @@ pub struct Interface {
     /// The output with the action. By default, of the outputs that are not a state: the only one,
     /// the one with the name `action` or `actions`, or the only one with the size of an action.
     pub action: Option<String>,
+    /// How actions become joint targets; they move the targets directly by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action_interface: Option<ActionInterface>,
     /// Use of the actions of a model that predicts several ahead: its output with the action has
     /// the shape `[N, k, size]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -60,6 +63,16 @@ pub struct Interface {
     /// The order, names, units and sizes of observations and actions, compared with those of the
     /// task.
     pub layout: Option<Layout>,
+}
+
+impl From<Interface> for OnnxDescription {
+    fn from(interface: Interface) -> OnnxDescription {
+        let Interface { task, parts, layout, action_interface, .. } = interface;
+        let of_layout = layout.into_iter().flat_map(|layout| layout.observation);
+        let mut parts = parts.unwrap_or_default();
+        parts.extend(of_layout.map(|entry| entry.name));
+        OnnxDescription { task, parts, action_interface }
+    }
 }
 
 impl Interface {
@@ -91,13 +104,16 @@ impl Interface {
                     interface.padding = Some(serde_json::from_value(value.into()).map_err(json)?);
                 }
                 "action" => interface.action = Some(value),
+                "action_interface" => {
+                    interface.action_interface = Some(serde_json::from_str(&value).map_err(json)?);
+                }
                 "chunk" => interface.chunk = Some(serde_json::from_str(&value).map_err(json)?),
                 "state" => interface.state = serde_json::from_str(&value).map_err(json)?,
                 "layout" => interface.layout = Some(serde_json::from_str(&value).map_err(json)?),
                 _ if PROVENANCE.contains(&key) => {}
                 _ => {
                     return Err(invalid(format!(
-                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, history, padding, action, chunk, state, layout"
+                        "there is no key `{PREFIX}{key}`; known keys: task, observation, parts, images, history, padding, action, action_interface, chunk, state, layout"
                     )));
                 }
             }

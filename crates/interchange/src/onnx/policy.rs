@@ -13,6 +13,7 @@ use rten::{Model, ModelOptions, NodeId, RunOptions, ThreadPool, Value, ValueOrVi
 use rten_onnx::onnx::{DataType, Dimension, ModelProto, TensorShapeProto};
 use rten_tensor::{Layout, TensorView};
 
+use super::OnnxDescription;
 use super::check::{self, Weights};
 use super::chunk::Plan;
 use super::cost;
@@ -142,17 +143,24 @@ impl OnnxPolicy {
         Self::new(&bytes, weights, side_file(path)?, names, environment).map_err(error)
     }
 
-    /// Returns the task that a model or its side file names.
+    /// Returns what a model or its side file says about the controller that it is.
     ///
     /// # Errors
-    /// If a file cannot be read or is too large, or the model is not supported.
-    pub fn task_of(path: &Path) -> Result<Option<String>, InterchangeError> {
+    /// If a file cannot be read, is too large, or is not a model.
+    pub fn description(path: &Path) -> Result<OnnxDescription, InterchangeError> {
         let error = |problem| InterchangeError::Onnx { problem, path: path.to_path_buf() };
         if let Some(interface) = side_file(path)? {
-            return Ok(interface.task);
+            return Ok(interface.into());
         }
-        let proto = check::parse(&read(path, limits::ONNX)?).map_err(error)?;
-        Ok(Interface::of_metadata(&proto).map_err(error)?.task)
+        Self::description_of_bytes(&read(path, limits::ONNX)?).map_err(error)
+    }
+
+    /// As [`description`](Self::description), for the bytes of a model.
+    ///
+    /// # Errors
+    /// If they are not a model.
+    pub fn description_of_bytes(bytes: &[u8]) -> Result<OnnxDescription, OnnxProblem> {
+        Ok(Interface::of_metadata(&check::parse(bytes)?)?.into())
     }
 
     /// Parses the bytes of a model. `interface` replaces the description in its metadata.

@@ -43,7 +43,7 @@ impl Chart {
         let mut svg = String::new();
         let mut marks = String::new();
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        self.draw(&area, (title, heading), (rows, columns), &mut marks)
+        self.draw(&area, title, heading, (rows, columns), &mut marks)
             .expect("a string takes everything that is drawn into it");
         drop(area);
         if let Some(end) = svg.rfind("</svg>") {
@@ -84,7 +84,8 @@ impl Chart {
     fn draw<'a>(
         &self,
         area: &Area<'a>,
-        (title, heading): (u32, u32),
+        title: u32,
+        heading: u32,
         grid: (usize, usize),
         marks: &mut String,
     ) -> Drawn<'a> {
@@ -169,7 +170,8 @@ impl Panel {
         }
         let is_finite = |mark: &&LinkedMark| mark.x.is_finite() && mark.y.is_finite();
         for mark in self.marks.iter().filter(is_finite) {
-            mark.write(chart.backend_coord(&place(mark.x, mark.y)), marks);
+            let (column, row) = chart.backend_coord(&place(mark.x, mark.y));
+            mark.write(column, row, marks);
         }
         if has_names {
             // plotters centers turned tick labels on the axis, so that they would cross it.
@@ -265,7 +267,8 @@ impl Ranged for Places {
     type FormatOption = DefaultFormatting;
     type ValueType = f64;
 
-    fn map(&self, place: &f64, (first, last): (i32, i32)) -> i32 {
+    fn map(&self, place: &f64, limit: (i32, i32)) -> i32 {
+        let (first, last) = limit;
         let [low, high] = self.ends;
         // Far outside of the axis, a place has no pixel; the nearest number stands for it.
         first.saturating_add((f64::from(last - first) * (place - low) / (high - low)).round() as i32)

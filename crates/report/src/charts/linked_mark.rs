@@ -34,7 +34,7 @@ pub enum Shape {
 
 impl LinkedMark {
     /// Appends the mark as SVG, with its position in pixels.
-    pub(crate) fn write(&self, (x, y): (i32, i32), svg: &mut String) {
+    pub(crate) fn write(&self, x: i32, y: i32, svg: &mut String) {
         let color = self.color.to_uppercase();
         let (d, fill) = match self.shape {
             Shape::Ring => ("m-3 0a3 3 0 1 0 6 0a3 3 0 1 0 -6 0", "none"),

@@ -5,7 +5,7 @@ use std::path::Path;
 use mishandle::counterexample::{Counterexample, CounterexampleReplay};
 use mishandle::resolve::is_python;
 use mishandle::results::{Check, CheckCell};
-use mishandle::{MishandleError, ResolvedPlan};
+use mishandle::{Compared, MishandleError, ResolvedPlan};
 
 use crate::html::{text, with_code};
 use crate::pictures::{self, MAX_STRIPS, MustEnd, PictureError};
@@ -59,7 +59,7 @@ fn draw(
     let (counterexample, resolved) = resolve(cell, file)?;
     let replay = counterexample.replay(&resolved)?;
     if !replay.differences.is_empty() {
-        return Err(MishandleError::RunMismatch { differences: replay.differences }.into());
+        return Err(MishandleError::differs(Compared::Plan, replay.differences).into());
     }
     let CounterexampleReplay { header, explained, .. } = &replay;
     let time = |sample: usize| mishandle_text::instant(sample, header.control_dt);

@@ -1,4 +1,4 @@
-use mishandle::results::{Check, CheckCell, NO_VERDICT, NOT_APPLICABLE};
+use mishandle::results::{Check, CheckCell, CheckVerdict};
 use mishandle_text::{number_text, xml_text};
 
 use super::{formula, mark, marked_verdict, off_nominal};
@@ -27,10 +27,10 @@ pub fn check_junit(found: &Check) -> String {
 
 /// Returns the element of a cell that is not passed.
 fn element(found: &Check, cell: &CheckCell) -> Option<&'static str> {
-    match cell.verdict.as_str() {
+    match cell.verdict {
         _ if found.fails(cell) => Some("failure"),
         _ if found.is_open(cell) => Some("error"),
-        NOT_APPLICABLE | NO_VERDICT => Some("skipped"),
+        CheckVerdict::NotApplicable | CheckVerdict::NoVerdict => Some("skipped"),
         _ => None,
     }
 }

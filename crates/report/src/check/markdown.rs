@@ -1,6 +1,4 @@
-use mishandle::results::{
-    Check, CheckCell, CheckedRequirement, NO_VERDICT, NOT_APPLICABLE, NOT_VIOLATED, VIOLATED,
-};
+use mishandle::results::{Check, CheckCell, CheckVerdict, CheckedRequirement};
 use mishandle_text::plural;
 
 use super::{counts, formula, marked_verdict};
@@ -11,14 +9,21 @@ pub fn summary(found: &Check) -> String {
     let untested = found.cells.iter().filter(|cell| cell.is_untested()).count();
     let count = |verdict| {
         let mark = match verdict {
-            NOT_VIOLATED if untested > 0 => {
+            CheckVerdict::NotViolated if untested > 0 => {
                 format!(" ({untested} of them not tested: constant signal)")
             }
             _ => String::new(),
         };
         format!("{} {verdict}{mark}", found.count(verdict))
     };
-    let counts = [VIOLATED, NOT_VIOLATED, NO_VERDICT, NOT_APPLICABLE].map(count).join(", ");
+    let counts = [
+        CheckVerdict::Violated,
+        CheckVerdict::NotViolated,
+        CheckVerdict::NoVerdict,
+        CheckVerdict::NotApplicable,
+    ]
+    .map(count)
+    .join(", ");
     format!("{}: {counts}", plural(found.cells.len() as u64, "verdict"))
 }
 

@@ -5,7 +5,9 @@ mod junit;
 mod markdown;
 mod page;
 
-use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckedRequirement, CheckedValue, VIOLATED};
+use mishandle::results::{
+    Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement, CheckedValue,
+};
 use mishandle_text::{decimal, visible};
 
 pub use figures::CheckFigures;
@@ -31,12 +33,12 @@ pub fn check_reports(found: &Check, figures: &CheckFigures) -> [(&'static str, S
 pub fn marked_verdict(found: &Check, cell: &CheckCell) -> String {
     match mark(found, cell) {
         Some(mark) => format!("{} ({mark})", cell.verdict),
-        None => cell.verdict.clone(),
+        None => cell.verdict.to_string(),
     }
 }
 
 fn mark(found: &Check, cell: &CheckCell) -> Option<&'static str> {
-    if cell.verdict == VIOLATED && !found.fails(cell) {
+    if cell.verdict == CheckVerdict::Violated && !found.fails(cell) {
         found.requirement(cell).map(|requirement| requirement.severity.name())
     } else {
         cell.is_untested().then_some(UNTESTED)

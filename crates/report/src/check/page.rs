@@ -1,6 +1,7 @@
 //! The page about requirements that were checked: a traceability matrix, and the evidence.
 
-use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckedRequirement, NOT_VIOLATED, VIOLATED};
+use mishandle::falsification::physics_text;
+use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 
 use super::{CheckFigures, counts, marked_verdict, summary};
@@ -62,12 +63,12 @@ fn clauses(requirement: &CheckedRequirement) -> String {
 }
 
 fn judgment(found: &Check, cell: &CheckCell) -> String {
-    let class = match cell.verdict.as_str() {
-        VIOLATED if found.fails(cell) => "fail",
-        NOT_VIOLATED if !cell.is_untested() => "pass",
+    let class = match cell.verdict {
+        CheckVerdict::Violated if found.fails(cell) => "fail",
+        CheckVerdict::NotViolated if !cell.is_untested() => "pass",
         _ => return text(&marked_verdict(found, cell)),
     };
-    format!("<span class=\"{class}\">{}</span>", text(&cell.verdict))
+    format!("<span class=\"{class}\">{}</span>", cell.verdict.name())
 }
 
 /// Returns the section of a requirement.
@@ -133,6 +134,7 @@ fn counterexample(check: &Check, found: &CheckCounterexample) -> String {
         ("digest of the run", format!("<code>{}</code>", text(digest))),
         ("simulate it again", format!("<code>{}</code>", text(&found.replay))),
     ];
+    facts.extend(found.physics.as_ref().map(|check| ("check of the physics", text(&physics_text(check)))));
     facts.extend(found.file.as_ref().map(|file| ("counterexample", format!("<code>{}</code>", text(file)))));
     let scenario = table("Scenario of the worst violation", &["axis", "value", "nominal", "unit"], &rows);
     list(&facts) + &scenario
@@ -171,7 +173,7 @@ fn runs(found: &Check) -> String {
                     text(
                         &run.requirement
                             .as_ref()
-                            .map_or(run.kind.clone(), |name| format!("search for {name}")),
+                            .map_or(run.kind.name().to_owned(), |name| format!("search for {name}")),
                     ),
                     text(&run.space),
                     run.simulations.to_string(),

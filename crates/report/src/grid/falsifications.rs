@@ -5,7 +5,7 @@ use mishandle::Plan;
 use mishandle::evaluation::{
     Estimate, Lifetime, SurvivalCurve, holm, lifetimes, log_rank, vargha_delaney, wilson,
 };
-use mishandle::results::{Falsification, Trial};
+use mishandle::results::{Falsification, Trial, TrialEnd};
 use mishandle_text::{p_value_text as p_text, plural};
 
 use super::{
@@ -37,7 +37,7 @@ pub struct GridFalsification {
 impl GridFalsification {
     /// Returns the trials of an answer of a plan.
     pub(super) fn new(found: &Falsification, plan: Plan) -> GridFalsification {
-        let ended_early = |trial: &&Trial| !trial.falsified && trial.end.as_deref() == Some("search ended");
+        let ended_early = |trial: &&Trial| !trial.falsified && trial.end == Some(TrialEnd::SearchEnded);
         GridFalsification {
             search: found.search.clone(),
             budget: found.budget,

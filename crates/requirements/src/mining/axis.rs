@@ -1,9 +1,7 @@
 //! The values of a parameter, from the tightest to the loosest.
 
-use mishandle_results::{MinedParameter, Number};
+use mishandle_results::{MinedParameter, Number, Tightest};
 use mishandle_stl::TimeUnit;
-
-use super::direction::Tightest;
 
 /// The values of a parameter in an order in which each one is looser than those before.
 #[derive(Clone, Debug)]
@@ -86,7 +84,7 @@ impl Axis {
             low: Number(self.low),
             high: Number(self.high),
             unit: self.unit.map(|unit| unit.symbol().to_owned()),
-            tightest: if self.tightest == Tightest::Low { "low" } else { "high" }.to_owned(),
+            tightest: self.tightest,
             resolution: self.step.map(Number),
         }
     }

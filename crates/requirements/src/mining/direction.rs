@@ -1,5 +1,6 @@
 //! Whether a greater value of a parameter makes a formula easier or harder to satisfy.
 
+use mishandle_results::Tightest;
 use mishandle_stl::{Formula, Position, SyntaxBound, SyntaxKind};
 use mishandle_text::number_text;
 
@@ -31,13 +32,6 @@ impl Effect {
     fn through(self, node: usize) -> Effect {
         if self.is_some() { Effect { up: Some(node), down: Some(node) } } else { self }
     }
-}
-
-/// The end of the range of a parameter at which the formula is hardest to satisfy.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Tightest {
-    Low,
-    High,
 }
 
 /// Returns the tightest end of a parameter. `shown` is the formula with the names of parameters

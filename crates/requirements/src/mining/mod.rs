@@ -3,7 +3,7 @@
 mod axis;
 mod direction;
 
-use mishandle_results::{Choice, Key, MinedPoint, MinedTrace, Mining, Number, Remedy};
+use mishandle_results::{Choice, Key, MinedPoint, MinedTrace, Mining, MiningOutcome, Number, Remedy};
 use mishandle_stl::{Clock, Formula, Monitor, Parameter, ParseError, TimeUnit, Trace, is_satisfied, spelled};
 
 use crate::error::{RequirementError, Result};
@@ -85,7 +85,7 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
         parameters: miner.axes.iter().map(Axis::result).collect(),
         traces: traces.len() as u64,
         share: Number(asked.share),
-        outcome: "found".to_owned(),
+        outcome: MiningOutcome::Found,
         points: Vec::new(),
         per_trace: Vec::new(),
     };
@@ -93,11 +93,11 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
         found.per_trace = miner.per_trace()?;
     }
     if !miner.is_met(&loosest)? {
-        found.outcome = "loosest-fails".to_owned();
+        found.outcome = MiningOutcome::LoosestFails;
         return Ok(found);
     }
     let points = if miner.is_met(&tightest)? {
-        found.outcome = "tightest-holds".to_owned();
+        found.outcome = MiningOutcome::TightestHolds;
         vec![tightest]
     } else {
         miner.front(asked.points)?

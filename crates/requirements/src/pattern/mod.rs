@@ -3,7 +3,9 @@
 mod page;
 mod table;
 
-use mishandle_results::{Choice, FormulaExample, Key, PatternParameter, Remedy, RequirementPattern};
+use mishandle_results::{
+    Choice, FormulaExample, Key, ParameterKind, PatternParameter, Remedy, RequirementPattern,
+};
 use mishandle_stl::{Formula, TimeUnit, nearest};
 
 use crate::error::{RequirementError, Result};
@@ -12,31 +14,6 @@ use crate::tree::Tree;
 
 pub use page::page;
 pub use table::PATTERNS;
-
-/// The kind of value of a parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ParameterKind {
-    /// A formula, such as `x >= 1`.
-    Condition,
-    /// A number over time: a signal, or arithmetic with signals.
-    Signal,
-    /// A number.
-    Number,
-    /// A bound of a window, such as `2s`.
-    Time,
-}
-
-impl ParameterKind {
-    /// Returns the name in documents.
-    pub fn name(self) -> &'static str {
-        match self {
-            ParameterKind::Condition => "condition",
-            ParameterKind::Signal => "signal",
-            ParameterKind::Number => "number",
-            ParameterKind::Time => "time",
-        }
-    }
-}
 
 /// A parameter of a pattern.
 #[derive(Clone, Copy, Debug)]
@@ -180,7 +157,7 @@ impl Pattern {
     pub fn result(&self) -> RequirementPattern {
         let parameter = |slot: &Slot| PatternParameter {
             name: slot.name.to_owned(),
-            kind: slot.kind.name().to_owned(),
+            kind: slot.kind,
             default: slot.default.map(str::to_owned),
             meaning: slot.meaning.to_owned(),
         };

@@ -4,14 +4,9 @@ use std::fmt::Write;
 
 use super::PATTERNS;
 
-/// Returns the page `docs/reference/patterns.md`.
-pub fn page() -> String {
-    let mut text = String::from(
-        "# Patterns of requirements\n\n`mishandle formula --pattern NAME --parameter NAME=VALUE` writes the formula of a pattern, \
-         puts it into words, checks it\nand draws it. This page is made from the table of the program, whose traces are \
-         tested.\n\nA condition is a formula, such as `x >= 1`. A signal may be arithmetic with signals, such as `abs(a - b)`. \
-         A time has a\nunit (`2s`, `50ms`), or counts samples.\n",
-    );
+/// Returns the page `docs/reference/patterns.md` after this text.
+pub fn page(introduction: &str) -> String {
+    let mut text = introduction.to_owned();
     for pattern in PATTERNS {
         // Writing to a string cannot fail.
         let _ = write!(text, "\n## {}\n\n", pattern.name);

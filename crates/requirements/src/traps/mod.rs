@@ -6,7 +6,7 @@ mod precedence;
 mod predicates;
 mod windows;
 
-use mishandle_results::FormulaTrap;
+use mishandle_results::{FormulaTrap, TrapSeverity};
 
 use crate::describe::Context;
 use crate::ranges;
@@ -24,22 +24,22 @@ pub(crate) struct Found<'a> {
 impl Found<'_> {
     /// Adds a trap at a node.
     fn warn(&mut self, name: &str, node: usize, why: String, instead: Option<String>) {
-        self.add(name, "warning", node, why, instead);
+        self.add(name, TrapSeverity::Warning, node, why, instead);
     }
 
     /// Adds a trap that is often intended.
     fn note(&mut self, name: &str, node: usize, why: String, instead: Option<String>) {
-        self.add(name, "note", node, why, instead);
+        self.add(name, TrapSeverity::Note, node, why, instead);
     }
 
-    fn add(&mut self, name: &str, severity: &str, node: usize, why: String, instead: Option<String>) {
+    fn add(&mut self, name: &str, severity: TrapSeverity, node: usize, why: String, instead: Option<String>) {
         if self.traps.iter().filter(|trap| trap.name == name).count() >= MAX_ALIKE {
             return;
         }
         let at = self.tree.at(node);
         self.traps.push(FormulaTrap {
             name: name.to_owned(),
-            severity: severity.to_owned(),
+            severity,
             line: at.map(|at| at.line as u64),
             column: at.map(|at| at.column as u64),
             formula: self.tree.text(node),
@@ -56,7 +56,7 @@ pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
         // The text of each place would make the time quadratic.
         return vec![FormulaTrap {
             name: "too-long".to_owned(),
-            severity: "warning".to_owned(),
+            severity: TrapSeverity::Warning,
             line: None,
             column: None,
             formula: String::new(),

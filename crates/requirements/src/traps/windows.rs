@@ -224,7 +224,7 @@ fn beyond_the_end(tree: &Tree<'_>, outermost: usize, is_negated: &[bool], found:
         "window-beyond-the-end",
         outermost,
         format!("in the last {length} of a trace, the window of `{name}` is cut at its end: {outcome}"),
-        Some("the setting `strict-horizon`, which uses whole windows only".to_owned()),
+        Some("the setting `log.strict-horizon`, which uses whole windows only".to_owned()),
     );
 }
 

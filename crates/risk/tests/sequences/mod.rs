@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use mishandle_risk::Scenarios;
 use mishandle_rollout::{
-    Axis, AxisKind, Controller, ControllerWorker, Distribution, Disturbance, Effect, Environment,
-    EnvironmentWorker, Noise, Rollout, Sample, Scenario, Seed, Space, Specification, StepStatus, Stream,
+    Axis, AxisKind, Distribution, Disturbance, Effect, Environment, EnvironmentFacts, EnvironmentWorker,
+    Noise, Rollout, Sample, Scenario, Seed, Space, Specification, StepStatus, Stream,
 };
 use mishandle_stl::Formula;
+
+use crate::function_controller::controller;
 
 /// A process x' = f(x, z) from 0 whose noise z is standard normal, and the probability that it
 /// violates a formula.
@@ -122,55 +124,39 @@ impl Process {
         let specification = Specification::new(Formula::parse(self.formula).unwrap());
         let noise = Noise { action_std: 1.0, observation_std: 0.0 };
         let moving = Moving {
-            process: *self,
-            space: Space::new("none", Vec::new()).unwrap(),
-            signals: Arc::from(["x".to_string()]),
+            facts: EnvironmentFacts {
+                name: self.name.to_string(),
+                space: Space::new("none", Vec::new()).unwrap(),
+                signals: Arc::from(["x".to_string()]),
+                reward_terms: Vec::new(),
+                observation_size: 2,
+                exact_size: 0,
+                action_size: 1,
+                action_limit: 1.0,
+                state_size: 3,
+                control_dt: 1.0,
+                episode_steps: self.steps,
+            },
+            next: self.next,
         };
-        let rollout = Rollout::new(Arc::new(moving), Arc::new(Still), specification, noise).unwrap();
+        let still = controller([2, 1, 0], |_, _, action| action.fill(0.0));
+        let rollout = Rollout::new(Arc::new(moving), still, specification, noise).unwrap();
         let scenarios = Scenarios::new(&space, [], true).unwrap();
         (rollout.with_disturbances(space, &disturbances).unwrap(), scenarios)
     }
 }
 
 struct Moving {
-    process: Process,
-    space: Space,
-    signals: Arc<[String]>,
+    facts: EnvironmentFacts,
+    next: fn(f64, f64, f64) -> f64,
 }
 
 impl Environment for Moving {
-    fn name(&self) -> &str {
-        self.process.name
-    }
-    fn space(&self) -> &Space {
-        &self.space
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-    fn reward_terms(&self) -> &[String] {
-        &[]
-    }
-    fn observation_size(&self) -> usize {
-        2
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn action_limit(&self) -> f64 {
-        1.0
-    }
-    fn state_size(&self) -> usize {
-        3
-    }
-    fn control_dt(&self) -> f64 {
-        1.0
-    }
-    fn episode_steps(&self) -> usize {
-        self.process.steps
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
-        Box::new(MovingWorker { next: self.process.next })
+        Box::new(MovingWorker { next: self.next })
     }
 }
 
@@ -197,30 +183,5 @@ impl EnvironmentWorker for MovingWorker {
         state[1] += 1.0;
         show(state, &mut sample);
         StepStatus::Running
-    }
-}
-
-/// A controller that does nothing.
-struct Still;
-
-impl Controller for Still {
-    fn observation_size(&self) -> usize {
-        2
-    }
-    fn action_size(&self) -> usize {
-        1
-    }
-    fn state_size(&self) -> usize {
-        0
-    }
-    fn worker(&self) -> Box<dyn ControllerWorker> {
-        Box::new(Still)
-    }
-}
-
-impl ControllerWorker for Still {
-    fn reset(&mut self, _: &mut [f64], _: Seed) {}
-    fn act(&mut self, _: usize, _: &[f32], _: &mut [f64], actions: &mut [f32]) {
-        actions.fill(0.0);
     }
 }

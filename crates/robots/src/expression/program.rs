@@ -35,6 +35,7 @@ impl Place {
     }
 }
 
+#[derive(Clone)]
 pub(crate) enum Operation<R> {
     Read(R),
     /// Reduces a list whose length may change.
@@ -53,6 +54,7 @@ const MAX_WHOLE: usize = 4;
 
 /// Expressions that are evaluated together. Its memory is a list of numbers: constants are there
 /// from the start, the other values are written by [`run`](Self::run).
+#[derive(Clone)]
 pub struct Program<R> {
     pub(crate) steps: Vec<(Operation<R>, Place)>,
     pub(crate) memory: Vec<f64>,

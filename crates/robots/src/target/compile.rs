@@ -179,6 +179,7 @@ impl RobotFile {
             start_velocities,
             start_mocap,
             settling,
+            start_offset: 0.0,
             invalid: invalid.finish(),
             memory: self.memory.iter().map(|part| part.place.clone()).collect(),
             next: next.finish(),
@@ -189,6 +190,7 @@ impl RobotFile {
             control_ranges: (0..model.actuators()).map(|index| model.actuator_range(index)).collect(),
             measured: measured.finish(),
             reductions,
+            measured_every: 1,
             sample: sample.finish(),
             parts: self.parts.iter().map(|part| (part.first, part.size)).collect(),
             clips: self.parts.iter().flat_map(part_clip).collect(),
@@ -208,7 +210,7 @@ impl RobotFile {
             axes: self.axes.environment.clone(),
             sight_axes: self
                 .sight()
-                .map_or_else(Vec::new, |sight| sight.axes().map(|(_, axis)| axis.name.clone()).collect()),
+                .map_or_else(Vec::new, |sight| sight.axes().map(|axis| axis.name.clone()).collect()),
             seen: None,
             model,
         })

@@ -181,7 +181,7 @@ impl RobotFile {
             // Those that change what the controller sees.
             let unseen = sight.unseen_axes(controller.sees());
             let is_seen = |name: &str| unseen.iter().all(|own| own != name);
-            axes.extend(sight.axes().map(|(_, axis)| axis).filter(|axis| is_seen(&axis.name)).cloned());
+            axes.extend(sight.axes().filter(|axis| is_seen(&axis.name)).cloned());
             random.extend(sight.random_axes().filter(|name| is_seen(name)).map(str::to_string));
         }
         let signal =
@@ -219,6 +219,7 @@ impl RobotFile {
             random_axes: random,
             versions: vec![("MuJoCo".to_string(), mishandle_world::mujoco_version())],
             reachable: None,
+            solver_variants: controlled.solver_variants(),
             factory: controlled.factory(),
         };
         let all = target.space("all")?;

@@ -115,7 +115,7 @@ impl RobotFile {
         if !own.is_empty() {
             return Ok(own);
         }
-        let of_sight = || self.sight().into_iter().flat_map(Sight::axes).map(|(_, axis)| axis);
+        let of_sight = || self.sight().into_iter().flat_map(Sight::axes);
         let all = disturbances.iter().map(|d| &d.axis).chain(of_sight());
         let found = distinct(all.filter(|axis| axis.name == name.text));
         if found.is_empty() {

@@ -147,34 +147,13 @@ impl DenseMonitor {
         self.whole(signals, Windows::Whole)?.signal()
     }
 
-    /// Returns [`DenseMonitor::robustness_signal`] at the times from `start` to `end`, s. Later
-    /// samples than those that these values depend on are not read.
+    /// Returns [`DenseMonitor::robustness_signal`], or
+    /// [`DenseMonitor::decided_robustness_signal`] with whole windows, at the times from `start` to
+    /// `end`, s. Later samples than those that these values depend on are not read.
     ///
     /// # Errors
     /// As for [`DenseMonitor::robustness`].
     pub fn robustness_within(
-        &self,
-        signals: &[DenseSignal],
-        start: f64,
-        end: f64,
-    ) -> Result<DenseRobustness, DenseError> {
-        self.within(signals, start, end, Windows::Cut)
-    }
-
-    /// Returns [`DenseMonitor::decided_robustness_signal`] at the times from `start` to `end`, s.
-    ///
-    /// # Errors
-    /// As for [`DenseMonitor::robustness`].
-    pub fn decided_robustness_within(
-        &self,
-        signals: &[DenseSignal],
-        start: f64,
-        end: f64,
-    ) -> Result<DenseRobustness, DenseError> {
-        self.within(signals, start, end, Windows::Whole)
-    }
-
-    fn within(
         &self,
         signals: &[DenseSignal],
         start: f64,

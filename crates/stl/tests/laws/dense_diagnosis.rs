@@ -1,7 +1,7 @@
 //! Values at the first time in dense time, the predicates that determine them, and cut windows.
 
 use super::random_signals::{compile, evaluate, for_random_cases};
-use mishandle_stl::{DenseSignal, Formula, Interpolation, is_violated};
+use mishandle_stl::{DenseSignal, Formula, Interpolation, Windows, is_violated};
 
 fn is_near(a: f64, b: f64) -> bool {
     a == b || (a - b).abs() <= 1e-9
@@ -14,7 +14,7 @@ fn the_first_value_is_that_of_the_function_up_to_the_horizon() {
     for_random_cases(21, 6_000, |_, text, signals, _| {
         let monitor = compile(text, signals).unwrap();
         let (start, _) = evaluate(text, signals).unwrap().domain().unwrap();
-        let whole = monitor.robustness_within(signals, start, start).unwrap().first().unwrap();
+        let whole = monitor.robustness_within(signals, start, start, Windows::Cut).unwrap().first().unwrap();
         let found = monitor.robustness(signals).unwrap();
         assert_eq!(found.to_bits(), whole.to_bits(), "{text} on {signals:?}: {found}, not {whole}");
     });
@@ -29,7 +29,7 @@ fn a_part_of_the_function_is_that_of_the_whole() {
         let mut time = || start + (end - start) * random.below(9) as f64 / 8.0;
         let a = time();
         let b = time();
-        let part = monitor.robustness_within(signals, a.min(b), a.max(b)).unwrap();
+        let part = monitor.robustness_within(signals, a.min(b), a.max(b), Windows::Cut).unwrap();
         assert_eq!(part.domain(), Some((a.min(b), a.max(b))), "{text} on {signals:?}");
         for step in 0..=16 {
             let time = a + (b - a) * f64::from(step) / 16.0;

@@ -1,7 +1,7 @@
 //! Values at some samples, and diagnoses, equal those of the evaluation of the whole trace.
 
 use super::naive::{NAMES, Random, Tree};
-use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace};
+use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace, Windows};
 use std::ops::Range;
 
 fn trace(random: &mut Random, n: usize) -> Trace {
@@ -24,11 +24,8 @@ fn visited(text: &str, trace: &Trace, samples: Range<usize>, is_decided: bool) -
         found.extend_from_slice(values);
     };
     let mut monitor = monitor(text, trace);
-    let result = if is_decided {
-        monitor.visit_decided_robustness(trace, samples.clone(), visit)
-    } else {
-        monitor.visit_robustness(trace, samples.clone(), visit)
-    };
+    let windows = if is_decided { Windows::Whole } else { Windows::Cut };
+    let result = monitor.visit_robustness(trace, samples.clone(), windows, visit);
     result.unwrap_or_else(|error| panic!("{text}: {error}"));
     found
 }

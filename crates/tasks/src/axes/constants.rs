@@ -1,11 +1,11 @@
 //! Axes of the model's constants, and the elements of the model that axes change.
 
 use mishandle_rollout::{Axis, AxisKind, AxisValues};
-use mishandle_world::{Actuator, Body, Change, Equality, Joint, Mocap, Model, WorldError};
+use mishandle_world::{Actuator, Body, Change, Equality, Joint, Mocap, Model, World, WorldError};
 
 use super::Parameter;
 use crate::definition::{Attachment, Definition};
-use crate::robot::{ARM_JOINTS, JOINT_NAMES, Panda};
+use crate::robot::{ARM_JOINTS, JOINT_NAMES, JOINTS, Panda};
 
 /// Constant of the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +82,9 @@ pub(super) fn constants(definition: &Definition) -> Vec<(Axis, Parameter)> {
 pub(crate) struct Elements {
     masses: Vec<Vec<Body>>,
     sizes: Vec<Body>,
-    hand: Body,
+    pub hand: Body,
+    /// Bodies that start where the hand holds them, see [`followers`].
+    followers: Vec<Body>,
     weld: Option<Equality>,
     arm: Panda,
     actuators: Vec<Actuator>,
@@ -98,6 +100,7 @@ impl Elements {
             masses: variations.masses.iter().map(|name| bodies(model, name)).collect::<Result<_, _>>()?,
             sizes: variations.sizes.iter().map(|name| model.body(name)).collect::<Result<_, _>>()?,
             hand: model.body("hand")?,
+            followers: followers(definition, model)?,
             weld: definition
                 .held
                 .filter(|held| held.attachment == Attachment::Weld)
@@ -112,6 +115,23 @@ impl Elements {
             push: variations.push.map_or(Ok(Vec::new()), |(name, _)| bodies(model, name))?,
             jump: variations.jump.map(|name| model.mocap(name)).transpose()?,
         })
+    }
+
+    /// Moves the joints from their `usual` positions to `q`, and what starts in the hand with it.
+    pub(crate) fn move_start(
+        &self,
+        panda: &Panda,
+        usual: &[f64; JOINTS],
+        q: &[f64; JOINTS],
+        world: &mut World,
+    ) {
+        panda.place(usual, world);
+        world.refresh();
+        let from = world.pose(self.hand);
+        panda.place(q, world);
+        world.refresh();
+        let to = world.pose(self.hand);
+        world.carry(&self.followers, from, to);
     }
 
     /// Returns the change of the model for a value of a constant.
@@ -133,6 +153,18 @@ impl Elements {
         [(0, slip[0]), (2, slip[1])].into_iter().filter_map(move |(axis, shift)| {
             (shift != 0.0).then(|| weld.map(|weld| Change::WeldShift(weld, axis, shift))).flatten()
         })
+    }
+}
+
+/// Returns the bodies besides the hand whose start moves with it: a welded object, or the object of
+/// the task that a part of the hand carries or is about to carry. A thrown object flies where it
+/// was thrown.
+fn followers(definition: &Definition, model: &Model) -> Result<Vec<Body>, WorldError> {
+    let Some(held) = definition.held else { return Ok(Vec::new()) };
+    match (held.attachment, definition.object) {
+        (Attachment::Weld, _) => bodies(model, held.name),
+        (Attachment::Fixed, Some(object)) if definition.variations.thrown.is_none() => bodies(model, object),
+        (Attachment::Fixed, _) => Ok(Vec::new()),
     }
 }
 

@@ -6,7 +6,7 @@ mod disturbances;
 mod events;
 mod faults;
 
-use mishandle_camera::sight::SIGHT_SPACES;
+use mishandle_camera::sight::{SEVERITIES, severity_space};
 use mishandle_rollout::fault::Side;
 use mishandle_rollout::{Axis, AxisKind, Disturbance, Effect, RolloutError, Space};
 
@@ -37,8 +37,10 @@ pub(crate) enum Parameter {
     ThrowSpeed,
     /// Random offset of the initial position of an arm joint, in units of the maximum.
     StartDraw(usize),
-    /// A number of what cameras see, in the space of sight with this index.
-    Sight(usize),
+    /// Offset of the initial position of an arm joint, rad.
+    StartOffset(usize),
+    /// A number of what cameras see.
+    Sight,
 }
 
 /// Returns the axes of the environment and their parameters, axes of the initial box first.
@@ -62,9 +64,23 @@ pub(crate) fn parameters(
             (axis, Parameter::StartDraw(joint))
         }));
     }
+    let start_offset = |joint: usize| (start_offset(joint, SEVERITIES), Parameter::StartOffset(joint));
+    parameters.extend((0..ARM_JOINTS).map(start_offset));
     let sight = crate::sight::sight(definition);
-    parameters.extend(sight.axes().map(|(space, axis)| (axis.clone(), Parameter::Sight(space))));
+    parameters.extend(sight.axes().map(|axis| (axis.clone(), Parameter::Sight)));
     Ok(parameters)
+}
+
+/// Offset of the initial position of each arm joint for a severity of 1, rad: the square of the
+/// distance of a random posture from the usual one has the mean 0.1².
+const START_OFFSET: f64 = 0.0655;
+
+/// Returns the axis of the offset of the initial position of an arm joint.
+fn start_offset(joint: usize, severity: usize) -> Axis {
+    let name = JOINT_NAMES[joint];
+    let most = START_OFFSET * severity as f64;
+    Axis::new(AxisKind::Model, &format!("start_offset_{name}"), "rad", [-most, most], Some(0.0))
+        .meaning(&format!("offset of the initial position of {name}"))
 }
 
 /// Returns whether a parameter describes an event.
@@ -85,6 +101,7 @@ fn is_fault(disturbance: &Disturbance, side: Side) -> bool {
 
 /// Returns the named spaces of a task, `starts` first, without empty ones.
 pub(crate) fn spaces(
+    definition: &Definition,
     parameters: &[(Axis, Parameter)],
     disturbances: &[Disturbance],
 ) -> Result<Vec<Space>, RolloutError> {
@@ -94,13 +111,9 @@ pub(crate) fn spaces(
     let of_loop = |matches: fn(&Disturbance) -> bool| -> Vec<Axis> {
         disturbances.iter().filter(|disturbance| matches(disturbance)).map(|d| d.axis.clone()).collect()
     };
-    let of_sight = |(index, name): (usize, &&'static str)| {
-        let own = parameters.iter().filter(|(_, parameter)| *parameter == Parameter::Sight(index));
-        (*name, own.map(|(axis, _)| axis.clone()).collect())
-    };
     let start_draws = of_scene(|parameter| matches!(parameter, Parameter::StartDraw(_)));
     let action_draws = of_loop(|d| d.axis.kind == AxisKind::Noise);
-    [
+    let physical = [
         ("starts", of_scene(|parameter| matches!(parameter, Parameter::Start(_)))),
         ("dynamics", of_scene(|parameter| matches!(parameter, Parameter::Constant(_)))),
         ("delay", of_loop(|d| matches!(d.effect, Effect::ActionDelay | Effect::ObservationDelay))),
@@ -122,10 +135,16 @@ pub(crate) fn spaces(
         ("faults-actuation", of_loop(|d| is_fault(d, Side::Actuation))),
         ("disturbance", of_loop(|d| matches!(d.effect, Effect::Action { .. }))),
         ("noise", [start_draws, action_draws].concat()),
-    ]
-    .into_iter()
-    .chain(SIGHT_SPACES.iter().enumerate().map(of_sight))
-    .filter(|(_, axes): &(_, Vec<Axis>)| !axes.is_empty())
-    .map(|(name, axes)| Space::new(name, axes))
-    .collect()
+    ];
+    let physical = physical.into_iter().filter(|(_, axes)| !axes.is_empty());
+    let postures = (1..=SEVERITIES).map(|severity| {
+        let axes = (0..ARM_JOINTS).map(|joint| start_offset(joint, severity)).collect();
+        Space::new(&severity_space(POSTURE, severity), axes)
+    });
+    let sight = crate::sight::sight(definition).spaces()?;
+    let physical = physical.map(|(name, axes)| Space::new(name, axes));
+    physical.chain(postures).chain(sight.into_iter().map(Ok)).collect()
 }
+
+/// The name of the factor of the initial state of the robot.
+const POSTURE: &str = "posture";

@@ -7,7 +7,8 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use super::TOP;
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Desired acceleration of the ball per meter of offset, 1/s².
@@ -22,6 +23,9 @@ const ROLL: f64 = 9.81 * 5.0 / 7.0;
 /// Maximum tilt, rad.
 const TILT: f64 = 0.25;
 
+/// Height of the ball's center above the tray below which it has landed, m. Its radius is 2 cm.
+const LANDED: f64 = 0.025;
+
 /// Gain of the hand's pose error, 1/s.
 const RATE: f64 = 8.0;
 
@@ -33,19 +37,26 @@ struct Balance {
 
 impl ExpertPolicy for Balance {
     const SITE: &'static str = "grasp";
+    /// The servos need torque for the ball besides that for their motion.
+    const EFFORT: [f64; 7] = [0.52; 7];
     const REST: [f64; 7] = [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
         let offset = scale(input.point(3), -1.0);
         let velocity = input.point(6);
+        // The hand is at rest when the ball lands: its servos need their torque for the impact.
+        let has_landed = offset[2] < TOP + LANDED;
         let tilt = |axis: usize| {
+            if !has_landed {
+                return 0.0;
+            }
             let desired = -STIFFNESS * offset[axis] - DAMPING * velocity[axis];
             (desired / ROLL).clamp(-TILT, TILT)
         };
         // A tilt by +θ about y rolls the ball towards +x. A tilt by -θ about x rolls it towards +y.
         let desired = turned(&self.rotation, -tilt(1), tilt(0));
-        let linear = clamp_norm(scale(sub(self.position, arm.position()), RATE), 0.5);
-        let angular = clamp_norm(scale(rotation_between(&arm.rotation(), &desired), RATE), 2.0);
+        let linear = approach(sub(self.position, arm.position()), RATE, 2.0, 0.5);
+        let angular = approach(rotation_between(&arm.rotation(), &desired), RATE, 5.0, 2.0);
         arm.twist(&input.q, linear, angular)
     }
 }

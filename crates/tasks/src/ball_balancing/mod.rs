@@ -9,7 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate, sub};
 use mishandle_world::{Body, Joint, Model, Rows, World, WorldError};
 
-use crate::cameras::CameraPlace;
+use crate::cameras::{CameraPlace, LAMP};
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
     scalar, vector3,
@@ -42,6 +42,7 @@ const DEFINITION: Definition = Definition {
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.004, 0.004],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Fixed(0.004),
     n_substeps: 8,
     velocity_scale: 0.1,

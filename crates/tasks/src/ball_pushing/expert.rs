@@ -7,15 +7,15 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Distance from the ball's center before the push, m.
-const BEHIND: f64 = 0.075;
+const BEHIND: f64 = 0.071;
 
 /// Heights of the grasp point during the approach and during the push, m.
 const TRAVEL_HEIGHT: f64 = 0.56;
-const PUSH_HEIGHT: f64 = 0.43;
+const PUSH_HEIGHT: f64 = 0.424;
 
 /// Speed of the push, m/s.
 const PUSH_SPEED: f64 = 0.5;
@@ -31,7 +31,7 @@ const ON_THE_WAY: f64 = 0.25;
 /// Forward lean of the fingers from straight down, rad. With friction coefficients of 1 an upright
 /// finger and the table jam the ball. A leaning finger touches the ball below its equator and lets
 /// it roll.
-const LEAN: f64 = 0.5;
+const LEAN: f64 = 0.47;
 
 /// Height of the grasp point at which the robot stops after the push, m.
 const CLEAR: f64 = 0.5;
@@ -65,8 +65,8 @@ impl ExpertPolicy for Push {
             phase => phase,
         };
         let linear = match memory[0] {
-            TRAVEL => clamp_norm(scale(sub(above, grasp), 5.0), 0.8),
-            DESCEND => clamp_norm(scale(sub(behind, grasp), 5.0), 0.5),
+            TRAVEL => approach(sub(above, grasp), 5.0, 2.0, 0.8),
+            DESCEND => approach(sub(behind, grasp), 5.0, 2.0, 0.5),
             PUSH => {
                 // Moves forward and corrects the offset from the line through ball and hole.
                 let error = sub(behind, grasp);
@@ -76,7 +76,7 @@ impl ExpertPolicy for Push {
             _ if grasp[2] > CLEAR => return [0.0; 7],
             _ => add(scale(along, -0.2), [0.0, 0.0, 0.2]),
         };
-        let angular = clamp_norm(scale(turn, 6.0), 2.0);
+        let angular = approach(turn, 5.0, 5.0, 2.0);
         arm.twist(&input.q, linear, angular)
     }
 

@@ -9,7 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, sub};
 use mishandle_world::{Joint, Model, Rows, Site, World, WorldError};
 
-use crate::cameras::CameraPlace;
+use crate::cameras::{CameraPlace, LAMP};
 use crate::definition::{
     BoxAxis, Definition, GripperMode, Reward, Scene, Task, TaskFormulas, Variations, scalar, vector3,
 };
@@ -35,6 +35,7 @@ const DEFINITION: Definition = Definition {
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
+    lamp: LAMP,
     grip: GripperMode::Fixed(0.015),
     n_substeps: 8,
     velocity_scale: 0.01,
@@ -134,7 +135,7 @@ impl Task for BallPushing {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.75, -0.65, 1.15], [0.75, 0.0, 0.42], 1.2), CameraPlace::WRIST]
+        [CameraPlace::over([1.8, -0.75, 1.25], [0.68, 0.0, 0.5], 1.12), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

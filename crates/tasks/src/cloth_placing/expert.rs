@@ -9,7 +9,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{norm, norm_xy, scale, sub};
 
 use crate::definition::Definition;
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach, clamp_norm};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Heights of the grasp point, m: during the approach, at the end of lowering, above the cloth on
@@ -17,7 +17,7 @@ use crate::kinematic::{ResolvedRate, rotation_between};
 const TRAVEL_HEIGHT: f64 = 0.74;
 const LOW: f64 = 0.46;
 const ABOVE: f64 = 0.5;
-const PUSH_HEIGHT: f64 = 0.412;
+const PUSH_HEIGHT: f64 = 0.42;
 
 /// Horizontal distance between the centroid and the table's center at which lowering starts, m.
 const NEAR: f64 = 0.1;
@@ -39,9 +39,10 @@ const DESCEND_STEPS: f64 = 20.0;
 const PUSH_STEPS: f64 = 90.0;
 
 /// Horizontal distances between the centroid and the table's center at which a push starts and
-/// ends, m.
-const TOO_FAR: f64 = 0.038;
-const GOOD: f64 = 0.02;
+/// ends, m. Strict success allows 0.05 m. A push that continues jams the cloth at the opposite rim,
+/// and then the servos demand more torque than they may.
+const TOO_FAR: f64 = 0.045;
+const GOOD: f64 = 0.035;
 
 /// Position of the grasp point at the start of a push, m: distance beyond the centroid, and maximum
 /// distance from the table's center at which the rear finger is inside the rim.
@@ -89,7 +90,7 @@ impl ExpertPolicy for Place {
         let linear = match next {
             CARRY => [x, y, rise(TRAVEL_HEIGHT, 4.0, 0.3)],
             LOWER => [x, y, rise(LOW, 8.0, LOWER_SPEED)],
-            GO_BEYOND => clamp_norm(scale(sub(above, grasp), 5.0), 0.6),
+            GO_BEYOND => approach(sub(above, grasp), 5.0, 2.0, 0.6),
             DESCEND => [0.0, 0.0, rise(PUSH_HEIGHT, 5.0, 0.3)],
             LEAVE if grasp[2] > ABOVE - 0.01 => return [0.0; 7],
             PUSH => [-PUSH_SPEED * away[0], -PUSH_SPEED * away[1], rise(PUSH_HEIGHT, 5.0, 0.1)],
@@ -100,7 +101,7 @@ impl ExpertPolicy for Place {
             return arm.linear(&input.q, linear);
         }
         let angular = rotation_between(&arm.rotation(), &across(away, &arm.rotation()));
-        arm.twist(&input.q, linear, clamp_norm(scale(angular, 4.0), 2.0))
+        arm.twist(&input.q, linear, approach(angular, 4.0, 5.0, 2.0))
     }
 
     fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {

@@ -10,7 +10,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 use mishandle_world::{Body, Equality, Flex, Mocap, Model, Rows, Site, World, WorldError};
 
-use crate::cameras::CameraPlace;
+use crate::cameras::{CameraPlace, LAMP};
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Reward, Scene, Task, TaskFormulas, Variations,
     scalar, vector3,
@@ -72,12 +72,13 @@ const DEFINITION: Definition = Definition {
     held: None,
     start: [0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.5, 0.0001, 0.0001],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Scene(
         "the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m. They open by themselves while the cloth's \
          centroid is within 7 cm of the marker's axis, above the marker, and the mean velocity of its vertices is below \
          0.1 m/s. The cloth is let go for good then, or when a finger is open by more than 5 mm",
     ),
-    n_substeps: 6,
+    n_substeps: 4,
     velocity_scale: 0.1,
     signals: &[
         scalar(
@@ -219,7 +220,7 @@ impl Task for ClothPlacing {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.45, -0.65, 1.1], [0.55, 0.0, 0.45], 1.2), CameraPlace::WRIST]
+        [CameraPlace::over([1.5, -0.7, 1.2], [0.53, 0.0, 0.54], 1.15), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

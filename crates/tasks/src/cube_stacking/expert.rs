@@ -7,7 +7,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, norm, norm_xy, scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Height above the target's center at which the cube waits before lowering, m: 4 cm above the
@@ -34,8 +34,10 @@ const OPENED: f64 = 0.037;
 const LEVEL_REACH: f64 = 0.78;
 const REACH_OF_LEAN: f64 = 0.2;
 
-/// Gain of the position and orientation errors, 1/s.
-const RATE: f64 = 8.0;
+/// Gain of the position and orientation errors, 1/s, and decelerations, m/s² and rad/s².
+const RATE: f64 = 6.0;
+const DECELERATION: f64 = 2.0;
+const TURN_DECELERATION: f64 = 5.0;
 
 /// Horizontal distance (m) and rotation (rad) up to which a cube above the target is being lowered
 /// when the expert takes over.
@@ -69,13 +71,13 @@ impl ExpertPolicy for Stack {
         };
         let grasp = arm.position();
         let linear = match memory[0] {
-            TRAVEL => clamp_norm(scale(above, RATE), 0.8),
+            TRAVEL => approach(above, RATE, DECELERATION, 0.8),
             LOWER => add(scale(off, RATE), [0.0, 0.0, -LOWERING]),
             LEAVE if grasp[2] > CLEAR - 0.01 => return [0.0; 7],
             LEAVE => [0.0, 0.0, LEAVING.min(RATE * (CLEAR - grasp[2]))],
             _ => [0.0; 3],
         };
-        let angular = clamp_norm(scale(turn, RATE), 2.0);
+        let angular = approach(turn, RATE, TURN_DECELERATION, 2.0);
         arm.twist(&input.q, linear, angular)
     }
 

@@ -9,7 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, norm_xy, rotate_back, sub};
 use mishandle_world::{Equality, Joint, Model, Rows, World, WorldError};
 
-use crate::cameras::CameraPlace;
+use crate::cameras::{CameraPlace, LAMP};
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
     Variations, scalar, vector3,
@@ -47,6 +47,7 @@ const DEFINITION: Definition = Definition {
     }),
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.025, 0.025],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Scene(
         "no effect: the fingers press on the cube until, before a control step, the cubes' centres are less than 8 cm \
          apart and the held one is at least 2.5 cm higher; then they open, and the cube is let go for good",
@@ -167,7 +168,7 @@ impl Task for CubeStacking {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.35, -0.7, 0.95], [0.47, 0.05, 0.24], 1.15), CameraPlace::WRIST]
+        [CameraPlace::over([1.5, -0.8, 1.15], [0.42, 0.03, 0.45], 1.12), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -8,14 +8,14 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, dot, norm, scale, sub};
 
 use super::{HANDLE, HINGE};
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach, approach_speed, clamp_norm, toward};
 use crate::kinematic::{ResolvedRate, rotation_between};
-use crate::robot::{ARM_JOINTS, JOINTS, VELOCITY_LIMIT};
+use crate::robot::{ARM_JOINTS, JOINTS};
 
 /// Grasp point on the lever relative to the handle point, in the panel's frame, m: the front of its
 /// bar at half height. The lever of the farthest door is grasped at its free end, which is nearest,
 /// and from above, because the upper finger reaches farther. There it must pass just above the
-/// lever: the stretched arm hangs 3 mm below its goal.
+/// lever.
 const FRONT: [f64; 3] = [-0.0137, 0.024, -0.0017];
 const FRONT_FAR: [f64; 3] = [-0.0137, 0.0018, -0.014];
 
@@ -33,12 +33,16 @@ const BEFORE: f64 = 0.05;
 const SHOULDER: [f64; 3] = [0.0, 0.0, 0.333];
 const REACH: f64 = 0.97;
 
-/// Yaw rate of the door during the pull, rad/s, and final yaw, rad.
-const RATE: f64 = 0.8;
+/// Desired yaw rate of the door at the start of the pull (rad/s), its growth with the yaw (1/s),
+/// its maximum (rad/s), and final yaw (rad). The fingers hold the lever of the farthest door by a
+/// few millimeters, until the hand comes closer.
+const RATE: f64 = 0.54;
+const GROWTH: f64 = 3.0;
+const MOST: f64 = 1.1;
 const OPEN: f64 = 1.047;
 
-/// Yaw at which the robot stops, rad: 10 degrees more than strict success needs.
-const OPENED: f64 = 0.96;
+/// Yaw at which the robot stops, rad: 8 degrees more than strict success needs.
+const OPENED: f64 = 0.92;
 
 /// Yaw up to which the expert grasps a lever again after losing it, rad. Beyond it the closed
 /// fingers pull from behind.
@@ -52,6 +56,25 @@ const HELD: f64 = 0.037;
 
 /// Distance from the goal up to which the hand is at the lever when the expert takes over, m.
 const AT_LEVER: f64 = 0.02;
+
+/// Distance from the lever's goal at which the hand begins to enter, m, and largest distance of a
+/// joint from the posture there, rad.
+const BEFORE_GOAL: f64 = 0.06;
+const RAISED: f64 = 0.2;
+
+/// Gains of the joint positions on the way there and of the motion towards the lever, 1/s, and
+/// maximum speed of the latter, m/s.
+const RAISE_RATE: f64 = 8.0;
+const FORWARD_RATE: f64 = 6.0;
+const FORWARD_SPEED: f64 = 0.3;
+
+/// Distance from the goal at which the fingers close, m, and control steps after which they close
+/// anyway: the arm does not reach the goal at the farthest door.
+const ARRIVED: f64 = 0.012;
+const ENTER_STEPS: f64 = 40.0;
+
+/// Newton iterations of the inverse kinematics of that posture, from the rest posture.
+const ITERATIONS: usize = 8;
 
 /// Phases, stored in the first value of the memory. The second value counts the control steps of
 /// the phase.
@@ -67,7 +90,7 @@ impl ExpertPolicy for Pull {
     const MEMORY: usize = 2;
     const SITE: &'static str = "grasp";
     /// In front of the door with a level hand and the left finger above, far from the wrist
-    /// singularity (joint 6 at π).
+    /// singularity (joint 6 at π). The inverse kinematics starts here.
     const REST: [f64; 7] = [0.6, -0.2, -0.35, -1.75, -1.0, 2.7, 0.2];
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
@@ -75,11 +98,13 @@ impl ExpertPolicy for Pull {
         let grasp = arm.position();
         let turn = rotation_between(&arm.rotation(), &level(lever.forward));
         let error = sub(lever.goal(), grasp);
+        let posture = if memory[0] == RAISE { posture_before(arm, &lever) } else { input.q };
+        arm.set(&input.q);
         let holds = input.fingers.iter().sum::<f64>() >= EMPTY;
         memory[1] += 1.0;
         let next = match memory[0] {
-            RAISE if Self::REST.iter().zip(&input.q).all(|(rest, q)| (rest - q).abs() < 0.3) => ENTER,
-            ENTER if norm(error) < 0.015 || memory[1] > 60.0 => CLOSE,
+            RAISE if posture.iter().zip(&input.q).all(|(goal, q)| (goal - q).abs() < RAISED) => ENTER,
+            ENTER if norm(error) < ARRIVED || memory[1] > ENTER_STEPS => CLOSE,
             CLOSE if memory[1] >= 12.0 => PULL,
             PULL if !holds && lever.yaw < RETAKE => RAISE,
             PULL if lever.yaw > OPENED => HOLD,
@@ -89,25 +114,31 @@ impl ExpertPolicy for Pull {
             memory.copy_from_slice(&[next, 0.0]);
         }
         let linear = match memory[0] {
-            RAISE => return std::array::from_fn(|i| 6.0 * (Self::REST[i] - input.q[i])),
+            RAISE => return toward(&posture, &input.q, RAISE_RATE),
             ENTER => {
                 // First align with the lever, then move forward.
                 let ahead = dot(error, lever.forward);
                 let aside = sub(error, scale(lever.forward, ahead));
                 let is_aligned = norm(aside) + 0.1 * norm(turn) < 0.02;
                 let forward = if is_aligned { ahead } else { ahead - BEFORE };
-                let speed = (10.0 * forward).clamp(-0.4, 0.4);
-                add(clamp_norm(scale(aside, 10.0), 0.6), scale(lever.forward, speed))
+                let speed =
+                    approach_speed(forward.abs(), FORWARD_RATE, 2.0).min(FORWARD_SPEED).copysign(forward);
+                add(approach(aside, 6.0, 2.0, 0.6), scale(lever.forward, speed))
             }
-            CLOSE => clamp_norm(scale(error, 10.0), 0.4),
+            CLOSE => approach(error, 6.0, 2.0, 0.4),
             HOLD => return [0.0; 7],
             _ => {
-                let rate = RATE * (memory[1] / 20.0).min((OPEN - lever.yaw) / 0.15).clamp(0.0, 1.0);
+                let part = (memory[1] / 20.0).min((OPEN - lever.yaw) / 0.15).clamp(0.0, 1.0);
+                let rate = part * (RATE + GROWTH * lever.yaw).min(MOST);
                 let along = [-rate * lever.arm[1], rate * lever.arm[0], 0.0];
                 add(along, clamp_norm(scale(error, 5.0), 0.3))
             }
         };
-        within_limits(arm.twist(&input.q, linear, clamp_norm(scale(turn, 6.0), 2.5)))
+        let angular = approach(turn, 6.0, 5.0, 2.5);
+        match memory[0] {
+            ENTER | CLOSE => arm.twist_alone(&input.q, linear, angular),
+            _ => arm.twist(&input.q, linear, angular),
+        }
     }
 
     fn begin(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) {
@@ -183,19 +214,25 @@ impl Lever {
     }
 }
 
+/// Returns the posture in front of the lever from which the hand enters, rad.
+fn posture_before(arm: &mut ResolvedRate, lever: &Lever) -> [f64; ARM_JOINTS] {
+    let before = sub(lever.goal(), scale(lever.forward, BEFORE_GOAL));
+    let mut q = Pull::REST;
+    for _ in 0..ITERATIONS {
+        arm.set(&q);
+        let turn = rotation_between(&arm.rotation(), &level(lever.forward));
+        let step = arm.twist(&q, sub(before, arm.position()), turn);
+        q = std::array::from_fn(|i| q[i] + step[i]);
+    }
+    q
+}
+
 /// Returns the rotation matrix (row-major) of a hand that points in a horizontal direction and
 /// opens vertically.
 fn level(forward: [f64; 3]) -> [f64; 9] {
     let up = [0.0, 0.0, 1.0];
     let x = cross(up, forward);
     [x[0], up[0], forward[0], x[1], up[1], forward[1], x[2], up[2], forward[2]]
-}
-
-/// Scales joint velocities down until all are within their limits, so that the hand stays on its
-/// path.
-fn within_limits(velocity: [f64; ARM_JOINTS]) -> [f64; ARM_JOINTS] {
-    let excess = velocity.iter().zip(VELOCITY_LIMIT).map(|(v, limit)| v.abs() / limit).fold(1.0, f64::max);
-    velocity.map(|v| v / excess)
 }
 
 pub(super) fn expert() -> Result<Arc<dyn Controller>, WorldError> {

@@ -19,7 +19,6 @@ use crate::definition::{
     BoxAxis, Definition, GripperMode, Quantity, Reward, Scene, Task, TaskFormulas, Variations, scalar,
     vector3,
 };
-use crate::manner::limited_force;
 use crate::robot::Panda;
 
 /// The task.
@@ -46,6 +45,8 @@ const DEFINITION: Definition = Definition {
     held: None,
     start: [1.157, -1.066, -0.155, -2.239, -1.841, 1.003, 0.469, 0.035, 0.035],
     start_noise: 0.125,
+    // On the side that the camera and the robot are on.
+    lamp: [-0.45, 0.35, 1.0],
     grip: GripperMode::Scene("the fingers' targets, moved by 0.0125 m at 1, within 0 and 0.04 m"),
     n_substeps: 8,
     velocity_scale: 0.1,
@@ -158,7 +159,7 @@ const DEFINITION: Definition = Definition {
 const FORMULAS: TaskFormulas = TaskFormulas {
     success: "eventually[0:300](door_yaw_deg >= 20)",
     strict: "eventually[0:270](always[0:30](door_yaw_deg >= 45))",
-    careful: Some(&[concat!("always[0:300](", limited_force!("object"), ")")]),
+    careful: Some(&[]),
     safe: "door_yaw_deg >= 0.1",
     completion: "door_yaw_deg >= 20",
 };
@@ -177,7 +178,14 @@ impl Task for DoorOpening {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([-0.75, 1.35, 1.75], [0.5, 0.02, 0.72], 1.1), CameraPlace::WRIST]
+        // On the other side of the hand, the lever would be inside the camera.
+        let wrist = CameraPlace {
+            from: [-0.075, 0.0, 0.035],
+            to: [-0.025, 0.0, 0.16],
+            up: [-1.0, 0.0, 0.0],
+            ..CameraPlace::WRIST
+        };
+        [CameraPlace::over([-0.52, 1.12, 1.45], [0.42, 0.0, 0.78], 1.2), wrist]
     }
 
     fn bind(&self, model: &Model, panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -8,7 +8,7 @@ use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, rotate, scale, sub};
 
 use super::{AXIS, DEPTH, RADIUS, SHAFT};
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach, toward};
 use crate::kinematic::ResolvedRate;
 
 /// Positions of joints 2, 4 and 6 (rad) that hold the peg upright 0.15 m above the block, for two
@@ -32,7 +32,7 @@ const FARTHEST: f64 = 0.728;
 
 /// Gain of the joint and pose errors, 1/s. It is high because action noise moves the tip by
 /// millimeters per step, so the tip is above the hole only briefly.
-const RATE: f64 = 12.0;
+const RATE: f64 = 6.0;
 
 /// Speeds of the approach and of lowering, m/s. Lowering is slower than a careful release.
 const TRAVEL_SPEED: f64 = 0.6;
@@ -79,8 +79,8 @@ impl ExpertPolicy for Insert {
             phase => phase,
         };
         let desired = match memory[0] {
-            FOLD => return std::array::from_fn(|i| RATE * (posture[i] - input.q[i])),
-            TRAVEL => clamp_norm(scale(sub([0.0, 0.0, ABOVE], tip), RATE), TRAVEL_SPEED),
+            FOLD => return toward(&posture, &input.q, RATE),
+            TRAVEL => approach(sub([0.0, 0.0, ABOVE], tip), RATE, 2.0, TRAVEL_SPEED),
             LOWER => [-RATE * tip[0], -RATE * tip[1], -LOWER_SPEED],
             _ if arm.position()[2] > LEAVE_HEIGHT - 0.01 => return [0.0; 7],
             _ => {
@@ -89,7 +89,7 @@ impl ExpertPolicy for Insert {
             }
         };
         // The hand rotates about the peg's tip, which moves at the desired velocity.
-        let turn = clamp_norm(scale(cross(axis, upright), RATE), 1.5);
+        let turn = approach(cross(axis, upright), RATE, 5.0, 1.5);
         let from_tip = sub(arm.position(), add(hole, tip));
         arm.twist(&input.q, add(desired, cross(turn, from_tip)), turn)
     }

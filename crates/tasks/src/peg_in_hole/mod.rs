@@ -10,7 +10,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{add, norm, norm_xy, rotate, scale, sub};
 use mishandle_world::{Body, Equality, Joint, Mocap, Model, Rows, Site, World, WorldError};
 
-use crate::cameras::CameraPlace;
+use crate::cameras::{CameraPlace, LAMP};
 use crate::definition::{
     Attachment, BoxAxis, Definition, GripperMode, HeldObject, Quantity, Reward, Scene, Task, TaskFormulas,
     Variations, scalar, vector3,
@@ -63,6 +63,7 @@ const DEFINITION: Definition = Definition {
     }),
     start: [0.0, 0.0, 0.0, -0.0698, 0.0, 0.0, 0.0, TOUCHING[0], TOUCHING[1]],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Scene(
         "no effect: the fingers hold the peg until, before a control step, it is within 2.4 cm of the point on the hole's \
          axis 4 cm above its floor; then they open and the peg is let go for good; away from there they close again",
@@ -168,7 +169,7 @@ impl Task for PegInHole {
     }
 
     fn cameras(&self) -> [CameraPlace; 2] {
-        [CameraPlace::over([1.05, -0.6, 1.0], [0.42, 0.0, 0.47], 1.1), CameraPlace::WRIST]
+        [CameraPlace::over([1.25, -0.75, 1.2], [0.34, 0.0, 0.6], 1.15), CameraPlace::WRIST]
     }
 
     fn bind(&self, model: &Model, _panda: &Panda) -> Result<Box<dyn Scene>, WorldError> {

@@ -7,14 +7,13 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::scale;
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, clamp_norm};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach};
 use crate::kinematic::ResolvedRate;
 
-/// Gain of the position error, 1/s.
+/// Gain of the position error, 1/s, deceleration, m/s², and maximum speed, m/s.
 const RATE: f64 = 5.0;
-
-/// Maximum speed, m/s.
-const SPEED: f64 = 1.2;
+const DECELERATION: f64 = 3.0;
+const SPEED: f64 = 1.5;
 
 struct Reach;
 
@@ -24,7 +23,7 @@ impl ExpertPolicy for Reach {
 
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, _memory: &mut [f64]) -> [f64; 7] {
         let finger_from_target = input.point(6);
-        arm.linear(&input.q, clamp_norm(scale(finger_from_target, -RATE), SPEED))
+        arm.linear(&input.q, approach(scale(finger_from_target, -1.0), RATE, DECELERATION, SPEED))
     }
 }
 

@@ -9,6 +9,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::frame::{norm, sub};
 use mishandle_world::{Body, Mocap, Model, Rows, World, WorldError};
 
+use crate::cameras::LAMP;
 use crate::definition::{
     BoxAxis, Definition, GripperMode, Reward, Scene, Task, TaskFormulas, Variations, scalar, vector3,
 };
@@ -27,6 +28,7 @@ const DEFINITION: Definition = Definition {
     held: None,
     start: [0.0, -0.872, 0.0, -2.0, 0.0, 2.618, 0.785, 0.01, 0.01],
     start_noise: 0.0,
+    lamp: LAMP,
     grip: GripperMode::Fixed(0.01),
     n_substeps: 4,
     velocity_scale: 0.1,

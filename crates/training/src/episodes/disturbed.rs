@@ -16,6 +16,8 @@ pub(super) struct Disturbed {
     /// Scratch buffer of the draws of the observation noise, of the same length.
     draws: Vec<f64>,
     action_size: usize,
+    /// Length of the part of an observation on which they act.
+    measured_size: usize,
 }
 
 /// Disturbances of the episode of a row.
@@ -62,6 +64,7 @@ impl Disturbed {
         Disturbed {
             observations: vec![0.0; rows.len() * spec.observation_size],
             draws: vec![0.0; rows.len() * spec.observation_size],
+            measured_size: spec.observation_size - spec.exact_size,
             rows,
             interface,
             noise,
@@ -92,6 +95,7 @@ impl Disturbed {
     /// Computes what the policy sees in each row for which `step` returns the control step.
     pub fn observe(&mut self, observations: &[f32], step: impl Fn(usize) -> Option<usize> + Sync) {
         let size = observations.len() / self.rows.len();
+        let measured = self.measured_size;
         let noise = self.noise;
         let rows = self.rows.par_iter_mut().zip(self.observations.par_chunks_mut(size));
         let rows = rows.zip(self.draws.par_chunks_mut(size)).zip(observations.par_chunks(size));
@@ -101,7 +105,8 @@ impl Disturbed {
                     seen.copy_from_slice(observation);
                     // Before the delays: a late or repeated observation has the noise of its
                     // measurement.
-                    noise.on_observation(row.seed, step as u64, seen, draws);
+                    let seen = &mut seen[..measured];
+                    noise.on_observation(row.seed, step as u64, seen, &mut draws[..measured]);
                     row.interface.observe(step, seen);
                 }
             },

@@ -6,7 +6,7 @@ mod toy;
 use std::sync::Arc;
 
 use mishandle_network::RunningNormalizer;
-use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
+use mishandle_rollout::{EnvironmentFacts, EnvironmentWorker, Sample, Scenario, Seed, StepStatus};
 use serde_json::Value;
 
 use super::{close, close_within, number, numbers, singles};
@@ -26,14 +26,19 @@ struct Still;
 
 fn nowhere() -> Arc<Toy<Still>> {
     Arc::new(Toy {
-        name: "nowhere",
-        space: space(&[("x", 0.0, 1.0)]),
-        signals: names(&["x"]),
-        reward_terms: names(&["x"]),
-        observation_size: SIZES.0,
-        action_size: SIZES.1,
-        state_size: 1,
-        episode_steps: 10,
+        facts: EnvironmentFacts {
+            name: "nowhere".to_string(),
+            space: space(&[("x", 0.0, 1.0)]),
+            signals: names(&["x"]),
+            reward_terms: names(&["x"]).to_vec(),
+            observation_size: SIZES.0,
+            exact_size: 0,
+            action_size: SIZES.1,
+            state_size: 1,
+            episode_steps: 10,
+            action_limit: 1.0,
+            control_dt: 0.1,
+        },
         worker: Still,
     })
 }

@@ -9,6 +9,7 @@ mod rewards;
 pub(crate) mod scenarios;
 pub(crate) mod setting;
 
+use mishandle_controllers::ActionInterface;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -105,6 +106,14 @@ settings! {
         /// Whether each environment's first episode has a random length, so that the environments
         /// are not in phase.
         pub staggered: bool = true;
+        /// Further parts of the observation that the policy reads, such as `["joint_targets"]`: see
+        /// `mishandle list tasks NAME`.
+        pub further_parts: Vec<String> = Vec::new();
+        /// Action interface of the controller: velocity (rad/s), acceleration (rad/s²) and velocity
+        /// of the target (rad/s) of each joint of the arm, margin at the ends of its range (rad),
+        /// and lead of the targets (s). The policy must read `joint_targets`. Not set: actions move
+        /// the targets directly.
+        pub action_interface: Option<ActionInterface> = None;
         /// Standard deviation of the noise added to each clipped action during training.
         pub action_noise: f64 = 0.0, NOISE;
         /// Standard deviation of the noise added to each number of the observation during training.

@@ -130,7 +130,7 @@ kind!(
 );
 
 /// The setting of an axis: in the table `[axes]` of a plan, in `[scenarios.axes]` of training, and
-/// by the flags `--axis` and `--set`.
+/// by the flag `--axis`.
 ///
 /// # Example
 /// ```

@@ -1,5 +1,6 @@
 //! Facts about a setting besides its value: its description and its allowed values.
 
+use mishandle_controllers::ActionInterface;
 use mishandle_network::Activation;
 use mishandle_rollout::Noise;
 use serde::Deserialize;
@@ -167,6 +168,12 @@ kind!(u64, "a whole number of at least 0", x => Some(vec![*x as f64]));
 kind!(f64, "a number", x => Some(vec![*x]));
 kind!(bool, "true or false", _x => None);
 kind!([f64; 2], "two numbers", x => Some(x.to_vec()));
+kind!(Vec<String>, "a list of texts", _x => None);
+kind!(
+    ActionInterface,
+    "{ velocity = [...], acceleration = [...], target_velocity = [...], margin = A, lead = B } with one number per joint",
+    x => Some([x.velocity.as_slice(), &x.acceleration, &x.target_velocity, &[x.margin, x.lead]].concat())
+);
 kind!(Vec<usize>, "a list of whole numbers", x => Some(x.iter().map(|x| *x as f64).collect()));
 
 impl<K: SettingKind> SettingKind for Option<K> {

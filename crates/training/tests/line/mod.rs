@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{EnvironmentWorker, Sample, Scenario, Seed, StepStatus, Stream};
+use mishandle_rollout::{EnvironmentFacts, EnvironmentWorker, Sample, Scenario, Seed, StepStatus, Stream};
 
 use crate::toy::{Toy, names, space};
 
@@ -19,14 +19,19 @@ pub struct Line {
 impl Line {
     pub fn new(wind: f64) -> Arc<Toy<Line>> {
         Arc::new(Toy {
-            name: "line",
-            space: space(&[("start", -1.0, 1.0), ("goal", -1.0, 1.0)]),
-            signals: names(&["distance"]),
-            reward_terms: names(&["there", "far"]),
-            observation_size: 2,
-            action_size: 1,
-            state_size: 5,
-            episode_steps: 40,
+            facts: EnvironmentFacts {
+                name: "line".to_string(),
+                space: space(&[("start", -1.0, 1.0), ("goal", -1.0, 1.0)]),
+                signals: names(&["distance"]),
+                reward_terms: names(&["there", "far"]).to_vec(),
+                observation_size: 2,
+                exact_size: 0,
+                action_size: 1,
+                state_size: 5,
+                episode_steps: 40,
+                action_limit: 1.0,
+                control_dt: 0.1,
+            },
             worker: Line { wind },
         })
     }

@@ -2,18 +2,11 @@
 
 use std::sync::Arc;
 
-use mishandle_rollout::{Axis, Environment, EnvironmentWorker, Space};
+use mishandle_rollout::{Axis, Environment, EnvironmentFacts, EnvironmentWorker, Space};
 
-/// An environment with these properties; its episodes run in copies of `worker`.
+/// An environment with these facts; its episodes run in copies of `worker`.
 pub struct Toy<W> {
-    pub name: &'static str,
-    pub space: Space,
-    pub signals: Arc<[String]>,
-    pub reward_terms: Arc<[String]>,
-    pub observation_size: usize,
-    pub action_size: usize,
-    pub state_size: usize,
-    pub episode_steps: usize,
+    pub facts: EnvironmentFacts,
     pub worker: W,
 }
 
@@ -28,35 +21,8 @@ pub fn names(names: &[&str]) -> Arc<[String]> {
 }
 
 impl<W: EnvironmentWorker + Clone + Sync + 'static> Environment for Toy<W> {
-    fn name(&self) -> &str {
-        self.name
-    }
-    fn space(&self) -> &Space {
-        &self.space
-    }
-    fn signals(&self) -> &Arc<[String]> {
-        &self.signals
-    }
-    fn reward_terms(&self) -> &[String] {
-        &self.reward_terms
-    }
-    fn observation_size(&self) -> usize {
-        self.observation_size
-    }
-    fn action_size(&self) -> usize {
-        self.action_size
-    }
-    fn action_limit(&self) -> f64 {
-        1.0
-    }
-    fn state_size(&self) -> usize {
-        self.state_size
-    }
-    fn control_dt(&self) -> f64 {
-        0.1
-    }
-    fn episode_steps(&self) -> usize {
-        self.episode_steps
+    fn facts(&self) -> &EnvironmentFacts {
+        &self.facts
     }
     fn worker(&self) -> Box<dyn EnvironmentWorker> {
         Box::new(self.worker.clone())

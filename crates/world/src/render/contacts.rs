@@ -23,7 +23,7 @@ const LENGTHS: [f64; 2] = [0.01, 0.125];
 const CLOSENESS: f64 = 0.15;
 
 /// Radius of the shaft of an arrow at its contact point, m.
-const RADIUS: f64 = 0.006;
+const RADIUS: f64 = 0.002;
 
 /// A force at a contact point, in world axes.
 #[derive(Clone, Copy, Debug)]

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 CAMERAS = ("over", "wrist")
 """The cameras of all tasks."""
 
-SPACE = "light+camera+appearance+clutter+image"
-"""The spaces of sight, but for the faults of cameras, which move images in time and change none."""
+SPACE = "camera-3+light-3+background-3+object-3+distractors-3+occlusion-3+image-3"
+"""All factors of sight with a moderate severity. Faults of cameras move images in time and change
+none."""
 
 Scenarios = Union[Sequence[Mapping[str, "Value"]], "NDArray[np.float64]"]
 
@@ -103,8 +104,8 @@ class Cameras:
         ``rows`` are the scenarios of the states, by default one each. Scenarios that are not
         :class:`Sights` start in the first of their states. ``seeds`` are those of the simulations,
         by default 0, and ``steps`` the control steps of the states, by default their numbers: both
-        choose the noise. ``before`` are the states one control step before, which the axis
-        ``shutter`` needs.
+        choose the noise. ``before`` are the states one control step before, which the
+        corruption ``motion-blur`` needs.
         """
         poses, count = self.poses(states), len(scenarios)
         if len(poses) == 0 or count == 0:
@@ -125,7 +126,9 @@ class Cameras:
             first = [int(np.argmax(rows == row)) for row in range(count)]
             sights = self.sights(scenarios, _rows(states)[first])
         if sights.needs_before and before is None:
-            raise InvalidValueError("the axis `shutter` needs the states before: pass before=...")
+            raise InvalidValueError(
+                "the corruption `motion-blur` needs the states before: pass before=..."
+            )
         earlier = None if before is None else self.poses(before)
         if earlier is not None and len(earlier) != len(poses):
             raise InvalidValueError(

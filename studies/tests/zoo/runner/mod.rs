@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use mishandle::controllers::{ControllerFile, Header};
 use mishandle::plan::{StartRegion, TrainPlan};
-use mishandle::results::{Estimate, Seed};
+use mishandle::results::{Estimate, Seed, TrialEnd};
 use mishandle::train::TrainObserver;
 use mishandle::training::{AlgorithmSettings, TimeShares, TrainingControl, TrainingProgress};
 use mishandle_studies::zoo::{
@@ -236,7 +236,7 @@ impl Runner for FakeRunner {
             initial_configuration: None,
             simulation: None,
             seed: None,
-            end: Some("budget spent".to_string()),
+            end: Some(TrialEnd::BudgetSpent),
             diverged: 0,
             undecided: 0,
         };

@@ -19,7 +19,7 @@ pub fn run(controller: &str, onnx: &Path, json: bool) -> Result<ExitStatus> {
             file: onnx.display().to_string(),
             task: file.header.task.clone(),
             algorithm: file.header.algorithm.clone(),
-            controller_hash: file.policy.hash(),
+            controller_hash: file.hash(),
             observation_size: layout.observation_size() as u64,
             action_size: layout.action_size() as u64,
         })?;

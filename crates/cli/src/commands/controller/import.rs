@@ -38,7 +38,7 @@ pub fn run(file: &Path, task: &str, out: &Path, settings: &ImportSettings, json:
             layer_norm: network.has_layer_norm(),
             normalized: is_normalized,
             observation_clip: file.policy.observation_clip(),
-            controller_hash: file.policy.hash(),
+            controller_hash: file.hash(),
         })?;
     }
     Ok(ExitStatus::Done)

@@ -9,12 +9,13 @@ use crate::exit_status::ExitStatus;
 use crate::run;
 use crate::show::progress::Bar;
 use crate::show::{evidence, output};
+use crate::words::shell_command;
 
 pub fn run(folder: &Path, signers: Signers, share: f64, seed: Option<u64>, json: bool) -> Result<ExitStatus> {
     let bar = Bar::new(0, "replays");
     run::stop_on_signals(&bar)?;
     let seed = seed.unwrap_or_else(random_seed);
-    let request = Verification { folder, signers, share, seed };
+    let request = Verification { folder, signers, share, seed, words: shell_command };
     let found = mishandle_evidence::verify(&request, |done, total| {
         bar.set_length(total);
         bar.set_position(done);

@@ -44,7 +44,7 @@ pub fn page(target: &Target, plan: &Plan, all: bool) -> String {
         .replace('\n', "\n  ");
     sections.push(format!("Signals\n  {signals}"));
     if !all {
-        let spaces: Vec<Vec<String>> = target.spaces.iter().map(line).collect();
+        let spaces: Vec<Vec<String>> = families(target.spaces.iter()).into_iter().map(line).collect();
         sections.push(format!("Spaces and their axes\n{}", rows(&spaces)));
     }
     for space in target.spaces.iter().filter(|_| all) {
@@ -60,7 +60,8 @@ pub fn page(target: &Target, plan: &Plan, all: bool) -> String {
         let is_left_out = |space: &&Space| {
             space.axes().iter().any(|axis| target.axes.iter().all(|known| known.name != axis.name))
         };
-        let left_out: Vec<&str> = target.spaces.iter().filter(is_left_out).map(Space::name).collect();
+        let left_out = families(target.spaces.iter().filter(is_left_out));
+        let left_out: Vec<String> = left_out.into_iter().map(|family| family.name).collect();
         let but = if left_out.is_empty() {
             String::new()
         } else {
@@ -82,13 +83,38 @@ fn rows(rows: &[Vec<String>]) -> String {
     table.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns the name of a space, and the names of its first axes on one line.
-fn line(space: &Space) -> Vec<String> {
-    let names: Vec<&str> = space.axes().iter().map(|axis| axis.name.as_str()).collect();
+/// Spaces of one factor: the same axes with other bounds.
+struct Family<'a> {
+    name: String,
+    last: &'a Space,
+}
+
+/// Returns the families of spaces, whose names end with the numbers of their severities.
+fn families<'a>(spaces: impl Iterator<Item = &'a Space>) -> Vec<Family<'a>> {
+    let stem = |space: &Space| {
+        let (stem, number) = space.name().rsplit_once('-')?;
+        number.parse::<u32>().ok().map(|_| stem.to_string())
+    };
+    let mut found: Vec<Family<'a>> = Vec::new();
+    for space in spaces {
+        match found.last_mut().filter(|family| stem(space).is_some() && stem(family.last) == stem(space)) {
+            Some(family) => {
+                let first = family.name.split(' ').next().unwrap_or_default();
+                *family = Family { name: format!("{first} to {}", space.name()), last: space };
+            }
+            None => found.push(Family { name: space.name().to_string(), last: space }),
+        }
+    }
+    found
+}
+
+/// Returns the name of a family of spaces, and the names of its first axes on one line.
+fn line(family: Family<'_>) -> Vec<String> {
+    let names: Vec<&str> = family.last.axes().iter().map(|axis| axis.name.as_str()).collect();
     let names = names.join(", ");
     let shown: String = names.chars().take(AXES_SHOWN).collect();
     let more = if shown == names { "" } else { " ..." };
-    vec![space.name().to_string(), format!("{shown}{more}")]
+    vec![family.name, format!("{shown}{more}")]
 }
 
 fn axes(space: &Space) -> String {

@@ -35,6 +35,10 @@ pub fn page(definition: &Definition, notes: &[Note], preset: Preset, columns: us
             &format!("Observation ({} numbers, clipped to ±5)", definition.layout().observation_size()),
             &table_in(&numbered(&definition.whole_observation()), width),
         ),
+        section(
+            "Further parts of the observation (for controllers whose layout names them, in this order)",
+            &table_in(&quantities(&definition.further_observation()), width),
+        ),
         section("Actions (9 numbers in [-1, 1], at 60 Hz)", &actions(definition, width)),
     ]);
     for (title, reward) in [("Original reward", Reward::Original), ("Shaped reward", Reward::Shaped)] {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use mishandle::plan::Settings;
-use mishandle::results::{FirstViolation, MonitorChange, Number, Severity};
+use mishandle::results::{FirstViolation, MonitorChange, MonitorEvent, Number, Severity};
 use mishandle::stl::Formula;
 use mishandle_logs::{Answer, Follow, Following, LogError, Next, Requirement, Watch, Watched};
 use mishandle_text::plural;
@@ -52,7 +52,13 @@ fn follow(
         }
         if interrupt::requested() {
             for requirement in requirements {
-                output::json_line(&change("interrupted", requirement, &Answer::UNKNOWN, 0, &follow))?;
+                output::json_line(&change(
+                    MonitorEvent::Interrupted,
+                    requirement,
+                    &Answer::UNKNOWN,
+                    0,
+                    &follow,
+                ))?;
             }
             return Ok(ExitStatus::Interrupted);
         }
@@ -84,11 +90,7 @@ fn follow(
     }
     loop {
         let next = follow.next(WAIT)?;
-        let event = match next {
-            Next::Sample => "verdict",
-            Next::End => "end",
-            Next::Waiting => "",
-        };
+        let event = if next == Next::End { MonitorEvent::End } else { MonitorEvent::Verdict };
         samples += usize::from(next == Next::Sample);
         let mut index = 0;
         while next != Next::Waiting && index < followed.len() {
@@ -115,7 +117,7 @@ fn follow(
             let answer = watch.answer(0);
             let event = match answer.verdict {
                 Some(_) => event,
-                None if asked.bounds && answer.bounds != known.bounds => "bounds",
+                None if asked.bounds && answer.bounds != known.bounds => MonitorEvent::Bounds,
                 None => continue,
             };
             known.clone_from(answer);
@@ -134,7 +136,13 @@ fn follow(
         if interrupt::requested() {
             for found in followed.iter().filter(|found| found.known.verdict.is_none()) {
                 let answer = found.watch.answer(0);
-                output::json_line(&change("interrupted", found.requirement, answer, samples, &follow))?;
+                output::json_line(&change(
+                    MonitorEvent::Interrupted,
+                    found.requirement,
+                    answer,
+                    samples,
+                    &follow,
+                ))?;
             }
             return Ok(ExitStatus::Interrupted);
         }
@@ -143,14 +151,14 @@ fn follow(
 
 /// Returns the line about a formula.
 fn change(
-    event: &str,
+    event: MonitorEvent,
     requirement: &Requirement,
     answer: &Answer,
     samples: usize,
     follow: &Follow,
 ) -> MonitorChange {
     MonitorChange {
-        event: event.to_string(),
+        event,
         name: requirement.name.clone(),
         samples: samples as u64,
         time: follow.time().map(Number),

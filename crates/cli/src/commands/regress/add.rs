@@ -3,7 +3,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::Plan;
-use mishandle::counterexample::{Chosen, Counterexample, Minimization};
+use mishandle::counterexample::{Chosen, Counterexample, Preparation};
+use mishandle::falsification::PhysicsChecks;
 use mishandle::files::NewFolders;
 use mishandle::plan::{RegressSettings, Settings};
 use mishandle::store::RunFile;
@@ -41,7 +42,8 @@ pub fn run(command: &Arguments, run: &Path) -> Result<ExitStatus> {
     }
     // The files of a target are copied, so they must equal the run's.
     let has_files = mishandle::resolve::has_files(&Plan::from_toml(&file.header().plan)?.target);
-    let resolved = if regress.minimize || has_files || engine.target.is_some() {
+    let has_physics = mishandle::resolve::has_scene(&file.header().target.kind);
+    let resolved = if regress.minimize || has_physics || has_files || engine.target.is_some() {
         Some(mishandle::resolve::recorded_plan(file.header(), engine.moved())?)
     } else {
         None
@@ -59,24 +61,27 @@ pub fn run(command: &Arguments, run: &Path) -> Result<ExitStatus> {
             path.display()
         );
     }
+    let minimize = regress.minimize.then_some(u64::from(regress.budget));
+    let prepared = resolved.as_ref().filter(|_| regress.minimize || has_physics);
+    let preparation = prepared.map(|resolved| Preparation { resolved, minimize });
     let bar = Bar::new(0, "simulations");
-    if regress.minimize {
+    if preparation.is_some() {
         run::stop_on_signals(&bar)?;
     }
-    let budget = u64::from(regress.budget);
-    bar.set_length(budget);
-    let minimized = resolved.as_ref().filter(|_| regress.minimize);
-    let minimization = minimized.map(|resolved| Minimization { resolved, budget });
-    let found = mishandle::counterexample::export(&file, chosen, minimization, |done| {
+    let checks = if has_physics { announce_checks(chosen.len() as u64, minimize) } else { 0 };
+    bar.set_length(minimize.unwrap_or(0) + checks);
+    let found = mishandle::counterexample::export(&file, chosen, preparation, |done| {
         bar.set_position(done);
         run::control_flow()
     })?;
     bar.clear();
-    if found.is_interrupted && regress.all {
-        run::report_loss(
-            found.simulations,
-            "no file is written, because a part of a suite would look complete",
-        );
+    if found.is_interrupted && (regress.all || !regress.minimize) {
+        let why = if regress.all {
+            "no file is written, because a part of a suite would look complete"
+        } else {
+            "no file is written, because its physics was not checked"
+        };
+        run::report_loss(found.simulations, why);
         return Ok(ExitStatus::Interrupted);
     }
     let copied = match &resolved {
@@ -110,6 +115,18 @@ pub fn run(command: &Arguments, run: &Path) -> Result<ExitStatus> {
         return Ok(ExitStatus::Interrupted);
     }
     Ok(ExitStatus::Done)
+}
+
+/// Announces the simulations that check the physics of this number of counterexamples. Returns the
+/// largest number for each. A minimized one can go back through as many failures as simulations.
+fn announce_checks(counterexamples: u64, minimize: Option<u64>) -> u64 {
+    let each = minimize.map_or(PhysicsChecks::most(1), PhysicsChecks::most_to_go_back);
+    output::message(&format!(
+        "checking the physics of {} with at most {}",
+        plural(counterexamples, "counterexample"),
+        plural(each * counterexamples, "simulation")
+    ));
+    each
 }
 
 /// Writes the files when all are known: an interruption never leaves a part of a suite, which would

@@ -2,7 +2,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use mishandle::bisect::{BisectionPlan, BisectionTest, bisect};
-use mishandle_text::{path_text, shell_quote};
+use mishandle_text::shell_path;
 
 use super::{Arguments, QUESTION};
 use crate::exit_status::ExitStatus;
@@ -29,7 +29,7 @@ pub fn run(command: &Arguments, controllers: &Path) -> Result<ExitStatus> {
     } else {
         output::line(&bisection::text(&found))?;
     }
-    let folder = shell_quote(&path_text(&plan.folder));
+    let folder = shell_path(&plan.folder);
     if !found.is_complete {
         output::message(&format!(
             "interrupted: what was simulated is kept in {folder}; the same command continues"

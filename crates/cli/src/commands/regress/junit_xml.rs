@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
-use mishandle::results::{Regression, RegressionTest};
+use mishandle::results::{Regression, RegressionResult, RegressionTest};
+use mishandle_text::xml_text;
 
 use crate::show::escape;
 
@@ -34,10 +35,10 @@ fn case(test: &RegressionTest, time: Duration) -> String {
         time.as_secs_f64()
     );
     let Some(reason) = &test.reason else { return open + "/>\n" };
-    let element = match test.result.as_str() {
-        "error" => "error",
+    let element = match test.result {
+        RegressionResult::Error => "error",
         // It fails with the baseline, too, so it is not a failure of the new controller.
-        "still fails" if test.baseline.is_some() => "skipped",
+        RegressionResult::Fails if test.baseline.is_some() => "skipped",
         _ => "failure",
     };
     let message = match &test.baseline {
@@ -50,19 +51,7 @@ fn case(test: &RegressionTest, time: Duration) -> String {
 /// Escapes text for an attribute or the content of an element. XML allows no control characters, so
 /// they are written as in messages, such as `\u{1b}`.
 fn escaped(text: &str) -> String {
-    let mut escaped = String::new();
-    for c in escape::name(text).chars() {
-        match c {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\'' => escaped.push_str("&apos;"),
-            '\u{fffe}' | '\u{ffff}' => escaped.push_str(&c.escape_unicode().to_string()),
-            c => escaped.push(c),
-        }
-    }
-    escaped
+    xml_text(&escape::name(text))
 }
 
 #[cfg(test)]
@@ -71,7 +60,7 @@ mod tests {
 
     #[test]
     fn no_character_breaks_the_document() {
-        assert_eq!(escaped("a<b>&\"c'"), "a&lt;b&gt;&amp;&quot;c&apos;");
-        assert_eq!(escaped("\u{1b}[0m\n\u{0}\u{ffff}ü"), "\\u{1b}[0m\\n\\u{0}\\u{ffff}ü");
+        assert_eq!(escaped("a<b>&\"c'"), "a&lt;b&gt;&amp;&quot;c'");
+        assert_eq!(escaped("\u{1b}[0m\n\u{0}\u{ffff}ü"), "\\u{1b}[0m\\n\\u{0}\u{fffd}ü");
     }
 }

@@ -33,8 +33,7 @@ pub fn run(command: &Arguments, kind: &PathKind, settings: &Settings) -> Result<
     // Fails before the simulation if there is no viewer.
     let status = start(python, folder.path(), &["-c", "import mujoco.viewer"])?;
     ensure!(status.is_some_and(|code| code == 0), "{}", missing(python));
-    let choice = (command.trial, command.simulation);
-    let scene = recorded_scene(path, choice, settings.engine.moved(), false)?;
+    let scene = recorded_scene(path, command.trial, command.simulation, settings.engine.moved(), false)?;
     run::report_build_differences("made", &scene.build_differences);
     ensure!(scene.differences.is_empty(), "{}", run::differences_text(&scene.differences));
     write(folder.path(), &scene)?;

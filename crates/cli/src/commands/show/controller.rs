@@ -49,7 +49,18 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
         0 => String::new(),
         length => format!(", a history of {}", plural(length, "control step")),
     };
-    let known = format!("{} known; `mishandle list {}` describes them", weaknesses.len(), header.task);
+    let numbers = |numbers: &[f64]| numbers.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    let interface = header.action_interface.as_ref().map(|interface| {
+        format!(
+            "at most {} rad/s and {} rad/s²; targets at most {} rad/s, {} rad from the ends, {} s ahead",
+            numbers(&interface.velocity),
+            numbers(&interface.acceleration),
+            numbers(&interface.target_velocity),
+            interface.margin,
+            interface.lead
+        )
+    });
+    let known = format!("{} known; `mishandle list {} --all` describes them", weaknesses.len(), header.task);
     let rows = [
         ("task", header.task.clone()),
         ("task preset", header.preset.clone()),
@@ -61,11 +72,16 @@ fn page(file: &ControllerFile, weaknesses: &[&str]) -> String {
         ("command", or_unknown(&training.command)),
         ("git commit", or_unknown(&training.git_commit)),
         ("policy", format!("{}, layers {}{history}", file.policy.kind(), sizes.join(", "))),
+        ("action interface", interface.clone().unwrap_or_default()),
         ("weaknesses", known),
-        ("controller hash", file.policy.hash()),
+        ("controller hash", file.hash()),
         ("task hash", or_unknown(&header.task_hash)),
     ];
-    let is_shown = |name| name != "weaknesses" || !weaknesses.is_empty();
+    let is_shown = |name| match name {
+        "weaknesses" => !weaknesses.is_empty(),
+        "action interface" => interface.is_some(),
+        _ => true,
+    };
     let rows: Vec<Vec<String>> = rows
         .into_iter()
         .filter(|(name, _)| is_shown(*name))

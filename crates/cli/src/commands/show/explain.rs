@@ -35,11 +35,11 @@ pub fn simulation(
         let resolved = mishandle::resolve::recorded_plan(file.header(), engine.moved());
         resolved.map_err(|error| error.to_string())
     };
-    found.axes_at_nominal = axes_at_nominal((Some(file), file.header()), &explained, resolve, report.axes)?;
+    found.axes_at_nominal = axes_at_nominal(Some(file), file.header(), &explained, resolve, report.axes)?;
     if json {
         output::json(&found)?;
     } else {
-        let name = simulations::name(found.trial, found.point.as_deref(), found.simulation);
+        let name = simulations::name(found.trial, found.point, found.simulation);
         output::line(&format!("{name}, {}", explanation::text(&found)))?;
     }
     let is_violated = explained.recorded.is_violated();
@@ -63,7 +63,7 @@ pub fn counterexample(
     let mut found = explained.result(header, Some(&path.to_string_lossy()));
     let folder = path.parent().unwrap_or(Path::new(""));
     let resolve = || file.resolve(folder, engine.moved()).map_err(|error| error.to_string());
-    found.axes_at_nominal = axes_at_nominal((None, header), explained, resolve, report.axes)?;
+    found.axes_at_nominal = axes_at_nominal(None, header, explained, resolve, report.axes)?;
     if json {
         output::json(&found)?;
     } else {
@@ -75,18 +75,20 @@ pub fn counterexample(
 /// Simulates a failure again with each axis alone at nominal. `None` also if a signal ended it: the
 /// explanation is complete without.
 fn axes_at_nominal(
-    run: (Option<&RunFile>, &RunHeader),
+    run: Option<&RunFile>,
+    header: &RunHeader,
     explained: &ExplainedSimulation,
     resolve: impl FnOnce() -> std::result::Result<ResolvedPlan, String>,
     limit: u64,
 ) -> Result<Option<AxesAtNominal>> {
     let bar = Bar::new(0, "simulations");
     run::stop_on_signals(&bar)?;
-    let found = mishandle::inspect::axes_at_nominal(run, explained, resolve, limit, |done, total| {
-        bar.set_length(total);
-        bar.set_position(done);
-        run::control_flow()
-    })?;
+    let found =
+        mishandle::inspect::axes_at_nominal(run, header, explained, resolve, limit, |done, total| {
+            bar.set_length(total);
+            bar.set_position(done);
+            run::control_flow()
+        })?;
     bar.clear();
     if run::control_flow().is_break() {
         output::message("interrupted: the failure is not shown with each axis at nominal");

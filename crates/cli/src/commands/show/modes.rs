@@ -3,7 +3,7 @@ use mishandle::plan::EngineSettings;
 use mishandle::results::{Answer, Counterexamples, RunShown};
 use mishandle::run::recorded_answer;
 use mishandle::store::{RunFile, RunKind};
-use mishandle::{MishandleError, Plan};
+use mishandle::{Compared, MishandleError, Plan, RunError};
 
 use crate::exit_status::ExitStatus;
 use crate::run;
@@ -45,7 +45,9 @@ fn of_run(file: &RunFile, engine: &EngineSettings) -> Result<Option<Answer>> {
     };
     match found {
         Ok(found) => Ok(Some(found)),
-        Err(error @ MishandleError::RunMismatch { .. }) => Err(error.into()),
+        Err(error @ MishandleError::Run(RunError::Differs { whose: Compared::Plan, .. })) => {
+            Err(error.into())
+        }
         Err(error) => {
             output::message(&format!("the answer is missing, because it takes the target: {error}"));
             Ok(None)

@@ -5,9 +5,10 @@ use anyhow::{Context, Result, ensure};
 use mishandle::inspect::run_facts;
 use mishandle::results::{RelationCounts, RunFacts, RunSummary};
 use mishandle::store::RunFile;
-use mishandle_text::{decimal, plural};
+use mishandle_text::{decimal, plural, shell_path};
 
 use crate::exit_status::ExitStatus;
+use crate::run::path_kind::is_counterexample;
 use crate::show::escape;
 use crate::show::output;
 use crate::words;
@@ -30,6 +31,12 @@ pub fn show(given: &[PathBuf], json: bool) -> Result<ExitStatus> {
     }
     if entries.is_empty() {
         output::message("no run files (*.sqlite)");
+        if let Some(folder) = given.iter().find(|path| has_counterexamples(path)) {
+            let folder = shell_path(folder);
+            output::message(&format!(
+                "hint: `mishandle regress {folder}` simulates the counterexamples (*.json) there, `mishandle show FILE` explains one"
+            ));
+        }
         return Ok(ExitStatus::Done);
     }
     let header = [
@@ -72,6 +79,11 @@ fn run_files(folder: &Path) -> Result<Vec<PathBuf>> {
         }
     }
     Ok(found)
+}
+
+fn has_counterexamples(folder: &Path) -> bool {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    entries.flatten().any(|entry| is_counterexample(&entry.path()))
 }
 
 fn is_run_file(path: &Path) -> bool {

@@ -7,7 +7,7 @@ use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
 use crate::run::ask::recorded_answer;
-use crate::run::evaluating::stops_by_itself;
+use crate::run::evaluation::progress::stops_by_itself;
 
 /// Describes what a run lacks that its plan asks for, such as `40 of 100 simulations`; `None` if it
 /// is complete.

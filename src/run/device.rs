@@ -43,7 +43,7 @@ pub fn screening(
     let space = &resolved.space;
     let specification = &resolved.specification;
     let batches =
-        target.batches((space, specification), device, halves.into_iter().filter(|rows| *rows > 0))?;
+        target.batches(space, specification, device, halves.into_iter().filter(|rows| *rows > 0))?;
     let environment = target.environment(space, specification, false)?;
     let rollout = target.system_in(environment, space, specification)?;
     Ok(Screening::new(rollout, batches))

@@ -1,7 +1,7 @@
 //! The rule that ends an evaluation by its success rate.
 
-use mishandle_evaluation::{Decision, RateSequence, StopRule};
-use mishandle_results::{Estimate, Sequential};
+use mishandle_evaluation::{RateSequence, StopRule};
+use mishandle_results::{Estimate, Measure, Sequential, StopDecision};
 use mishandle_rollout::Episode;
 use mishandle_text::{plural, short_number};
 
@@ -17,7 +17,7 @@ pub(crate) struct RateRule {
     simulations: u64,
     /// A rate without any verdict decides nothing.
     has_verdict: bool,
-    decision: Option<Decision>,
+    decision: Option<StopDecision>,
 }
 
 impl RateRule {
@@ -70,13 +70,13 @@ impl RateRule {
         };
         Sequential {
             until: evaluate.until.unwrap_or_default().to_string(),
-            measure: "success".to_string(),
+            measure: Measure::Success,
             rate: evaluate.rate.map(Into::into),
             margin: None,
             robustness_bounds: None,
             interval,
             p_value: None,
-            decision: self.decision.map(|decision| decision_name(decision).to_string()),
+            decision: self.decision,
             simulations: self.simulations,
             max_simulations: self.max,
             verdict: self.verdict(&interval),
@@ -86,7 +86,7 @@ impl RateRule {
     fn verdict(&self, interval: &Estimate) -> String {
         let n = plural(self.simulations, "simulation");
         let what = match (self.rule, self.decision) {
-            (StopRule::Rate(rate), Some(Decision::Above)) => {
+            (StopRule::Rate(rate), Some(StopDecision::Above)) => {
                 format!("the success rate is above {}", percent(rate))
             }
             (StopRule::Rate(rate), Some(_)) => {
@@ -123,14 +123,4 @@ fn interval_text(interval: &Estimate) -> String {
 
 fn percent(rate: f64) -> String {
     format!("{} %", short_number(100.0 * rate))
-}
-
-/// Returns the name of a decision in results.
-pub(crate) fn decision_name(decision: Decision) -> &'static str {
-    match decision {
-        Decision::Narrow => "narrow",
-        Decision::Above => "above",
-        Decision::Below => "below",
-        Decision::Equivalent => "equivalent",
-    }
 }

@@ -10,18 +10,18 @@ use mishandle_results::{Answer, Evaluation};
 use mishandle_rollout::{AxisKind, Episode, Request, Scenario, Seed};
 use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError, other_request};
 use crate::plan::{Plan, StartRegion};
 use crate::resolve::recorded_plan;
 use crate::run::ask::Found;
-use crate::run::completion::unfinished;
-use crate::run::control::{self, ControlArm, Outcome, Pairs, copied};
-use crate::run::evaluate::{Requests, check_trials, corner_counter, evaluation_simulations};
+use crate::run::evaluation::arm::{self, ControlArm, Outcome, Pairs, copied};
+use crate::run::evaluation::rule::RateRule;
+use crate::run::evaluation::{Requests, check_trials, corner_counter, evaluation_simulations};
 use crate::run::facts::Facts;
 use crate::run::journal::{Journal, JournalSystem};
-use crate::run::rate_rule::RateRule;
-use crate::run::record;
+use crate::run::missing::unfinished;
 use crate::run::result::evaluation_result;
+use crate::run::rows;
 
 /// The task preset whose completion times include failed episodes, as in the code of the original
 /// benchmark.
@@ -50,7 +50,7 @@ impl Counted {
         let Request { trial, number, seed, scenario, unit_point, .. } = &episode.request;
         let next = match (&self.corners, *trial) {
             (Some(report), Corners::TRIAL) => u64::from(report.simulations()) + 1,
-            (_, control::TRIAL) => self.pairs.control.len() as u64 + 1,
+            (_, arm::TRIAL) => self.pairs.control.len() as u64 + 1,
             _ => self.metrics.simulations() + 1,
         };
         let is_expected = requests.request(*trial, *number)?.is_some_and(|expected| {
@@ -59,7 +59,7 @@ impl Counted {
         // After its decision, a rule asks for no more.
         let is_surplus = *trial == RANDOM_TRIAL && self.rule.as_ref().is_some_and(RateRule::is_decided);
         if u64::from(*number) != next || !is_expected || is_surplus {
-            return Err(MishandleError::SimulationMismatch { number: next as u32 });
+            return Err(other_request("simulation", next as u32));
         }
         self.add(episode);
         Ok(())
@@ -70,7 +70,7 @@ impl Counted {
         match (&mut self.corners, episode.request.trial) {
             (Some(report), Corners::TRIAL) => report.add(episode),
             (None, Corners::TRIAL) => {}
-            (_, control::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
+            (_, arm::TRIAL) => self.pairs.control.push(Outcome::of(episode)),
             _ => {
                 self.metrics.add(episode);
                 add_random(&mut self.rule, &mut self.pairs, episode);
@@ -146,7 +146,7 @@ impl<'a> Evaluating<'a> {
                 "status of trial {RANDOM_TRIAL}: recorded as complete, but its rule does not end it after {} simulations",
                 found.random()
             )];
-            return Err(MishandleError::RunMismatch { differences });
+            return Err(MishandleError::differs(Compared::Plan, differences));
         }
         Ok(found)
     }
@@ -242,11 +242,11 @@ impl<'a> Evaluating<'a> {
                 .min(self.counted.pairs.control.len() as u64 + self.requests.random.batch.max(1) as u64);
             let mut requests = Vec::new();
             for number in first..=last {
-                requests.extend(self.requests.request(control::TRIAL, number as u32)?);
+                requests.extend(self.requests.request(arm::TRIAL, number as u32)?);
             }
             let episodes = if let Some(rows) = self.copied_rows(arm, &requests)? {
                 self.journal.copy(&rows)?;
-                rows.iter().map(record::recorded_episode).collect()
+                rows.iter().map(rows::recorded_episode).collect()
             } else {
                 let system = match &mut system {
                     Some(system) => system,
@@ -254,7 +254,7 @@ impl<'a> Evaluating<'a> {
                 };
                 let episodes = system.rollout(&requests)?;
                 if episodes.len() != requests.len() {
-                    return Err(MishandleError::NoEpisode);
+                    return Err(MishandleError::Run(RunError::NoEpisode));
                 }
                 self.journal.keep(&episodes, &[])?;
                 episodes
@@ -324,13 +324,13 @@ pub fn stops_by_itself(plan: &Plan) -> bool {
 
 /// Returns the answer of a recorded evaluation without screening, from its file alone. No row is
 /// compared with the plan.
-pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, MishandleError> {
+pub(crate) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, MishandleError> {
     let mut counted = Counted::new(&facts.plan, facts.roles, corners(run, facts)?);
     let mut at_nominal = None;
     for row in run.simulations().chain(run.derived_simulations(RANDOM_TRIAL)) {
         let row = row?;
-        counted.add(&record::recorded_episode(&row));
-        if row.trial == control::TRIAL {
+        counted.add(&rows::recorded_episode(&row));
+        if row.trial == arm::TRIAL {
             at_nominal.get_or_insert(row.scenario);
         }
     }
@@ -340,9 +340,8 @@ pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
     };
     let nominal: Vec<String> = axes.filter(is_fixed_by_arm).map(|(axis, _)| axis.name.clone()).collect();
     // A complete arm has fewer simulations only if all of them would be the same.
-    let is_ended = trials(run)?
-        .into_iter()
-        .any(|(trial, status)| trial == control::TRIAL && status != TrialStatus::Running);
+    let is_ended =
+        trials(run)?.into_iter().any(|(trial, status)| trial == arm::TRIAL && status != TrialStatus::Running);
     let is_single = is_ended && counted.pairs.control.len() == 1;
     let is_complete = unfinished(run)?.is_none();
     Ok(counted.answer(facts, Some((&nominal, is_single)), run.path(), is_complete))

@@ -4,21 +4,18 @@
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 
-use mishandle_evaluation::{
-    ClippedDifferences, Decision, DifferenceSequence, Estimate, StopRule, decides_success,
-};
-use mishandle_results::{Evaluation, Number, Sequential};
+use mishandle_evaluation::{ClippedDifferences, DifferenceSequence, Estimate, StopRule, decides_success};
+use mishandle_results::{Evaluation, Number, Sequential, StopDecision};
 use mishandle_rollout::Episode;
 use mishandle_store::RunWriter;
 use mishandle_text::{decimal, number_text, p_value_text, plural};
 
-use crate::error::MishandleError;
-use crate::plan::{ComparePlan, EvaluatePlan, Measure, Plan, Until};
+use crate::error::{Compared, MishandleError, other_request};
+use crate::plan::{ComparePlan, EvaluatePlan, Plan, Until};
 use crate::resolve::ResolvedPlan;
 use crate::run::ask::{Engine, conclude, open};
-use crate::run::evaluate::with_requests;
-use crate::run::evaluating::Evaluating;
-use crate::run::rate_rule::decision_name;
+use crate::run::evaluation::progress::Evaluating;
+use crate::run::evaluation::with_requests;
 
 /// The part of a simulation that a rule reads.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +48,7 @@ pub(crate) struct PairRule {
     robustness: Option<ClippedDifferences>,
     /// Whether A and B have any verdict; without one, nothing is compared.
     has_verdict: [bool; 2],
-    decision: Option<Decision>,
+    decision: Option<StopDecision>,
 }
 
 impl PairRule {
@@ -128,19 +125,15 @@ impl PairRule {
         };
         let p_value = self.robustness.as_ref().map_or(self.success.p_value(), ClippedDifferences::p_value);
         let ComparePlan { until, measure, margin, robustness_bounds } = self.compare;
-        let measure = match measure {
-            Measure::Success => "success",
-            Measure::Robustness => "robustness",
-        };
         Sequential {
             until: until.to_string(),
-            measure: measure.to_string(),
+            measure,
             rate: None,
             margin: margin.map(Into::into),
             robustness_bounds: robustness_bounds.map(|bounds| bounds.map(Number)),
             interval,
             p_value: Some(p_value),
-            decision: self.decision.map(|decision| decision_name(decision).to_string()),
+            decision: self.decision,
             simulations: self.pairs,
             max_simulations: self.max,
             verdict: self.verdict(&interval, p_value),
@@ -166,10 +159,10 @@ impl PairRule {
         let more = if is_rate { "B succeeds more often" } else { "B has the higher mean robustness" };
         let less = if is_rate { "B succeeds less often" } else { "B has the lower mean robustness" };
         let what = match self.decision {
-            Some(Decision::Above) => more.to_string(),
-            Some(Decision::Below) => less.to_string(),
-            Some(Decision::Equivalent) => format!("A and B differ by less than {margin}"),
-            Some(Decision::Narrow) => {
+            Some(StopDecision::Above) => more.to_string(),
+            Some(StopDecision::Below) => less.to_string(),
+            Some(StopDecision::Equivalent) => format!("A and B differ by less than {margin}"),
+            Some(StopDecision::Narrow) => {
                 format!("the interval of the difference satisfies {}", self.compare.until)
             }
             None => {
@@ -224,7 +217,7 @@ pub fn evaluate_pairs(
                     "status of trial 1: recorded as complete, but the rule does not end the comparison after {}",
                     plural(rule.pairs, "pair")
                 )];
-                return Err(MishandleError::RunMismatch { differences });
+                return Err(MishandleError::differs(Compared::Plan, differences));
             }
             let mut is_stopped = watch(a.done() + b.done(), max).is_break();
             while !is_stopped && !rule.has_enough() {
@@ -278,7 +271,7 @@ fn take_pairs(rule: &mut PairRule, waiting: &mut [VecDeque<Side>; 2]) -> Result<
     while let (Some(a), Some(b)) = (first.front(), second.front()) {
         // After its decision, the rule asks for no more.
         if rule.has_enough() {
-            return Err(MishandleError::SimulationMismatch { number: rule.pairs as u32 + 1 });
+            return Err(other_request("simulation", rule.pairs as u32 + 1));
         }
         rule.add_sides(*a, *b);
         first.pop_front();

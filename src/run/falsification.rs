@@ -12,7 +12,7 @@ use mishandle_search::SearchEnd;
 use mishandle_stl::Trace;
 use mishandle_store::{MAX_TRIALS, RunFile, TrialRecord, TrialStatus, TrialSummary};
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, RunError};
 use crate::plan::{FalsifyPlan, Plan, ScreeningPlan};
 use crate::resolve::search::new_search;
 use crate::resolve::{self, ResolvedPlan};
@@ -21,7 +21,7 @@ use crate::run::facts::Facts;
 use crate::run::journal::{Journal, Numbering};
 use crate::run::result::falsification_result;
 use crate::run::violation::violation_of;
-use crate::run::{has_random_rows, record, unfinished};
+use crate::run::{has_random_rows, rows, unfinished};
 
 /// Searches for counterexamples. The recorded simulations are not repeated: the searches get their
 /// results. `watch` gets the progress after each batch.
@@ -128,7 +128,7 @@ fn first_failure(
     for simulation in run.trial_simulations(trial) {
         let simulation = simulation?;
         if simulation.is_violated() {
-            return record::episode(&simulation, resolved).map(Some);
+            return rows::episode(&simulation, resolved).map(Some);
         }
     }
     Ok(None)
@@ -160,7 +160,7 @@ pub(crate) fn derived_request(
     let end = isolate_failure(&journal, &failure, |_| ControlFlow::Continue(()));
     match (journal.found(), end) {
         (Some(request), _) => Ok(Some(request)),
-        (None, Err(error @ MishandleError::SimulationMismatch { .. })) => Err(error),
+        (None, Err(error @ MishandleError::Run(RunError::OtherRequest { .. }))) => Err(error),
         _ => Ok(None),
     }
 }
@@ -206,7 +206,7 @@ pub(super) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
     for row in run.simulations() {
         let row = row?;
         if let Ok(place) = trials.binary_search_by_key(&row.trial, |trial| trial.trial) {
-            trials[place].add(&record::recorded_episode(&row));
+            trials[place].add(&rows::recorded_episode(&row));
         }
     }
     for (trial, status) in trials.iter_mut().zip(statuses) {
@@ -275,7 +275,7 @@ fn check_trial(
             trial.number, trial.status
         ));
     }
-    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::differs(Compared::Plan, differences)) }
 }
 
 /// Describes the difference between the recorded seed of a trial and the seed that the plan gives

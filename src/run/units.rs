@@ -8,9 +8,9 @@ use mishandle_store::{Simulation, TrialRecord};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::ResolvedPlan;
-use crate::run::evaluate::with_requests;
-use crate::run::falsify::{new_trial, status};
-use crate::run::{record, system_of};
+use crate::run::evaluation::with_requests;
+use crate::run::falsification::{new_trial, status};
+use crate::run::{rows, system_of};
 
 /// Runs a trial of a falsification from its seed to its end. Returns its record and its
 /// simulations, as a run file stores them;
@@ -30,7 +30,7 @@ pub fn run_trial(
         let requests = trial.ask(batch(&resolved.plan))?;
         for episode in system.rollout(&requests)? {
             trial.tell(&episode)?;
-            simulations.push(record::record(&episode, resolved));
+            simulations.push(rows::row(&episode, resolved));
             // The other simulations of the batch are surplus, which a run drops.
             if trial.outcome().end.is_some() {
                 break;
@@ -57,7 +57,7 @@ pub fn run_simulations(
     let (mut system, _) = system_of(resolved, trial)?;
     let mut simulations = Vec::with_capacity(requests.len());
     for batch in requests.chunks(batch(&resolved.plan)) {
-        simulations.extend(system.rollout(batch)?.iter().map(|episode| record::record(episode, resolved)));
+        simulations.extend(system.rollout(batch)?.iter().map(|episode| rows::row(episode, resolved)));
     }
     Ok(simulations)
 }

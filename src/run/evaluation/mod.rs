@@ -1,22 +1,27 @@
+pub(crate) mod arm;
+pub(crate) mod pairs;
+pub(crate) mod progress;
+mod rule;
+
 use std::ops::ControlFlow;
 
 use mishandle_evaluation::{
     CornerCounter, Corners, Evaluation, EvaluationError, FormulaRoles, ScreenedProgress, evaluate_corners,
     evaluate_screened,
 };
-use mishandle_results::Answer;
+use mishandle_results::{Answer, Command, Remedy};
 use mishandle_rollout::{Request, Scenario, Seed, Space};
 use mishandle_store::{RANDOM_TRIAL, RunFile, TrialRecord, TrialStatus, TrialSummary};
+use mishandle_text::plural;
 
-use crate::error::MishandleError;
+use crate::error::{Compared, MishandleError, invalid};
 use crate::plan::{ScreeningPlan, StartRegion};
 use crate::resolve::ResolvedPlan;
 use crate::run::ask::{Found, Progress, Watch};
-use crate::run::control::{self, ControlArm};
-use crate::run::evaluating::{Evaluating, stops_by_itself};
+use crate::run::evaluation::arm::ControlArm;
+use crate::run::evaluation::progress::{Evaluating, stops_by_itself};
 use crate::run::journal::Journal;
 use crate::run::result::screened_evaluation_result;
-use mishandle_text::plural;
 
 /// The simulations of an evaluation: a function of the plan and the space.
 pub(crate) struct Requests<'a> {
@@ -34,7 +39,7 @@ impl Requests<'_> {
         }
         let planned = match (trial, &self.control) {
             (RANDOM_TRIAL, _) => self.random.episodes,
-            (control::TRIAL, Some(arm)) => arm.simulations(self.random.episodes),
+            (arm::TRIAL, Some(arm)) => arm.simulations(self.random.episodes),
             _ => 0,
         };
         if !(1..=planned).contains(&number.into()) {
@@ -42,7 +47,7 @@ impl Requests<'_> {
         }
         let random = self.random.request(self.space, number)?;
         Ok(Some(match &self.control {
-            Some(arm) if trial == control::TRIAL => arm.request(&random),
+            Some(arm) if trial == arm::TRIAL => arm.request(&random),
             _ => random,
         }))
     }
@@ -50,7 +55,7 @@ impl Requests<'_> {
     /// Returns the numbers of the trials.
     pub(crate) fn trials(&self) -> impl Iterator<Item = u32> {
         let corners = self.corners.as_ref().map(|_| Corners::TRIAL);
-        let control = self.control.as_ref().map(|_| control::TRIAL);
+        let control = self.control.as_ref().map(|_| arm::TRIAL);
         [Some(RANDOM_TRIAL), corners, control].into_iter().flatten()
     }
 }
@@ -86,7 +91,7 @@ fn corners(resolved: &ResolvedPlan) -> Option<Corners> {
 /// If the axes of the control arm make no space.
 pub fn evaluation_simulations(resolved: &ResolvedPlan) -> Result<u64, MishandleError> {
     let mut sum = 0;
-    for trial in [RANDOM_TRIAL, Corners::TRIAL, control::TRIAL] {
+    for trial in [RANDOM_TRIAL, Corners::TRIAL, arm::TRIAL] {
         sum += planned_simulations(resolved, trial)?.unwrap_or(0);
     }
     Ok(sum)
@@ -99,7 +104,7 @@ fn planned_simulations(resolved: &ResolvedPlan, trial: u32) -> Result<Option<u64
     Ok(match trial {
         RANDOM_TRIAL => Some(episodes),
         Corners::TRIAL => corners(resolved).map(|corners| corners.simulations().into()),
-        control::TRIAL => ControlArm::new(resolved)?.map(|arm| arm.simulations(episodes)),
+        arm::TRIAL => ControlArm::new(resolved)?.map(|arm| arm.simulations(episodes)),
         _ => None,
     })
 }
@@ -132,8 +137,8 @@ pub(super) fn ask(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, Mish
     if resolved.plan.compare.is_some() && !journal.is_read_only() {
         let what = "the plan of the run";
         let value = "one of a comparison that stops by itself".to_string();
-        let expected = "continued together with the other run: mishandle compare --resume A B";
-        return Err(MishandleError::InvalidValue { what, value, expected });
+        let both = Remedy::Run(Command::ResumeComparison { is_python: false });
+        return Err(invalid(what, value, "continued together with the other run").with(both));
     }
     let max_simulations = evaluation_simulations(resolved)?;
     let mut watch = |simulations| watch(&Progress { simulations, max_simulations, ..Progress::default() });
@@ -203,7 +208,7 @@ pub(crate) fn corner_counter(resolved: &ResolvedPlan, corners: &Corners) -> Corn
 /// Checks that a run has no trials but those of an evaluation.
 pub(crate) fn check_trials(resolved: &ResolvedPlan, run: &RunFile) -> Result<(), MishandleError> {
     let differences = trial_differences(resolved, run)?;
-    if differences.is_empty() { Ok(()) } else { Err(MishandleError::RunMismatch { differences }) }
+    if differences.is_empty() { Ok(()) } else { Err(MishandleError::differs(Compared::Plan, differences)) }
 }
 
 /// Lists the differences between the trials of a run and those that the plan of an evaluation
@@ -277,8 +282,9 @@ mod tests {
     use mishandle_store::RunWriter;
 
     use super::*;
+    use crate::error::RunError;
     use crate::plan::{EvaluatePlan, Plan};
-    use crate::run::{Engine, create_run, record};
+    use crate::run::{Engine, create_run, rows};
 
     fn evaluate(
         resolved: &ResolvedPlan,
@@ -299,9 +305,9 @@ mod tests {
         run.start_trial(RANDOM_TRIAL, 0).unwrap();
         let other = Evaluation::new(3, Seed(9)).request(&resolved.space, 1).unwrap();
         let episodes = resolved.system().unwrap().rollout(&[other]).unwrap();
-        run.record(&[record::record(&episodes[0], &resolved)]).unwrap();
+        run.record(&[rows::row(&episodes[0], &resolved)]).unwrap();
         let error = evaluate(&resolved, run, || ControlFlow::Continue(())).unwrap_err();
-        assert!(matches!(error, MishandleError::SimulationMismatch { number: 1 }), "{error}");
+        assert!(matches!(error, MishandleError::Run(RunError::OtherRequest { number: 1, .. })), "{error}");
     }
 
     fn toy(name: &str, episodes: u64) -> ResolvedPlan {

@@ -10,7 +10,7 @@ use mishandle_store::{MAX_TRIALS, RunFile, Simulation};
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::resolve::{ResolvedPlan, depends_on_seed_at_nominal};
-use crate::run::record;
+use crate::run::header;
 
 /// Number of the trial that holds the arm. It is above those of the question, so that no count or
 /// rate of a run includes the arm by mistake: see [`MAX_TRIALS`].
@@ -194,7 +194,7 @@ pub(crate) fn shares_arm(resolved: &ResolvedPlan, other: &RunFile) -> Result<boo
         is_typed: false,
         ..plan.clone()
     };
-    let mine = record::header(resolved);
+    let mine = header::header(resolved);
     let theirs = other.header();
     // With absolute paths, as the other.
     let planned = Plan::from_toml(&mine.plan)?;

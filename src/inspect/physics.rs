@@ -1,0 +1,68 @@
+//! The check of the physics of the counterexamples of a falsification.
+
+use std::ops::ControlFlow;
+
+use mishandle_falsification::PhysicsChecks;
+use mishandle_results::{Falsification, PhysicsCheck};
+use mishandle_rollout::{Request, Scenario, Seed};
+use mishandle_store::RunFile;
+
+use crate::error::MishandleError;
+use crate::resolve::ResolvedPlan;
+use crate::run::{Isolation, isolation};
+
+/// Checks the physics of the counterexample of each falsified trial and of the representative of
+/// each failure mode. The minimal failure of a trial goes back toward its counterexample until it
+/// survives. Nothing happens for a target without changes to check.
+///
+/// `watch` gets the number of finished simulations and the largest number of all, first before the
+/// first of them. If it ends the checks, the rest is missing.
+///
+/// # Errors
+/// If a simulation cannot be run, or the run file cannot be read.
+pub(super) fn check_physics(
+    resolved: &ResolvedPlan,
+    found: &mut Falsification,
+    run: &RunFile,
+    watch: &mut dyn FnMut(u64, u64) -> ControlFlow<()>,
+) -> Result<(), MishandleError> {
+    if found.falsified_trials == 0 || resolved.target.solver_variants.is_empty() {
+        return Ok(());
+    }
+    let mut points: Vec<Point<'_>> = Vec::new();
+    let mut causes: Vec<(usize, Isolation)> = Vec::new();
+    for (index, trial) in found.trials.iter_mut().enumerate().filter(|(_, trial)| trial.falsified) {
+        if trial.cause.is_some() {
+            causes.extend(isolation(run, trial.trial)?.map(|isolation| (index, isolation)));
+        }
+        let (Some(values), Some(seed)) = (&trial.initial_configuration, trial.seed) else { continue };
+        let request = Request::new(Scenario::new(values.clone()), Seed(seed.0));
+        points.push((request, &mut trial.physics));
+    }
+    for mode in found.modes.iter_mut().flat_map(|modes| &mut modes.modes) {
+        let scenario = Scenario::new(mode.mode.scenario.values().copied().collect());
+        let request = Request::new(scenario, Seed(mode.mode.seed.0));
+        points.push((request, &mut mode.mode.physics));
+    }
+    let failures: Vec<Vec<Request>> = causes.iter().map(|(_, isolation)| isolation.failures()).collect();
+    let to_go_back = failures.iter().map(|failures| PhysicsChecks::most_to_go_back(failures.len() as u64));
+    let most = PhysicsChecks::most(points.len() as u64) + to_go_back.sum::<u64>();
+    if watch(0, most).is_break() {
+        return Ok(());
+    }
+    let mut checks = resolved.physics_checks()?;
+    let mut watch = |done| watch(done, most);
+    // Together with the minimal failures, most of which survive.
+    let nearest = failures.iter().filter_map(|failures| failures.first());
+    let requests: Vec<Request> = points.iter().map(|(request, _)| request).chain(nearest).cloned().collect();
+    let Some(results) = checks.check(&requests, &mut watch)? else { return Ok(()) };
+    points.into_iter().zip(results).for_each(|((_, place), check)| *place = Some(check));
+    for ((index, isolation), failures) in causes.into_iter().zip(failures) {
+        let Some(survivor) = checks.nearest_survivor(&failures, &mut watch)? else { return Ok(()) };
+        found.trials[index].cause = Some(isolation.checked(survivor));
+    }
+    Ok(())
+}
+
+/// A failure, and the place of its check.
+type Point<'a> = (Request, &'a mut Option<PhysicsCheck>);
