@@ -7,7 +7,7 @@ use mishandle_rollout::Controller;
 use mishandle_world::WorldError;
 use mishandle_world::frame::{add, cross, norm, norm_xy, scale, sub};
 
-use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach};
+use crate::expert::{Expert, ExpertInput, ExpertPolicy, approach, toward};
 use crate::kinematic::{ResolvedRate, rotation_between};
 
 /// Distance from the ball's center before the push, m.
@@ -41,11 +41,22 @@ const CLEAR: f64 = 0.5;
 const BESIDE: f64 = 0.03;
 const TURNED: f64 = 0.15;
 
+/// Position of joint 6 below which another controller has folded the hand back, rad. The shortest
+/// rotation to the orientation of the push would lead to the end of the joint's range, so the arm
+/// returns to the posture in which episodes start. In episodes of the expert, the joint stays above.
+const FOLDED: f64 = 0.7;
+
+/// Gain of this return, 1/s, and the largest distance of a joint from the posture at which it ends,
+/// rad.
+const UNFOLD_GAIN: f64 = 5.0;
+const UNFOLDED: f64 = 0.5;
+
 /// Phases, stored in the memory.
 const TRAVEL: f64 = 0.0;
 const DESCEND: f64 = 1.0;
 const PUSH: f64 = 2.0;
 const DONE: f64 = 3.0;
+const UNFOLD: f64 = 4.0;
 
 struct Push;
 
@@ -57,7 +68,11 @@ impl ExpertPolicy for Push {
     fn velocity(&self, input: &ExpertInput<'_>, arm: &mut ResolvedRate, memory: &mut [f64]) -> [f64; 7] {
         let Line { to_hole, along, behind, above, turn } = Line::from_observation(input, arm);
         let grasp = arm.position();
+        let start: [f64; 7] = std::array::from_fn(|i| super::DEFINITION.start[i]);
+        let away = (0..7).map(|i| (start[i] - input.q[i]).abs()).fold(0.0, f64::max);
         memory[0] = match memory[0] {
+            TRAVEL if input.q[5] < FOLDED => UNFOLD,
+            UNFOLD if away < UNFOLDED => TRAVEL,
             TRAVEL if norm_xy(sub(above, grasp)) < 0.02 => DESCEND,
             DESCEND if norm(sub(behind, grasp)) < 0.01 && norm(turn) < 0.05 => PUSH,
             PUSH if input.point(0)[0] > STRUCK => DONE,
@@ -65,6 +80,7 @@ impl ExpertPolicy for Push {
             phase => phase,
         };
         let linear = match memory[0] {
+            UNFOLD => return toward(&start, &input.q, UNFOLD_GAIN),
             TRAVEL => approach(sub(above, grasp), 5.0, 2.0, 0.8),
             DESCEND => approach(sub(behind, grasp), 5.0, 2.0, 0.5),
             PUSH => {
