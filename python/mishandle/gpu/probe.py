@@ -8,7 +8,7 @@
 import numpy as np
 import warp as wp
 from mujoco_warp._src.support import contact_force_fn
-from mujoco_warp._src.types import vec5
+from mujoco_warp._src.types import vec5, vec10
 
 FORCES = wp.constant(6)
 """Forces of the robot on fixtures, on the ground, on itself and on the object, of the robot without
