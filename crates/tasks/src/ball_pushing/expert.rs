@@ -43,7 +43,8 @@ const TURNED: f64 = 0.15;
 
 /// Position of joint 6 below which another controller has folded the hand back, rad. The shortest
 /// rotation to the orientation of the push would lead to the end of the joint's range, so the arm
-/// returns to the posture in which episodes start. In episodes of the expert, the joint stays above.
+/// returns to the posture in which episodes start. In episodes of the expert alone, the joint stays
+/// above.
 const FOLDED: f64 = 0.7;
 
 /// Gain of this return, 1/s, and the largest distance of a joint from the posture at which it ends,
