@@ -6,7 +6,7 @@ use mishandle_stl::{Formula, Monitor, Trace};
 
 use super::Found;
 use crate::describe::Context;
-use crate::tree::{Tree, is_temporal, looks_ahead};
+use crate::tree::{Tree, is_comparison, is_temporal, looks_ahead};
 
 pub(super) fn find(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     // Operators that group otherwise than meant come first: with parentheses, other parts are left.
@@ -106,7 +106,8 @@ fn neighbors(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
         }
         let is_first = name.ends_with("prev");
         let is_reached = if is_first { ends.first[comparison] } else { ends.last[comparison] };
-        if !is_number[node] || !is_reached || std::mem::replace(&mut is_reported[comparison], true) {
+        let is_compared = is_number[node] && tree.operator(comparison).is_some_and(is_comparison);
+        if !is_compared || !is_reached || std::mem::replace(&mut is_reported[comparison], true) {
             continue;
         }
         let fails = if is_negated[comparison] { f64::INFINITY } else { f64::NEG_INFINITY };
