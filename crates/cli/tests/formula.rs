@@ -23,7 +23,7 @@ fn formulas_of_the_tasks_have_no_false_alarm() {
             ..Context::default()
         };
         for formula in &target.formulas {
-            let at_every_sample = ["safe", "completion"].contains(&formula.name.as_ref());
+            let at_every_sample = ["safe", "completion"].contains(&&*formula.name);
             let context = Context { at_every_sample, ..context.clone() };
             for trap in describe(&formula.text, &context).expect("a formula").traps {
                 let is_known = trap.severity.name() == "note" && allowed.contains(&trap.name.as_str());
