@@ -23,6 +23,8 @@ fn formulas_of_the_tasks_have_no_false_alarm() {
             ..Context::default()
         };
         for formula in &target.formulas {
+            let at_every_sample = ["safe", "completion"].contains(&&*formula.name);
+            let context = Context { at_every_sample, ..context.clone() };
             for trap in describe(&formula.text, &context).expect("a formula").traps {
                 let is_known = trap.severity.name() == "note" && allowed.contains(&trap.name.as_str());
                 assert!(is_known, "{} of {}: {trap:?}", formula.name, plan.target);
@@ -53,6 +55,7 @@ fn a_formula_is_drawn_over_a_log() {
     assert!(svg.contains("1: always(closed &gt;= 1 implies force &gt;= 5)"), "{svg}");
     bench.refuses("formula 'force >= 5' rig.csv --out a.svg", &["a.svg exists already"]);
     bench.refuses("formula 'foce >= 5' rig.csv", &["did you mean `force`?"]);
+    bench.refuses("formula 'alw_[0,1](force >= 5)' rig.csv", &["did you mean `always`?"]);
 }
 
 #[test]

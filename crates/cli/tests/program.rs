@@ -331,6 +331,45 @@ fn strict_horizon_accepts_no_window_that_is_cut_under_an_unbounded_operator() {
     );
 }
 
+/// The force reaches 40, and only the first sample is looked at.
+#[test]
+fn monitor_says_that_only_the_first_sample_counts() {
+    let bench = Bench::new();
+    bench.write("rig.csv", "time,force\n0,0\n0.5,40\n1,1\n");
+    let says = |formula: &str| text(&bench.run(&format!("monitor --formula '{formula}' rig.csv")).stderr);
+    let plain = says("force <= 2");
+    assert!(
+        plain.contains("only the first sample counts") && plain.contains("always(force <= 2)"),
+        "{plain}"
+    );
+    let past = says("historically(force <= 2)");
+    assert!(
+        past.contains("looks back from the first sample") && past.contains("always(force <= 2)"),
+        "{past}"
+    );
+    assert_eq!(says("always(force <= 2)"), "");
+}
+
+/// Columns of robots are called X and F: read as an operator, the formula would ask nothing.
+#[test]
+fn a_letter_of_a_column_is_no_operator() {
+    let bench = Bench::new();
+    bench.write("places.csv", "time,X,v\n0,10,1\n1,10,1\n");
+    bench.refuses("monitor --formula 'always(X - 1 <= 2)' places.csv", &["needs backquotes: `X`"]);
+    bench.refuses("monitor --formula 'always(X(v >= 0))' places.csv", &["backquotes for the signal: `X`"]);
+    bench.refuses("monitor --formula 'always(1 <= 2)' places.csv", &["reads no signal"]);
+    let found = bench.json("monitor --formula 'always(`X` - 1 <= 2)' places.csv --json", 1);
+    assert_eq!(found["robustness"], -7.0);
+}
+
+#[test]
+fn whole_windows_decide_a_formula_beside_a_conjunct_with_an_empty_one() {
+    let bench = Bench::new();
+    bench.write("z.csv", "x,z\n-1,0.5\n-1,0.5\n");
+    let command = "monitor --formula 'prev(z >= 0) and x >= 0' z.csv -k log.strict-horizon=true --json";
+    assert_eq!(bench.json(command, 1)["robustness"], -1.0);
+}
+
 #[test]
 fn errors_of_monitor_name_cause_and_position() {
     let bench = Bench::new();

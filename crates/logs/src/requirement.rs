@@ -94,12 +94,7 @@ impl Log {
         for topic in &mut self.topics {
             topic.columns.retain(|column| signals.contains(&column.name.as_str()));
         }
-        // Without signals, the rows of the first topic count.
-        if signals.is_empty() {
-            self.topics.truncate(1);
-        } else {
-            self.topics.retain(|topic| !topic.columns.is_empty());
-        }
+        self.topics.retain(|topic| !topic.columns.is_empty());
         self.samples(options)
     }
 }

@@ -8,6 +8,7 @@ mod formats;
 mod memory;
 #[path = "../../stl/tests/processor_time.rs"]
 mod processor_time;
+mod verdicts;
 
 use mishandle_logs::LogError;
 use mishandle_results::Key;

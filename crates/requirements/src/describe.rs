@@ -29,6 +29,9 @@ pub struct Context {
     pub samples: Option<usize>,
     /// The duration of an episode in seconds, if its number of samples is unknown.
     pub episode_secs: Option<f64>,
+    /// Whether the formula is evaluated at every sample, as the safe condition of a target is, and
+    /// not at the first one as a requirement.
+    pub at_every_sample: bool,
     /// Traces that the formula is meant for, with their names.
     pub traces: Vec<(String, Trace)>,
 }

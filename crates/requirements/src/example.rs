@@ -10,6 +10,7 @@ use mishandle_stl::{Clock, Formula, Monitor, SyntaxKind, Trace, is_satisfied, is
 
 use crate::describe::Context;
 use crate::lanes::{draw, with_values};
+use crate::traps::{implications, start};
 use crate::tree::{Tree, is_comparison};
 
 /// Sampling periods of examples in seconds, if the period is unknown.
@@ -38,7 +39,8 @@ const PATIENCE: u32 = 60;
 const SEEDS: u64 = 3;
 
 /// Searches for a trace that satisfies the formula and for one that violates it. If possible, the
-/// conditions of its implications and edges change in them. The verdict of
+/// conditions of its implications and edges change in them, and what a trap is about: the part that
+/// only the first sample decides differs at a later one. The verdict of
 /// each is that of [`Monitor`]. Empty if the formula is too long, or needs too many samples.
 pub fn find_examples(formula: &Formula, context: &Context) -> Vec<FormulaExample> {
     let Some(search) = Search::new(formula, context) else { return Vec::new() };
@@ -118,7 +120,8 @@ impl<'a> Search<'a> {
             return None;
         }
         let antecedents = tree.antecedents().map(|node| formula.at_node(node));
-        let conditions = antecedents.chain(edges(&tree)).collect();
+        let of_traps = start::shown(&tree).into_iter().chain(implications::shown(&tree));
+        let conditions = antecedents.chain(edges(&tree)).chain(of_traps).collect();
         let levels = names.iter().map(|name| levels(&tree, name)).collect();
         let evaluations = (WORK / (samples * tree.nodes.len())).clamp(50, 6000);
         Some(Search { formula, names, levels, conditions, clock, samples, evaluations })

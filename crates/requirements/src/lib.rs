@@ -42,4 +42,5 @@ pub use mining::{
 };
 pub use pattern::{PATTERNS, Pattern, Shown, Slot, page as pattern_page, pattern};
 pub use template::{TEMPLATES, template};
+pub use traps::start_traps;
 pub use units::unit_of;

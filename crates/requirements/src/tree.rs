@@ -40,6 +40,12 @@ impl<'a> Tree<'a> {
         self.formula.at_node(node).to_string()
     }
 
+    /// Returns the window of an operator as the formula prints it, such as `[0s:2s]`.
+    pub fn window(&self, node: usize) -> String {
+        let text = self.nodes[node].interval.map_or(String::new(), |_| self.text(node));
+        text.find('[').zip(text.find(']')).map_or(String::new(), |(a, b)| text[a..=b].to_owned())
+    }
+
     pub fn at(&self, node: usize) -> Option<Position> {
         self.nodes[node].at
     }
@@ -59,10 +65,30 @@ impl<'a> Tree<'a> {
 
     /// Returns for each node whether a temporal operator is in it.
     pub fn has_time(&self) -> Vec<bool> {
+        self.has(is_temporal)
+    }
+
+    /// Returns for each node whether an operator of this kind is in it.
+    pub fn has(&self, is_one: impl Fn(&str) -> bool) -> Vec<bool> {
         let mut found = vec![false; self.nodes.len()];
         for node in 0..self.nodes.len() {
-            let own = self.operator(node).is_some_and(is_temporal);
+            let own = self.operator(node).is_some_and(&is_one);
             found[node] = own || self.nodes[node].operands.iter().any(|operand| found[*operand]);
+        }
+        found
+    }
+
+    /// Returns for each node whether `not` and conditions of implications negate it in all.
+    pub fn negated(&self) -> Vec<bool> {
+        let mut found = vec![false; self.nodes.len()];
+        for node in (0..self.nodes.len()).rev() {
+            let Some(parent) = self.parents[node] else { continue };
+            let flips = match self.operator(parent) {
+                Some("not") => true,
+                Some("implies") => self.nodes[parent].operands[0] == node,
+                _ => false,
+            };
+            found[node] = found[parent] != flips;
         }
         found
     }
@@ -99,6 +125,11 @@ pub(crate) fn takes_interval(name: &str) -> bool {
 /// Returns whether the operator is one over the future with an interval.
 pub(crate) fn is_ahead(name: &str) -> bool {
     matches!(name, "always" | "eventually" | "until" | "release" | "unless")
+}
+
+/// Returns whether the value at a sample depends on later samples.
+pub(crate) fn looks_ahead(name: &str) -> bool {
+    is_ahead(name) || matches!(name, "next" | "s_next")
 }
 
 /// Returns the seconds of a bound; `None` if it counts samples.

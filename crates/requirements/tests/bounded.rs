@@ -171,6 +171,43 @@ fn examples_show_real_edges() {
     }
 }
 
+/// The drawing of a trap shows it: another sample decides otherwise than the first one, and the
+/// implication that has to hold once fails at some sample of a satisfied trace.
+#[test]
+fn examples_show_the_trap() {
+    for (text, part) in [
+        ("x <= 1", "x <= 1"),
+        ("x >= 1 and y <= 2", "x >= 1 and y <= 2"),
+        ("historically(x <= 1)", "x <= 1"),
+        ("once(x >= 1)", "x >= 1"),
+        ("x >= 1 implies eventually[0:2](y >= 1)", "x >= 1"),
+        ("eventually[0:5](x >= 1 implies y >= 1)", "x >= 1 implies y >= 1"),
+    ] {
+        let formula = Formula::parse(text).expect("a formula");
+        let part = Formula::parse(part).expect("a formula");
+        let examples = find_examples(&formula, &Context::default());
+        assert_eq!(examples.len(), 2, "{text}");
+        for example in examples {
+            let values = example.values.expect("values");
+            let names: Arc<[String]> = values.iter().map(|signal| signal.signal.clone()).collect();
+            let columns = values.into_iter().map(|signal| signal.values).collect();
+            let trace = Trace::from_columns(Arc::clone(&names), columns);
+            let mut monitor = Monitor::new(&part, &names, Clock::unknown()).expect("a monitor");
+            let verdicts: Vec<bool> = monitor
+                .robustness_signal(&trace)
+                .expect("values")
+                .iter()
+                .map(|value| is_violated(*value))
+                .collect();
+            assert!(
+                verdicts.contains(&true) && verdicts.contains(&false),
+                "{text}, {}: {trace:?}",
+                example.name
+            );
+        }
+    }
+}
+
 /// At the last sample, p holds and q does not: the monitor violates the formula, and each row shows
 /// the sample that this comes from.
 #[test]

@@ -182,6 +182,7 @@ fn is_bound(formula: &str) -> bool {
 #[test]
 fn fronts_are_those_of_the_whole_grid() {
     let mut random = Sequence::new(7, 0);
+    let mut unsupported = 0;
     for formula in FORMULAS {
         for _ in 0..12 {
             let mut values = || (0..6).map(|_| (random.below(9) as f64 - 4.0) / 2.0).collect::<Vec<f64>>();
@@ -210,6 +211,10 @@ fn fronts_are_those_of_the_whole_grid() {
             let valid: Vec<[f64; 2]> =
                 grid(0).flat_map(|a| grid(1).map(move |b| [a, b])).filter(|values| all(values)).collect();
             assert_eq!(found.outcome.name() == "loosest-fails", valid.is_empty(), "{formula}");
+            if found.outcome.name() == "no-support" {
+                unsupported += 1;
+                continue;
+            }
             for point in &found.points {
                 let values: Vec<f64> = point.values.iter().map(|value| value.0).collect();
                 assert!(all(&values), "{formula} {values:?}");
@@ -231,5 +236,22 @@ fn fronts_are_those_of_the_whole_grid() {
                 assert_eq!(in_grid, in_front, "{formula} {:?}", found.points);
             }
         }
+    }
+    assert!(unsupported < 10, "{unsupported}");
+}
+
+/// The tightest end of the range satisfies the formula where nothing is asked; it is no value.
+#[test]
+fn values_that_no_trace_supports_are_not_mined() {
+    let idle = [log("a", &[0.0, 0.0], &[9.0, 9.0]), log("b", &[0.0, 0.0], &[3.0, 3.0])];
+    let short = [log("a", &[0.0; 3], &[0.0; 3])];
+    let time = ParameterRange { unit: Some(TimeUnit::Seconds), ..range("T", 0.0, 2.0) };
+    let limit = range("limit", 0.0, 50.0);
+    for (formula, parameter, traces) in
+        [("always(x >= 1 implies y <= limit)", &limit, &idle[..]), ("always[0:T](x <= 1)", &time, &short[..])]
+    {
+        let found = ask(formula, std::slice::from_ref(parameter), 1.0, traces).expect("an answer");
+        assert_eq!(found.outcome.name(), "no-support", "{formula}");
+        assert!(found.points.is_empty() && found.per_trace.is_empty(), "{formula}: {found:?}");
     }
 }

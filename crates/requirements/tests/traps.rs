@@ -1,9 +1,10 @@
 //! Formulas with each known trap, and formulas without one.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
-use mishandle_requirements::{Context, describe};
-use mishandle_stl::Trace;
+use mishandle_requirements::{Context, describe, start_traps};
+use mishandle_stl::{Clock, Formula, Monitor, Trace, is_violated};
 
 /// Returns the names of the traps.
 fn traps(text: &str, context: &Context) -> Vec<String> {
@@ -25,8 +26,13 @@ fn ordinary_requirements_have_no_trap() {
         "always(once[0:1s](x >= 1) implies y >= 1)",
         "always(rise(closed >= 1) implies force < 20)",
         "(not (q >= 1)) unless p >= 1",
-        "abs(x - 1) <= 0.1 and y >= 2",
-        "a >= 1 or b >= 1 or c >= 1",
+        "always(abs(x - 1) <= 0.1 and y >= 2)",
+        "always(a >= 1 or b >= 1 or c >= 1)",
+        "always[1:inf](abs(x - (prev x)) <= 0.1)",
+        "always(x - (prev x) <= 0.1)",
+        "not eventually(x >= 1)",
+        "always(p >= 1) or eventually[0:2s](q >= 1)",
+        "eventually[0:5s](p >= 1 and q >= 1)",
         "always(low <= v and v <= 0.3)",
         "always(not (a >= 1 and b >= 1))",
     ] {
@@ -108,13 +114,13 @@ fn comparisons() {
     check("always(x != y)", &["measured-equality"]);
     check("always(abs(x) >= 0)", &["constant-comparison"]);
     check("always(x <= x)", &["constant-comparison"]);
-    check("1 > 2 or y >= 1", &["constant-comparison"]);
+    check("always(1 > 2 or y >= 1)", &["constant-comparison"]);
     check("always(x >= 2 and x <= 1)", &["contradiction"]);
     check("always(x >= 1 or x <= 2)", &["always-true"]);
     check("always(x >= 2 implies x >= 1)", &["always-true"]);
     check("always(0.2 <= v <= 0.3)", &["chained-comparison"]);
     check("always(closed implies force <= 20)", &["flag-always-holds"]);
-    check("a = x >= 1\nb = y >= 1\nz >= 1", &["unused-definition", "unused-definition"]);
+    check("a = x >= 1\nb = y >= 1\nalways(z >= 1)", &["unused-definition", "unused-definition"]);
 }
 
 #[test]
@@ -148,11 +154,11 @@ fn precedence() {
     check("always p >= 1 implies q >= 1", &["precedence"]);
     check("always(p >= 1) implies q >= 1", &["precedence"]);
     check("always[0:2s] p >= 1 and q >= 1", &["precedence"]);
-    check("always[0:2s](p >= 1) and q >= 1", &[]);
-    check("a >= 1 and b >= 1 or c >= 1", &["precedence"]);
-    check("(a >= 1 and b >= 1) or c >= 1", &[]);
-    check("a >= 1 implies b >= 1 implies c >= 1", &["precedence"]);
-    check("a >= 1 implies (b >= 1 implies c >= 1)", &[]);
+    check("always[0:2s](p >= 1) and q >= 1", &["first-sample-only"]);
+    check("always(a >= 1 and b >= 1 or c >= 1)", &["precedence"]);
+    check("always((a >= 1 and b >= 1) or c >= 1)", &[]);
+    check("always(a >= 1 implies b >= 1 implies c >= 1)", &["precedence"]);
+    check("always(a >= 1 implies (b >= 1 implies c >= 1))", &[]);
 }
 
 /// The suggestion is the comparison of the numbers that the text looks like.
@@ -171,21 +177,137 @@ fn operators_written_like_functions() {
         let found =
             found.iter().map(|trap| (trap.name.as_str(), trap.severity.name(), trap.instead.as_deref()));
         assert_eq!(found.collect::<Vec<_>>(), [("precedence", "warning", Some(meant))], "{text}");
-        check(meant, &[]);
+        assert!(!traps(meant, &Context::default()).contains(&"precedence".to_owned()), "{meant}");
     }
     let found = describe("always[0:2s](x) <= 3", &Context::default()).expect("a formula").traps;
     assert_eq!((found.len(), found[0].severity.name()), (1, "note"));
     let instead = found[0].instead.as_deref().expect("a suggestion");
     assert!(instead.contains("(always[0s:2s] x) <= 3"), "{instead}");
     for text in [
-        "always(abs(x - (prev x)) <= 0.1)",
         "always(prev(x >= 1) implies y >= 1)",
         "d = x - y\nalways d <= 0.1",
-        "prev (x <= 1)",
+        "always (prev (x <= 1))",
         "always abs(x) <= 3",
     ] {
         check(text, &[]);
     }
+}
+
+/// A formula is evaluated at the first sample: without an operator over time around it, a part sees
+/// no other one, and an operator over the past sees nothing before it.
+#[test]
+fn parts_that_see_the_first_sample_only() {
+    let found = |text: &str| {
+        let traps = describe(text, &Context::default()).expect("a formula").traps;
+        traps
+            .into_iter()
+            .map(|trap| (trap.name, trap.severity.name(), trap.instead.unwrap_or_default()))
+            .collect::<Vec<_>>()
+    };
+    let first = "first-sample-only";
+    let past = "past-at-the-start";
+    for (text, name, meant) in [
+        ("x <= 1", first, "always(x <= 1), or eventually(x <= 1)"),
+        ("x >= 1 and y >= 1", first, "always(x >= 1 and y >= 1), or eventually(x >= 1 and y >= 1)"),
+        ("x - (prev x) <= 1", first, "always(x - (prev x) <= 1), or eventually(x - (prev x) <= 1)"),
+        ("not (x >= 1)", first, "always(not(x >= 1)), or eventually(not(x >= 1))"),
+        ("x >= 1 implies eventually[0:1s] y >= 1", first, "always(x >= 1 implies eventually[0s:1s](y >= 1))"),
+        ("historically(x <= 1)", past, "always(x <= 1)"),
+        ("once[0:2s](x >= 1)", past, "eventually(x >= 1)"),
+        ("(y >= 1) since (x >= 1)", past, "always(y >= 1 since x >= 1)"),
+        ("prev(x >= 1)", past, "always(prev(x >= 1))"),
+        ("not historically(x <= 1)", past, "always(x <= 1)"),
+        ("rise(x >= 1) or always(y >= 1)", past, "always(rise(x >= 1))"),
+    ] {
+        assert_eq!(found(text), [(name.to_owned(), "warning", meant.to_owned())], "{text}");
+    }
+    // A start condition may be meant.
+    let start = found("x <= 1 and always(y <= 1)");
+    assert_eq!((start.len(), start[0].0.as_str(), start[0].1), (1, first, "note"));
+    let every = Context { at_every_sample: true, ..Context::default() };
+    assert_eq!(traps("x <= 1 and once(y >= 1)", &every), [""; 0]);
+}
+
+/// Each trap says what happens: no value of a later sample changes the verdict.
+#[test]
+fn later_samples_do_not_change_the_verdict_of_a_part_that_sees_the_first_one_only() {
+    let mut checked = 0;
+    for text in [
+        "x <= 1",
+        "x >= 1 or y >= 1",
+        "historically(x <= 1)",
+        "(y >= 1) since (x >= 1)",
+        "prev(x >= 1)",
+        "rise(x >= 1)",
+        "x - (prev x) <= 1",
+        "not once(x >= 1)",
+    ] {
+        assert!(!start_traps(&Formula::parse(text).expect("a formula")).is_empty(), "{text}");
+        let names: Arc<[String]> = vec!["x".to_owned(), "y".to_owned()].into();
+        for first in [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0]] {
+            let verdict = |later: f64| {
+                let columns = first.map(|value| vec![value, later, later]).to_vec();
+                let formula = Formula::parse(text).expect("a formula");
+                let mut monitor = Monitor::new(&formula, &names, Clock::unknown()).expect("a monitor");
+                is_violated(
+                    monitor.robustness(&Trace::from_columns(Arc::clone(&names), columns)).expect("a value"),
+                )
+            };
+            assert_eq!(verdict(-50.0), verdict(50.0), "{text}");
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 32);
+}
+
+#[test]
+fn an_implication_that_has_to_hold_once() {
+    for (text, instead) in [
+        (
+            "eventually[0:5s](p >= 1 implies q >= 1)",
+            "eventually[0s:5s](p >= 1 and q >= 1), or always(p >= 1 implies eventually[0s:5s](q >= 1))",
+        ),
+        ("(r >= 1) until[0:5s] (p >= 1 implies q >= 1)", "(p >= 1 and q >= 1) in place of the implication"),
+    ] {
+        let found = describe(text, &Context::default()).expect("a formula").traps;
+        let found =
+            found.iter().map(|trap| (trap.name.as_str(), trap.instead.as_deref())).collect::<Vec<_>>();
+        assert_eq!(found, [("eventually-implies", Some(instead))], "{text}");
+    }
+    // Negated, the condition is required: always(p >= 1 and not q >= 1).
+    check("not eventually[0:5s](p >= 1 implies q >= 1)", &[]);
+}
+
+/// Outside of the trace, `prev` and `next` of a number are infinite.
+#[test]
+fn neighbors_outside_of_the_trace() {
+    check("always(abs(x - (prev x)) <= 0.1)", &["no-neighbor"]);
+    check("always[0:2s](abs((prev x) - x) < 0.1)", &["no-neighbor"]);
+    check("not eventually(abs(x - (s_prev x)) > 0.1)", &["no-neighbor"]);
+    check("always(p >= 1 implies x == (prev x))", &["measured-equality", "no-neighbor"]);
+    check("always(abs(x - (next x)) <= 0.1)", &["no-neighbor"]);
+    for text in [
+        "always[1:inf](abs(x - (prev x)) <= 0.1)",
+        "always(next(abs(x - (prev x)) <= 0.1))",
+        "always[0:2s](abs(x - (next x)) <= 0.1)",
+        "always(x - (prev x) <= 0.1)",
+        "always(prev(x >= 1) implies y >= 1)",
+        "eventually[0:2s](abs(x - (prev x)) <= 0.1)",
+    ] {
+        check(text, &[]);
+    }
+    let names: Arc<[String]> = vec!["x".to_owned()].into();
+    let violated = |text: &str| {
+        let formula = Formula::parse(text).expect("a formula");
+        let mut monitor = Monitor::new(&formula, &names, Clock::steps(0.1)).expect("a monitor");
+        is_violated(
+            monitor
+                .robustness(&Trace::from_columns(Arc::clone(&names), vec![vec![1.0; 30]]))
+                .expect("a value"),
+        )
+    };
+    assert!(violated("always(abs(x - (prev x)) <= 0.1)") && violated("always(abs(x - (next x)) <= 0.1)"));
+    assert!(!violated("always[1:inf](abs(x - (prev x)) <= 0.1)"));
 }
 
 #[test]
@@ -210,7 +332,7 @@ fn words_have_the_unit_of_bounds_without_one() {
 
 #[test]
 fn a_trap_names_its_place() {
-    let found = describe("x >= 1 and\n  y == 0.5", &Context::default()).expect("a formula");
+    let found = describe("always(x >= 1 and\n  y == 0.5)", &Context::default()).expect("a formula");
     assert_eq!((found.traps[0].line, found.traps[0].column), (Some(2), Some(5)));
 }
 

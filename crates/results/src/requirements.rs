@@ -21,6 +21,7 @@ words! {
     /// Answer to the question for the tightest values.
     pub enum MiningOutcome {
         Found = "found", LoosestFails = "loosest-fails", TightestHolds = "tightest-holds",
+        NoSupport = "no-support",
     }
 
     /// The direction in which a parameter is tighter.
@@ -190,12 +191,15 @@ pub struct Mining {
     /// Share of the traces that must satisfy the formula.
     pub share: Number,
     /// `found`; `loosest-fails`: too few traces satisfy the formula with the loosest values;
-    /// `tightest-holds`: they satisfy it with the tightest values, so that the ranges decide.
+    /// `tightest-holds`: they satisfy it with the tightest values, so that the ranges decide;
+    /// `no-support`: no trace supports a value, because the condition of an implication never holds
+    /// or a window is longer than the trace.
     pub outcome: MiningOutcome,
     /// The tightest values; with several parameters, the Pareto front. Empty if the loosest values
-    /// fail.
+    /// fail or no trace supports a value.
     pub points: Vec<MinedPoint>,
-    /// Per trace, the tightest value of the only parameter. Empty with several parameters.
+    /// Per trace, the tightest value of the only parameter. Empty with several parameters, or if no
+    /// trace supports a value.
     pub per_trace: Vec<MinedTrace>,
 }
 

@@ -198,9 +198,10 @@ impl<'a> Tree<'a> {
         range: Option<&RangeInclusive<usize>>,
         t: usize,
     ) -> Result<Found<usize>, MonitorError> {
-        let last = range.map(|range| *range.end()).or(self.last_read(node)).unwrap_or(t);
+        let left = self.operands(node)[0];
+        let end = t.saturating_add(self.spans[node].window.end).saturating_add(1).min(self.known(left));
         let right = range.map_or(t..t, half_open);
-        let (held, best) = self.held(node, t..last + 1, right, false, 1.0)?;
+        let (held, best) = self.held(node, t..end, right, false, 1.0)?;
         Ok(match (held.found, best) {
             (Some((held, sample)), best) if best.is_none_or(|(value, _)| !is_less(held, value)) => {
                 (held, Some(Choice::at(0, sample)))

@@ -9,6 +9,11 @@ pub(crate) const FINITE: &str =
 
 pub(crate) const NO_UNIT: &str = "a number has no unit: `x <= 2` compares with 2 in the unit of the signal `x`, and only bounds such as [0:2s] have one";
 
+/// Returns the hint on a letter that is an operator.
+pub(crate) fn letter_hint(letter: &str) -> Box<str> {
+    format!("a signal of this name needs backquotes: `{letter}`").into()
+}
+
 pub(crate) const BACKQUOTES: &str = "names with other characters are written in backquotes: `a/b[0]`";
 
 /// A position in the text of a formula. Line and column start at 1; columns count characters.
@@ -200,6 +205,20 @@ pub enum MonitorError {
         /// The name.
         name: String,
     },
+    /// A letter in the formula is an operator, and also the name of a signal of the trace.
+    #[error(
+        "the formula reads {letter} as the operator `{operator}`, and the trace has a signal of this name; write `{operator}` \
+         for the operator, or the name in backquotes for the signal: `{letter}`"
+    )]
+    LetterIsSignal {
+        /// The letter.
+        letter: String,
+        /// The operator.
+        operator: String,
+    },
+    /// A formula whose value depends on no trace.
+    #[error("the formula reads no signal, so its verdict is the same on every trace")]
+    NoSignal,
     /// A sampling period that is not positive and finite.
     #[error("the sampling period is {} s; it must be positive and finite", Shown(*period_secs))]
     InvalidPeriod {

@@ -48,11 +48,13 @@ impl Formula {
     ) -> Result<Vec<String>, MonitorError> {
         clock.check()?;
         let absolute = self.evaluated_at_start(time);
+        let in_number = self.inside_numbers();
+        let starts = self.starts();
         // In postfix order the operands of an operator come before it, so deep nesting needs no
         // recursion.
         let mut phrases: Vec<Phrase> = Vec::new();
-        for (node, absolute) in self.nodes.iter().zip(absolute) {
-            let new = match *node {
+        for (index, (node, absolute)) in self.nodes.iter().zip(absolute).enumerate() {
+            let mut new = match *node {
                 Node::Constant(value) => {
                     Phrase::value(&fmt::from_fn(|f| write_number(f, value)).to_string(), None)
                 }
@@ -67,16 +69,35 @@ impl Formula {
                     };
                     let last = phrases.pop().unwrap_or_default();
                     let first = if operator.arity() == 2 { phrases.pop() } else { None };
-                    let applied = AppliedOperator { operator, window, clock, absolute };
+                    let in_number = in_number[index];
+                    let applied = AppliedOperator { operator, window, clock, absolute, in_number };
                     match first {
                         Some(first) => applied.binary(first, last),
                         None => applied.unary(last),
                     }
                 }
             };
+            if in_number[index] && !new.is_number() {
+                let text = fmt::from_fn(|f| self.write_node(f, Operator::name, index, &starts));
+                new = Phrase::value(&format!("the robustness of `{text}`"), Some(""));
+            }
             phrases.push(new);
         }
-        Ok(phrases.pop().unwrap_or_default().lines())
+        Ok(phrases.pop().unwrap_or_default().statement().lines())
+    }
+
+    /// Returns for each node whether its value is a number for a comparison or for arithmetic above
+    /// it.
+    fn inside_numbers(&self) -> Vec<bool> {
+        let starts = self.starts();
+        let mut flags = vec![false; self.nodes.len()];
+        for index in (0..self.nodes.len()).rev() {
+            if let Node::Apply(operator, _) = self.nodes[index] {
+                let is_inside = flags[index] || operator.is_term() || operator.is_comparison();
+                self.operands(index, &starts).into_iter().for_each(|operand| flags[operand] = is_inside);
+            }
+        }
+        flags
     }
 
     /// Returns for each node whether it is evaluated at the first sample only: no temporal operator
@@ -203,6 +224,13 @@ impl Phrase {
         Phrase { kind: PhraseKind::Expression, parts, unit }
     }
 
+    /// Returns the least or greatest value of the number in a window.
+    fn extremum(self, which: &str, window: &str) -> Phrase {
+        let unit = self.unit.clone();
+        let parts = vec![vec![format!("the {which} {} {window}", self.number())]];
+        Phrase { kind: PhraseKind::Expression, parts, unit }
+    }
+
     fn lines(mut self) -> Vec<String> {
         let (joint, head) = match self.kind {
             PhraseKind::All => (", and ", "all of these hold:"),
@@ -276,12 +304,19 @@ struct AppliedOperator<'a> {
     clock: &'a Clock,
     /// Whether the window counts from the first sample.
     absolute: bool,
+    /// Whether the result is a number for a comparison or for arithmetic.
+    in_number: bool,
 }
 
 impl AppliedOperator<'_> {
     fn unary(&self, last: Phrase) -> Phrase {
         let name = self.operator.name();
+        let is_extremum = self.in_number && last.is_number();
         match self.operator {
+            Operator::Always if is_extremum => last.extremum("least", &self.ahead()),
+            Operator::Eventually if is_extremum => last.extremum("greatest", &self.ahead()),
+            Operator::Historically if is_extremum => last.extremum("least", &self.behind()),
+            Operator::Once if is_extremum => last.extremum("greatest", &self.behind()),
             Operator::Always => last.after(&format!("at every step {}:", self.ahead())),
             Operator::Eventually => last.after(&format!("at some step {}:", self.ahead())),
             Operator::Historically => last.after(&format!("at every step {}:", self.behind())),
@@ -567,6 +602,40 @@ mod tests {
                 "at every step up to 9 (0.9 s): this does not hold: q is more than 1 m",
                 "or only before a step from 0 to 9 (0 s to 0.9 s) at which: p is more than 2 m",
             ],
+        );
+    }
+
+    #[test]
+    fn a_signal_alone_is_a_statement() {
+        check("p", "p", &["p is at least 0"]);
+        check("prev p", "● p", &["(p one step earlier) is at least 0"]);
+        check("true", "true", &["this always holds"]);
+        check("not p", "¬ p", &["this does not hold: p is at least 0"]);
+    }
+
+    /// What looks like a chain or like an equivalence compares robustness.
+    #[test]
+    fn a_formula_in_a_comparison_is_its_robustness() {
+        check("0.2 <= v <= 0.3", "0.2 ≤ v ≤ 0.3", &["the robustness of `0.2 <= v` is at most 0.3"]);
+        check(
+            "always((a >= 1) == (b >= 1))",
+            "□(a ≥ 1 = (b ≥ 1))",
+            &["at every step of the trace: the robustness of `a >= 1` is the robustness of `b >= 1`"],
+        );
+        check(
+            "(a < 1 and b < 1) * 2 >= 1",
+            "(a < 1 ∧ b < 1) · 2 ≥ 1",
+            &["the robustness of `a < 1 and b < 1` · 2 is at least 1"],
+        );
+        check(
+            "(always[0:9] v) <= 3",
+            "(□[0:9] v) ≤ 3",
+            &["the least v from 0 to 9 (0 s to 0.9 s) is at most 3 m"],
+        );
+        check(
+            "v - (once[0:2] v) > -1",
+            "v - (◆[0:2] v) > -1",
+            &["v - (the greatest v from 2 earlier to then (0.2 s)) is more than -1 m"],
         );
     }
 

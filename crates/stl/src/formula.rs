@@ -117,9 +117,56 @@ impl Formula {
     /// Checks that a trace of the signals `names` has what the formula reads.
     ///
     /// # Errors
-    /// If `names` lacks a signal of the formula or contains a name that the formula defines.
+    /// If the formula reads no signal, or `names` lacks a signal of the formula, contains a name that
+    /// the formula defines, or a letter that is an operator in its text.
+    ///
+    /// # Example
+    /// ```
+    /// use mishandle_stl::Formula;
+    /// let names = ["X".to_owned()];
+    /// let check = |text: &str| Formula::parse(text).unwrap().check_names(&names);
+    /// assert!(check("always(`X` - 1 <= 2)").is_ok());
+    /// assert!(check("always(X(`X` <= 2))").is_err()); // `next` or the signal?
+    /// assert!(check("always(1 <= 2)").is_err());
+    /// ```
     pub fn check_names(&self, names: &[String]) -> Result<(), MonitorError> {
+        if self.signals.is_empty() {
+            return Err(MonitorError::NoSignal);
+        }
         columns(self, names).map(drop)
+    }
+
+    /// Returns for each node whether it is a number in the place of a formula: a signal, or arithmetic
+    /// on signals and constants. It holds if it is not negative, so a zero of it is +0.0.
+    pub(crate) fn bare_numbers(&self) -> Vec<bool> {
+        let starts = self.starts();
+        let mut is_number: Vec<bool> = Vec::with_capacity(self.nodes.len());
+        let mut is_bare = vec![false; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate() {
+            let operands = self.operands(index, &starts);
+            is_number.push(match node {
+                Node::Apply(operator, _) => {
+                    operator.is_term() && operands.iter().all(|node| is_number[*node])
+                }
+                _ => true,
+            });
+            if matches!(node, Node::Apply(operator, _) if !operator.is_term() && !operator.is_comparison()) {
+                operands.into_iter().for_each(|operand| is_bare[operand] = true);
+            }
+        }
+        if let Some(root) = is_bare.last_mut() {
+            *root = true;
+        }
+        let is_signed = |index: usize| is_number[index] && !matches!(self.nodes[index], Node::Constant(_));
+        is_bare.iter().enumerate().map(|(index, is_bare)| *is_bare && is_signed(index)).collect()
+    }
+
+    /// Returns the prefix operators that the text abbreviates by a letter.
+    pub(crate) fn letters(&self) -> impl Iterator<Item = (Operator, &'static str)> {
+        self.nodes.iter().zip(&self.origins).filter_map(|(node, origin)| match node {
+            Node::Apply(operator, _) if origin.is_letter => Some((*operator, operator.letter()?)),
+            _ => None,
+        })
     }
 
     /// Returns the names that the text defines and no later statement reads. A statement that is

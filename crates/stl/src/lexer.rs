@@ -2,6 +2,7 @@
 
 use crate::error::{BACKQUOTES, ParseError, Position};
 use crate::explain::spelling_of_symbol;
+use crate::foreign;
 use crate::name;
 
 /// The kind of a token; words and symbols keep their text.
@@ -50,8 +51,7 @@ impl<'t> Token<'t> {
     }
 }
 
-/// All symbols; a symbol comes before its prefixes. `=>` and `<=>` have no meaning but appear whole
-/// in error messages.
+/// All symbols; a symbol comes before its prefixes. `=>` and `<=>` have no meaning but hints.
 const SYMBOLS: [&str; 30] = [
     "!==", "<->", "<=>", "=>", "<=", ">=", "==", "!=", "->", "&&", "||", "<", ">", "=", "!", "&", "|", "+",
     "-", "*", "/", "(", ")", "[", "]", ",", ":", ";", "@", ".",
@@ -146,7 +146,7 @@ impl<'t> Lexer<'t> {
             found: format!("the character `{}`", name::one_line(first.encode_utf8(&mut [0; 4]))),
             hint: Some(match spelling_of_symbol(first) {
                 Some(spelling) => format!("did you mean `{spelling}`?").into(),
-                None => BACKQUOTES.into(),
+                None => foreign::character(first).unwrap_or(BACKQUOTES).into(),
             }),
         })
     }

@@ -43,6 +43,7 @@ mod diagnosis;
 mod error;
 mod explain;
 mod extremum;
+mod foreign;
 mod formula;
 mod lexer;
 mod moment;

@@ -86,6 +86,7 @@ impl<Time: Copy + Ord> Values<Time> {
         let first = starts[node];
         let values = vec![f64::NAN; node - first + 1];
         let mut found = Values { time, first, values, choices: HashMap::new() };
+        let is_bare = formula.bare_numbers();
         let mut next = first;
         while next <= node {
             let skipped = temporal.get(&next).copied();
@@ -103,6 +104,10 @@ impl<Time: Copy + Ord> Values<Time> {
                     moments.pointwise(operator, found.of(left), found.of(node - 1), time)?
                 }
             };
+            if is_bare[node] {
+                // −0.0 + 0.0 is 0.0; other numbers stay.
+                found.values[node - first] += 0.0;
+            }
             next = node + 1;
         }
         Ok(found)

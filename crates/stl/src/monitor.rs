@@ -298,11 +298,11 @@ impl Monitor {
         windows: Windows,
         visit: &mut impl FnMut(usize, Values<'_>, Range<usize>),
     ) -> Result<(), MonitorError> {
-        let Instruction { action, buffer, reach, undecided } = self.program.instructions[instruction];
+        let Instruction { action, buffer, reach, undecided, held } = self.program.instructions[instruction];
         let all = samples.len();
-        let (evaluated, decided) = match windows {
-            Windows::Cut => (all, all),
-            Windows::Whole => (all.saturating_sub(undecided), reach.decided(all)),
+        let (evaluated, decided, held) = match windows {
+            Windows::Cut => (all, all, all),
+            Windows::Whole => (all.saturating_sub(undecided), reach.decided(all), all.saturating_sub(held)),
         };
         // Moved out, so that the other buffers can be read while this one is written.
         let mut values = std::mem::take(&mut self.buffers[buffer]);
@@ -317,8 +317,10 @@ impl Monitor {
                 Ok(())
             }
             Action::TemporalBinary(operator, window, left) => {
-                let left = &mut self.buffers[left][..evaluated];
-                temporal_binary(operator, window, left, &mut values[..evaluated], &mut self.scratch);
+                let held = if operator == Operator::Unless { held } else { evaluated };
+                let left = &mut self.buffers[left][..evaluated.max(held)];
+                let right = &mut values[..evaluated];
+                temporal_binary(operator, window, left, held, right, &mut self.scratch);
                 Ok(())
             }
         };
@@ -459,11 +461,13 @@ pub(crate) fn temporal_unary(operator: Operator, window: Window, x: &mut [f64], 
     }
 }
 
-/// Replaces `y` by the values of a binary temporal operator. The values of `x` are lost.
+/// Replaces `y` by the values of a binary temporal operator. The values of `x` are lost; `unless`
+/// reads the first `held` of them to find how long its left operand holds.
 pub(crate) fn temporal_binary(
     operator: Operator,
     window: Window,
     x: &mut [f64],
+    held: usize,
     y: &mut [f64],
     scratch: &mut [f64],
 ) {
@@ -472,10 +476,10 @@ pub(crate) fn temporal_binary(
         Operator::Release => until::until::<Minimum>(x, y, window, scratch),
         Operator::Since => until::since::<Maximum>(x, y, window, scratch),
         Operator::Unless => {
-            let (held, scratch) = scratch.split_at_mut(x.len());
-            held.copy_from_slice(x);
+            let (held, scratch) = scratch.split_at_mut(held);
+            held.copy_from_slice(&x[..held.len()]);
             extremum::ahead::<Minimum>(held, Window { begin: 0, end: window.end }, scratch);
-            until::until::<Maximum>(x, y, window, scratch);
+            until::until::<Maximum>(&mut x[..y.len()], y, window, scratch);
             y.iter_mut().zip(held).for_each(|(y, held)| *y = Maximum::pick(*y, *held));
         }
         _ => unreachable!("{operator:?} is compiled to another kind of instruction"),

@@ -55,7 +55,7 @@ pub(crate) fn is_not_finite(word: &str) -> bool {
     ["nan", "inf", "infinity"].iter().any(|known| word.eq_ignore_ascii_case(known))
 }
 
-fn is_truth_value(word: &str) -> bool {
+pub(crate) fn is_truth_value(word: &str) -> bool {
     ["true", "TRUE", "false", "FALSE"].contains(&word)
 }
 

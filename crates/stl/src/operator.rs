@@ -155,6 +155,20 @@ impl Operator {
         self.row().2
     }
 
+    /// Returns the operator of this shape that `text` abbreviates with a letter, such as `X`, which
+    /// is the name of many signals, too.
+    pub(crate) fn by_letter(text: &str, shape: Shape) -> Option<Operator> {
+        let is_letter = |operator: &Operator| {
+            operator.name() != text && text.chars().all(|letter| letter.is_ascii_alphabetic())
+        };
+        Operator::by_spelling(text, shape).filter(is_letter)
+    }
+
+    /// Returns the letter that abbreviates the operator.
+    pub(crate) fn letter(self) -> Option<&'static str> {
+        self.spellings().iter().copied().find(|text| Operator::by_letter(text, self.shape()).is_some())
+    }
+
     /// Returns the number of operands.
     pub(crate) fn arity(self) -> usize {
         match self.shape() {

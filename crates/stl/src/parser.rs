@@ -2,10 +2,11 @@
 //! (shunting yard).
 
 use crate::clock::{Bound, Interval, TimeUnit};
-use crate::error::{BACKQUOTES, FINITE, NO_UNIT, ParseError, Position};
+use crate::error::{BACKQUOTES, FINITE, NO_UNIT, ParseError, Position, letter_hint};
+use crate::foreign;
 use crate::formula::{Definition, Formula, Node};
 use crate::lexer::{Kind, Token, tokens};
-use crate::name::{is_not_finite, is_reserved, unescaped};
+use crate::name::{is_not_finite, is_reserved, is_truth_value, unescaped};
 use crate::operator::{Operator, Shape};
 use crate::spelling::nearest_within;
 use crate::syntax::{Origin, Parameter};
@@ -26,6 +27,8 @@ const MAX_NODES: usize = 1 << 17;
 const TYPES: [&str; 3] = ["float", "int", "long"];
 
 const OPERAND: &str = "a signal, a number, `(` or a prefix operator";
+
+const AT_TIME: &str = "a signal is read at its sample by its name alone, without `[t]`";
 
 const NO_INTERVAL: &str = "an operand; only always, eventually, historically, once, until, release, unless and since \
                            take an interval";
@@ -174,6 +177,9 @@ impl<'t> Parser<'t> {
         let is_part_of_name = ["/", ".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
         let hint = match token.kind {
             Kind::Word(word) if is_not_finite(word) => Some(FINITE.into()),
+            Kind::Word(word) if Operator::by_letter(word, Shape::Infix).is_some() => Some(letter_hint(word)),
+            Kind::Symbol("[") if self.ahead(1).is_symbol("]") => Some("`[]` is `always`".into()),
+            Kind::Symbol("<") if self.ahead(1).is_symbol(">") => Some("`<>` is `eventually`".into()),
             _ => is_part_of_name.then(|| BACKQUOTES.into()),
         };
         let expected = OPERAND.to_owned();
@@ -308,7 +314,7 @@ impl<'t> Parser<'t> {
         self.next += 1;
         self.defined.push(name);
         let mut formula = Postfix { before: self.expanded, ..Postfix::default() };
-        formula.push_one(Node::Constant(sign * value), at)?;
+        formula.push_one(Node::Constant(sign * value + 0.0), at)?;
         self.define(name, at, formula)
     }
 
@@ -396,8 +402,12 @@ impl<'t> Parser<'t> {
             };
             if let Some(operator) = Operator::by_spelling(text, Shape::Prefix) {
                 self.next += 1;
+                let is_letter = Operator::by_letter(text, Shape::Prefix).is_some();
+                if is_letter {
+                    self.check_after_letter(text)?;
+                }
                 let (interval, bounds) = self.interval(operator)?;
-                let origin = Origin { bounds, ..Origin::at(token.at) };
+                let origin = Origin { bounds, is_letter, ..Origin::at(token.at) };
                 pending.push(Pending::Operator(operator, interval, origin));
             } else if let Some(operator) = self.call() {
                 self.next += 1;
@@ -411,6 +421,27 @@ impl<'t> Parser<'t> {
                 return self.name(operands);
             }
         }
+    }
+
+    /// Checks that the next token starts a formula and not a number: `X - 1` is meant as a signal `X`
+    /// and not as `next(-1)`.
+    fn check_after_letter(&self, letter: &str) -> Result<(), ParseError> {
+        let token = self.peek();
+        let is_operator = |word: &str| {
+            [Shape::Prefix, Shape::Call(0)].iter().any(|shape| Operator::by_spelling(word, *shape).is_some())
+        };
+        let starts_formula = match token.kind {
+            Kind::Symbol(symbol) => ["(", "[", "!"].contains(&symbol),
+            Kind::Word(word) => is_operator(word) || is_truth_value(word) || token.name().is_some(),
+            Kind::Quoted(_) => true,
+            Kind::Number(_) | Kind::End => false,
+        };
+        if starts_formula {
+            return Ok(());
+        }
+        let expected = format!("`(`, `[`, `!`, a name or an operator after the operator `{letter}`");
+        let hint = Some(letter_hint(letter));
+        Err(ParseError::Unexpected { at: token.at, expected, found: token.found(), hint })
     }
 
     /// Returns the function called at the next token, if any. `ln` without a following `(` is an
@@ -516,9 +547,11 @@ impl<'t> Parser<'t> {
         let token = self.peek();
         let is_index = token.is_symbol("[") && self.ahead(2).is_symbol("]");
         let is_part_of_name = is_index || [".", ":", "@"].iter().any(|symbol| token.is_symbol(symbol));
-        let follows_number =
-            self.next.checked_sub(1).is_some_and(|index| matches!(self.tokens[index].kind, Kind::Number(_)));
+        let follows_number = self.before().is_some_and(|before| matches!(before.kind, Kind::Number(_)));
+        let function = self.before().and_then(|before| foreign::function(before.text));
         let hint = match self.suggested_operator() {
+            _ if function.is_some() => function.map(Into::into),
+            _ if is_index && self.ahead(1).kind == Kind::Word("t") => Some(AT_TIME.into()),
             Some(operator) => Some(format!("did you mean `{operator}`?").into()),
             None if follows_number && matches!(token.kind, Kind::Word(_)) => Some(NO_UNIT.into()),
             None => is_part_of_name.then(|| BACKQUOTES.into()),
@@ -530,14 +563,19 @@ impl<'t> Parser<'t> {
     /// next token, or the operator most similar to the name before it, which was parsed as an
     /// operand: a prefix operator, or at the start of a line an infix operator.
     fn suggested_operator(&self) -> Option<&'static str> {
-        if self.peek().is_symbol("=") {
-            return Some("==");
+        let before = self.before();
+        let is_word = |token: &&Token<'_>| matches!(token.kind, Kind::Word(_));
+        let of_others = [
+            foreign::operator(self.peek().text),
+            before.filter(is_word).and_then(|token| foreign::operator(token.text)),
+        ];
+        if let Some(operator) = of_others.into_iter().flatten().next() {
+            return Some(operator);
         }
         let operator = |token: &Token<'_>, shapes: &[Shape]| match token.kind {
             Kind::Word(word) if !is_reserved(word) => nearest_operator(word, shapes),
             _ => None,
         };
-        let before = self.next.checked_sub(1).map(|index| &self.tokens[index]);
         let shapes = |token: &Token<'_>| {
             if token.starts_line {
                 [Shape::Prefix, Shape::Call(0), Shape::Infix]
@@ -547,6 +585,11 @@ impl<'t> Parser<'t> {
         };
         operator(&self.peek(), &[Shape::Infix])
             .or_else(|| before.and_then(|token| operator(token, &shapes(token))))
+    }
+
+    /// Returns the token before the next one.
+    fn before(&self) -> Option<&Token<'t>> {
+        self.next.checked_sub(1).map(|index| &self.tokens[index])
     }
 
     /// Returns whether the statement can end before the next token, which cannot continue it.
@@ -673,7 +716,8 @@ impl Postfix {
         if let (Operator::Negate, Some(Node::Constant(value)), false) =
             (operator, self.nodes.last_mut(), is_parameter)
         {
-            *value = -*value;
+            // Not −0.0, since a number that is not negative holds.
+            *value = 0.0 - *value;
             return;
         }
         self.depth -= operator.arity() - 1;

@@ -45,6 +45,9 @@ pub(crate) struct Instruction {
     /// The number of samples at the end of a trace at which the operands are not decided, or not
     /// needed for a decided result. Without these samples, no window of an operand is cut.
     pub undecided: usize,
+    /// The same for the left operand of `unless`, which can hold on later samples than those of
+    /// `until`.
+    pub held: usize,
 }
 
 /// A compiled formula; the last instruction computes its robustness.
@@ -95,6 +98,7 @@ impl Program {
             formula,
             columns: &columns,
             listed: &listed,
+            is_bare: &formula.bare_numbers(),
             instructions: Vec::new(),
             states: Vec::new(),
             subformulas: Vec::new(),
@@ -129,7 +133,7 @@ impl Program {
                 ) => window,
                 _ => return false,
             };
-            window.is_unbounded() && instruction.undecided > 0
+            window.is_unbounded() && instruction.undecided.max(instruction.held) > 0
         })
     }
 
@@ -163,6 +167,14 @@ impl Program {
 pub(crate) fn columns(formula: &Formula, names: &[String]) -> Result<Vec<(usize, String)>, MonitorError> {
     if let Some(definition) = formula.defined.iter().find(|definition| names.contains(&definition.name)) {
         return Err(MonitorError::ShadowsSignal { name: definition.name.clone() });
+    }
+    if let Some((operator, letter)) =
+        formula.letters().find(|(_, letter)| names.iter().any(|name| name == letter))
+    {
+        return Err(MonitorError::LetterIsSignal {
+            letter: letter.to_owned(),
+            operator: operator.name().to_owned(),
+        });
     }
     formula.signals.iter().map(|name| column(name, &formula.signals, names)).collect()
 }
@@ -202,6 +214,7 @@ struct Compiler<'a> {
     columns: &'a [(usize, String)],
     /// The index of each node in the list of sub-formulas.
     listed: &'a [Option<usize>],
+    is_bare: &'a [bool],
     instructions: Vec<Instruction>,
     states: Vec<State>,
     subformulas: Vec<Subformula>,
@@ -260,7 +273,8 @@ impl Compiler<'_> {
             };
             (Action::Pointwise(operator, operands), buffer)
         };
-        self.instructions.push(Instruction { action, buffer, reach, undecided });
+        let held = if operator == Operator::Unless { first_reach.ahead } else { 0 };
+        self.instructions.push(Instruction { action, buffer, reach, undecided, held });
         self.list(node, Source::Buffer(buffer), reach);
         self.push(Values::Buffer(buffer), reach);
     }
@@ -288,12 +302,12 @@ impl Compiler<'_> {
         match values {
             Values::Buffer(buffer) => buffer,
             Values::State(nodes) => {
-                let state = State::compile(self.formula, nodes, self.columns, self.listed);
+                let state = State::compile(self.formula, nodes, self.columns, self.listed, self.is_bare);
                 let action = Action::State(self.states.len());
                 self.states.push(state);
                 let buffer = self.allocate();
                 let reach = Reach::default();
-                self.instructions.push(Instruction { action, buffer, reach, undecided: 0 });
+                self.instructions.push(Instruction { action, buffer, reach, undecided: 0, held: 0 });
                 buffer
             }
         }
@@ -320,12 +334,12 @@ pub(crate) fn undecided(
     match operator {
         Operator::Until | Operator::Release if window.end == 0 => last.ahead,
         // The left operand is not evaluated at the last sample.
-        Operator::Until | Operator::Release => last.ahead.max(first.ahead.saturating_sub(1)),
-        Operator::Always
-        | Operator::Eventually
-        | Operator::Unless
-        | Operator::Next
-        | Operator::StrongNext => first.ahead.max(last.ahead),
+        Operator::Until | Operator::Release | Operator::Unless => {
+            last.ahead.max(first.ahead.saturating_sub(1))
+        }
+        Operator::Always | Operator::Eventually | Operator::Next | Operator::StrongNext => {
+            first.ahead.max(last.ahead)
+        }
         // These operators read no later samples of their operands.
         _ => result.ahead,
     }

@@ -66,20 +66,22 @@ impl Buffers {
 }
 
 impl State {
-    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, and
-    /// `listed` the index of each node in the list of sub-formulas.
+    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, `listed` the
+    /// index of each node in the list of sub-formulas, and `is_bare` which nodes are
+    /// [bare numbers](Formula::bare_numbers).
     pub(crate) fn compile(
         formula: &Formula,
         nodes: Range<usize>,
         columns: &[(usize, String)],
         listed: &[Option<usize>],
+        is_bare: &[bool],
     ) -> State {
         let mut state = State { steps: Vec::new(), result: Source::Constant(f64::NAN), listed: Vec::new() };
         let mut stack = Vec::new();
         let mut free = Vec::new();
         let mut buffers = 0;
         for node in nodes {
-            let source = match formula.nodes[node] {
+            let mut source = match formula.nodes[node] {
                 Node::Constant(value) => Source::Constant(value),
                 Node::Signal(signal) => Source::Column(columns[signal as usize].0),
                 Node::Apply(operator, _) => {
@@ -95,6 +97,18 @@ impl State {
                     Source::Buffer(out)
                 }
             };
+            if is_bare[node] {
+                // The robustness of `x` is that of `x >= 0`, in which the sign of a zero is the
+                // verdict.
+                let operands = [source, Source::Constant(0.0)];
+                let out = free.pop().unwrap_or(buffers);
+                buffers = buffers.max(out + 1);
+                if let Source::Buffer(buffer) = source {
+                    free.push(buffer);
+                }
+                state.steps.push(Step { operator: Operator::GreaterOrEqual, operands, out });
+                source = Source::Buffer(out);
+            }
             if let Some(index) = listed[node] {
                 state.listed.push(Listed { source, steps: state.steps.len(), index });
             }

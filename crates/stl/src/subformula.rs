@@ -60,7 +60,11 @@ impl Reach {
                 first.later(0, end.saturating_sub(1)).and(last.later(begin, end)).over(window)
             }
             Operator::Since => first.earlier(0, end.saturating_sub(1)).and(last.earlier(begin, end)),
-            Operator::Unless => first.later(0, end).and(last.later(begin, end)).over(window),
+            // `(always[0:end] first) or (first until[begin:end] last)`
+            Operator::Unless => {
+                let held = if window.is_unbounded() { begin.saturating_sub(1) } else { end };
+                first.later(0, held).and(last.later(begin, end)).over(window)
+            }
             _ => first.and(last),
         }
     }

@@ -13,6 +13,8 @@ pub(crate) struct Origin {
     pub at: Option<Position>,
     /// Whether the text has parentheses around it, or a name in its place.
     pub in_parentheses: bool,
+    /// Whether the text abbreviates the operator by a letter.
+    pub is_letter: bool,
     /// The parameter that a constant is.
     pub parameter: Option<u32>,
     /// The parameters that are the bounds of the interval.

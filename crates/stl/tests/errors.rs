@@ -1,7 +1,9 @@
 //! Error messages for wrong formulas, traces and clocks, and the parsing of unusual formulas.
 
 use crate::processor_time::processor_secs;
-use mishandle_stl::{Clock, Formula, Monitor, MonitorError, ParseError, TimeUnit, Trace};
+use mishandle_stl::{
+    Clock, CutMonitor, Formula, Monitor, MonitorError, OnlineMonitor, ParseError, TimeUnit, Trace,
+};
 use std::sync::Arc;
 
 const CONTROL_DT: f64 = 1.0 / 60.0;
@@ -23,9 +25,10 @@ fn a_missing_operand_is_reported_at_its_position() {
     check("a and", 6, &format!("column 6: {OPERAND}, found the end of the formula"));
     check("a and or b", 7, &format!("column 7: {OPERAND}, found `or`"));
     check("a ** b", 4, &format!("column 4: {OPERAND}, found `*`"));
-    check("a => b", 3, "column 3: expected an operator or the end of the formula, found `=>`");
     check("()", 2, &format!("column 2: {OPERAND}, found `)`"));
-    check("a until U b", 9, &format!("column 9: {OPERAND}, found `U`"));
+    let letter = "a signal of this name needs backquotes: `U`";
+    check("a until U b", 9, &format!("column 9: {OPERAND}, found `U`; {letter}"));
+    check("always(U <= 2)", 8, &format!("column 8: {OPERAND}, found `U`; {letter}"));
     check("a > +1", 5, &format!("column 5: {OPERAND}, found `+`"));
 }
 
@@ -99,6 +102,103 @@ fn a_misspelled_operator_is_reported_with_a_suggestion() {
     check("x y", 3, "y", "");
     check("x not y", 3, "not", "");
     check("always d[0:3]", 9, "[", "");
+}
+
+/// A column of a log has this name. `X - 1 <= 2` would be `next(-1 <= 2)`, which no trace violates.
+#[test]
+fn a_letter_is_an_operator_only_where_no_signal_can_be() {
+    for letter in ["G", "F", "H", "O", "Y", "X", "sY", "sX"] {
+        let hint = format!("a signal of this name needs backquotes: `{letter}`");
+        for text in [
+            "@ - 1 <= 2",
+            "@ <= 1",
+            "abs(@) <= 2",
+            "x >= @",
+            "@ + @ <= 2",
+            "(@)",
+            "@ and x >= 1",
+            "@ / 2 <= 1",
+        ] {
+            let text = format!("always({})", text.replace('@', letter));
+            let error = Formula::parse(&text).expect_err(&text).to_string();
+            assert!(error.contains(&hint), "{text}: {error}");
+            let quoted = text.replace(letter, &format!("`{letter}`"));
+            assert!(Formula::parse(&quoted).expect(&quoted).signals().contains(&letter), "{quoted}");
+        }
+        let number = format!("{letter} 2 <= x");
+        assert!(Formula::parse(&number).expect_err(&number).to_string().contains(&hint), "{number}");
+        for text in
+            ["@(x >= 1)", "@ x", "@ !(x >= 1)", "@ not x", "@ abs(x) <= 1", "@ @ x", "@ `x` >= 1", "@ true"]
+        {
+            let text = text.replace('@', letter);
+            let formula = Formula::parse(&text).expect(&text);
+            assert!(!formula.signals().contains(&letter), "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_letter_that_is_also_a_signal_of_the_trace_is_refused() {
+    for (text, letter, operator) in [
+        ("X(p >= 0)", "X", "next"),
+        ("always(p >= 0 and O[0:2] p >= 1)", "O", "once"),
+        ("p until F p", "F", "eventually"),
+    ] {
+        let formula = Formula::parse(text).unwrap();
+        let names: Vec<String> = vec!["p".to_owned(), letter.to_owned()];
+        let expected =
+            MonitorError::LetterIsSignal { letter: letter.to_owned(), operator: operator.to_owned() };
+        let found = [
+            formula.check_names(&names).unwrap_err(),
+            Monitor::new(&formula, &names, Clock::unknown()).unwrap_err(),
+            OnlineMonitor::new(std::slice::from_ref(&formula), &names, Clock::unknown(), None).unwrap_err(),
+            CutMonitor::new(std::slice::from_ref(&formula), &names, Clock::unknown()).unwrap_err(),
+        ];
+        for error in found {
+            assert_eq!(error, expected, "{text}");
+            assert!(error.to_string().contains(&format!("`{letter}`")), "{error}");
+        }
+        let words: Formula = formula.to_string().parse().unwrap();
+        assert!(words.check_names(&names).is_ok(), "{words}");
+        assert!(formula.check_names(&names[..1]).is_ok(), "{text}");
+    }
+    let infix: Formula = "p U q".parse().unwrap();
+    assert!(infix.check_names(&["p", "q", "U"].map(str::to_owned)).is_ok());
+}
+
+#[test]
+fn a_formula_that_reads_no_signal_asks_nothing_of_a_trace() {
+    let names = ["p".to_owned()];
+    for text in ["true", "always(1 <= 2)", "k = 3; always(k >= 2)"] {
+        let formula = Formula::parse(text).unwrap();
+        assert_eq!(formula.check_names(&names), Err(MonitorError::NoSignal), "{text}");
+    }
+    assert_eq!(Formula::parse("p and true").unwrap().check_names(&names), Ok(()));
+}
+
+/// Formulas of Breach, MoonLight, FRET and S-TaLiRo.
+#[test]
+fn words_of_other_tools_have_a_hint_with_ours() {
+    for (text, hint) in [
+        ("alw_[0,10](x > 1)", "did you mean `always`?"),
+        ("alw (x > 1)", "did you mean `always`?"),
+        ("not (ev_[6,12](x > 10))", "did you mean `eventually`?"),
+        ("globally [0, 0.2] (x > y)", "did you mean `always`?"),
+        ("hist_[0,3](x > 1)", "did you mean `historically`?"),
+        ("(x > 1) until_[0,3] (y > 1)", "did you mean `until`?"),
+        ("always(x > 1 => y > 1)", "did you mean `implies`?"),
+        ("x > 1 <=> y > 1", "did you mean `iff`?"),
+        ("x ^ 2 <= 1", "a power is `pow(x, y)`"),
+        (r"x > 1 /\ y > 1", r"`/\` is `and`, and `\/` is `or`"),
+        ("min(x, y) >= 1", "`min(a, b) >= c` is `a >= c and b >= c`"),
+        ("max(x, y) >= 1", "`max(a, b) >= c` is `a >= c or b >= c`"),
+        ("x[t] > 1", "by its name alone, without `[t]`"),
+        ("[]_[0,5](x > 1)", "`[]` is `always`"),
+        ("not <>_[0,5](x > 1)", "`<>` is `eventually`"),
+    ] {
+        let error = Formula::parse(text).expect_err(text).to_string();
+        assert!(error.contains(hint), "{text}: {error}");
+    }
 }
 
 #[test]

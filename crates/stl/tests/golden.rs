@@ -22,10 +22,42 @@ fn trace_of(columns: &[Vec<f64>]) -> Trace {
     trace
 }
 
+/// Returns the text with words for operators that are letters in front of a number, as in `H -3 <= c`,
+/// which is `H - 3` to a reader and an error here.
+fn without_letters(text: &str) -> String {
+    let words = [
+        ("G", "always"),
+        ("F", "eventually"),
+        ("H", "historically"),
+        ("O", "once"),
+        ("Y", "prev"),
+        ("X", "next"),
+        ("sY", "s_prev"),
+        ("sX", "s_next"),
+    ];
+    let is_part = |c: char| c.is_alphanumeric() || c == '_';
+    let mut out = String::new();
+    let mut rest = text;
+    while !rest.is_empty() {
+        let end = rest.find(|c| !is_part(c)).unwrap_or(rest.len()).max(1);
+        let (word, after) = rest.split_at(end);
+        let is_before_number =
+            after.trim_start().starts_with(|c: char| c == '-' || c == '.' || c.is_ascii_digit());
+        let letter = words.iter().find(|(letter, _)| *letter == word && is_before_number);
+        out += letter.map_or(word, |(_, word)| word);
+        rest = after;
+    }
+    out
+}
+
 /// Exact, except for `exp` and `pow`, whose last bits depend on the math library.
 fn is_close(text: &str, got: f64, expected: f64) -> bool {
     let is_exact = !text.contains("exp(") && !text.contains("pow(");
     got == expected || (!is_exact && (got - expected).abs() <= 1e-12 * expected.abs().max(1.0))
+}
+
+fn parse(text: &str) -> Formula {
+    Formula::parse(&without_letters(text)).unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
 /// Returns the trace of a case, and a monitor of `text` for its signals and clock.
@@ -34,7 +66,7 @@ fn set_up(case: &Value, text: &str) -> (Trace, Monitor) {
     let clock = Clock::rtamt(case["period_secs"].as_f64().unwrap(), unit);
     let columns: Vec<Vec<f64>> = case["trace"].as_array().unwrap().iter().map(numbers).collect();
     let trace = trace_of(&columns);
-    let formula = Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+    let formula = parse(text);
     let monitor = Monitor::new(&formula, trace.names(), clock).unwrap();
     (trace, monitor)
 }
@@ -70,7 +102,6 @@ fn operators_have_the_precedence_of_rtamt() {
         let tree = pair[1].as_str().unwrap();
         // RTAMT's trees print the operator `prev` as `previous`.
         let tree = tree.replace("previous", "prev");
-        let parse = |text: &str| Formula::parse(text).unwrap_or_else(|error| panic!("{text}: {error}"));
         assert_eq!(parse(text), parse(&tree), "{text} is {tree} in RTAMT");
     }
 }

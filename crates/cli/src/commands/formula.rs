@@ -181,7 +181,9 @@ fn describe(command: &Arguments, settings: &Settings) -> Result<(FormulaDescript
     if let Some(typed) = typed {
         text = typed.to_string();
         if let Some(target) = &target {
-            text = formula_context::named_formula(target, typed).unwrap_or(typed).to_string();
+            let named = formula_context::named_formula(target, typed);
+            context.at_every_sample = named.is_some() && matches!(typed, "safe" | "completion");
+            text = named.unwrap_or(typed).to_string();
         }
         if let Some(path) = &command.requirements {
             let (requirements, units) = formula_context::of_file(path)?;

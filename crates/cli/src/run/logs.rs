@@ -7,10 +7,12 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use mishandle::files::{limits, read_text_bounded};
 use mishandle::inspect::{common_unit, explain_trace};
 use mishandle::plan::LogSettings;
-use mishandle::results::{LogExplanation, LogVerdict, Severity};
+use mishandle::results::{FormulaTrap, LogExplanation, LogVerdict, Severity};
 use mishandle::stl::{Clock, Formula, ParseError, TimeUnit, name_hint, unquoted};
 use mishandle_logs::{Evaluation, LogError, NamedSamples, OpenLog, Options, Requirement, Signals, Source};
-use mishandle_requirements::{ParameterRange, RequirementFile, WrittenRequirement, parse_with_ranges};
+use mishandle_requirements::{
+    ParameterRange, RequirementFile, WrittenRequirement, parse_with_ranges, start_traps,
+};
 
 use crate::show::{escape, formula_error, log_verdicts, output};
 
@@ -77,6 +79,7 @@ pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Resu
     for Unparsed { name, text, severity, unit, description, units } in written {
         let formula = formula(name.as_deref(), &text, log, options)?;
         output::warn_about(&formula);
+        start_traps(&formula).iter().for_each(warn_of_start);
         requirements.push(Requirement { name, formula, severity, unit, description, units });
     }
     let reads = |signal: &str| {
@@ -88,6 +91,18 @@ pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Resu
         bail!("[units] names `{signal}`, which no formula reads");
     }
     Ok(requirements)
+}
+
+/// Says that only the first sample counts, and what to write instead.
+fn warn_of_start(trap: &FormulaTrap) {
+    let instead =
+        trap.instead.as_ref().map(|instead| format!("; for other samples, write {}", escape::name(instead)));
+    output::message(&format!(
+        "{}: {}{}",
+        trap.severity,
+        escape::name(&trap.why),
+        instead.unwrap_or_default()
+    ));
 }
 
 /// Parses a formula, with a hint about the names in the log.

@@ -49,13 +49,15 @@ pub fn text(found: &Mining, width: usize) -> String {
                  the share."
             ));
         }
+        (MiningOutcome::NoSupport, _) => parts.push(
+            "Nothing was mined: no trace supports a value. In each trace, the condition of an implication never holds, or a \
+             window of the formula is longer than the trace. Use other logs, or longer ones."
+                .to_string(),
+        ),
         (MiningOutcome::TightestHolds, [point]) => {
-            let remedy = match (point.cut, point.support) {
-                (0, 0) => {
-                    "In none of them, the conditions of all implications hold: use other logs.".to_string()
-                }
-                (0, _) => "Widen the ranges.".to_string(),
-                (cut, _) => format!(
+            let remedy = match point.cut {
+                0 => "Widen the ranges.".to_string(),
+                cut => format!(
                     "{cut} of them are shorter than the windows of the formula, which are cut at their end: wider ranges do not \
                      help, use longer logs or a range of shorter windows."
                 ),

@@ -71,7 +71,7 @@ fn question(text: String) -> RequirementError {
 /// enough traces satisfy the formula, and fewer do if any one parameter is a step tighter.
 ///
 /// A trace supports a value if it contains the windows of the formula and the conditions of its
-/// implications hold. The share is one of the traces whose conditions hold with some values.
+/// implications hold. If no trace supports a value, there is none. The share is one of the traces whose conditions hold with some values.
 ///
 /// # Errors
 /// If the formula does not parse, a parameter is a signal, has no direction in which it is tighter,
@@ -104,6 +104,12 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
     };
     for point in points {
         found.points.push(miner.point(&point)?);
+    }
+    // Values that no trace asks for are no answer.
+    if found.points.iter().all(|point| point.support == 0) {
+        found.outcome = MiningOutcome::NoSupport;
+        found.points.clear();
+        found.per_trace.clear();
     }
     if let [point] = found.points.as_slice() {
         let value = point.values.first().map_or(f64::NAN, |value| value.0);

@@ -1,6 +1,6 @@
 //! Implications whose condition says nothing.
 
-use mishandle_stl::{Monitor, is_satisfied};
+use mishandle_stl::{Formula, Monitor, is_satisfied};
 
 use super::Found;
 use crate::describe::Context;
@@ -8,6 +8,7 @@ use crate::ranges::Analysis;
 use crate::tree::Tree;
 
 pub(super) fn find(tree: &Tree<'_>, context: &Context, analysis: &Analysis, found: &mut Found<'_>) {
+    once(tree, found);
     for node in tree.antecedents() {
         let condition = tree.text(node);
         let is_impossible = analysis.holds[node].is_empty();
@@ -42,6 +43,53 @@ pub(super) fn find(tree: &Tree<'_>, context: &Context, analysis: &Analysis, foun
                 )),
             );
         }
+    }
+}
+
+/// Returns the operators whose operand is an implication that has to hold once, with it.
+fn of_once(tree: &Tree<'_>) -> Vec<(usize, usize)> {
+    let is_negated = tree.negated();
+    let of_one = |node: usize| {
+        let is_once = matches!(tree.operator(node)?, "eventually" | "once" | "until" | "since");
+        let implication = *tree.nodes[node].operands.last()?;
+        let is_one = is_once && !is_negated[node] && tree.operator(implication) == Some("implies");
+        is_one.then_some((node, implication))
+    };
+    (0..tree.nodes.len()).filter_map(of_one).collect()
+}
+
+/// Returns what has to hold at some sample and to fail at another one, so that a trace shows an
+/// implication that has to hold once.
+pub(crate) fn shown(tree: &Tree<'_>) -> Vec<Formula> {
+    let failing = |(_, implication): (usize, usize)| {
+        let [condition, consequence] = [0, 1].map(|n| tree.text(tree.nodes[implication].operands[n]));
+        Formula::parse(&format!("({condition}) and not ({consequence})")).ok()
+    };
+    of_once(tree).into_iter().filter_map(failing).collect()
+}
+
+/// Finds implications that have to hold once: a sample at which the condition fails is enough.
+fn once(tree: &Tree<'_>, found: &mut Found<'_>) {
+    for (node, implication) in of_once(tree) {
+        let name = tree.operator(node).unwrap_or_default();
+        let [condition, consequence] = [0, 1].map(|n| tree.text(tree.nodes[implication].operands[n]));
+        let window = tree.window(node);
+        let instead = match name {
+            "eventually" => {
+                format!(
+                    "eventually{window}({condition} and {consequence}), or always({condition} implies eventually{window}({consequence}))"
+                )
+            }
+            _ => format!("({condition} and {consequence}) in place of the implication"),
+        };
+        found.warn(
+            "eventually-implies",
+            node,
+            format!(
+                "a sample at which `{condition}` fails satisfies `{name}`: the consequence is never required"
+            ),
+            Some(instead),
+        );
     }
 }
 

@@ -1,12 +1,14 @@
 //! The known traps of formulas: what often means something else than its author thinks.
 
 mod comparisons;
-mod implications;
+pub(crate) mod implications;
 mod precedence;
 mod predicates;
+pub(crate) mod start;
 mod windows;
 
 use mishandle_results::{FormulaTrap, TrapSeverity};
+use mishandle_stl::Formula;
 
 use crate::describe::Context;
 use crate::ranges;
@@ -19,9 +21,19 @@ const MAX_ALIKE: usize = 5;
 pub(crate) struct Found<'a> {
     tree: &'a Tree<'a>,
     traps: Vec<FormulaTrap>,
+    /// The node of each trap.
+    nodes: Vec<usize>,
 }
 
-impl Found<'_> {
+impl<'a> Found<'a> {
+    fn new(tree: &'a Tree<'a>) -> Found<'a> {
+        Found { tree, traps: Vec::new(), nodes: Vec::new() }
+    }
+
+    fn has_warning(&self, name: &str) -> bool {
+        self.traps.iter().any(|trap| trap.name == name && trap.severity == TrapSeverity::Warning)
+    }
+
     /// Adds a trap at a node.
     fn warn(&mut self, name: &str, node: usize, why: String, instead: Option<String>) {
         self.add(name, TrapSeverity::Warning, node, why, instead);
@@ -37,6 +49,7 @@ impl Found<'_> {
             return;
         }
         let at = self.tree.at(node);
+        self.nodes.push(node);
         self.traps.push(FormulaTrap {
             name: name.to_owned(),
             severity,
@@ -49,9 +62,30 @@ impl Found<'_> {
     }
 }
 
+/// Returns the traps of a formula that decides by the first sample what is meant of all: parts
+/// without an operator over time, and operators over the past at the start. Empty for a very long
+/// formula.
+///
+/// # Example
+/// ```
+/// use mishandle_requirements::start_traps;
+/// use mishandle_stl::Formula;
+/// let traps = start_traps(&Formula::parse("force <= 2").unwrap());
+/// assert_eq!(traps[0].instead.as_deref(), Some("always(force <= 2), or eventually(force <= 2)"));
+/// assert!(start_traps(&Formula::parse("always(force <= 2)").unwrap()).is_empty());
+/// ```
+pub fn start_traps(formula: &Formula) -> Vec<FormulaTrap> {
+    let tree = Tree::new(formula);
+    let mut found = Found::new(&tree);
+    if tree.nodes.len() <= ranges::MAX_NODES {
+        start::at_start(&tree, &mut found);
+    }
+    found.traps
+}
+
 /// Returns the traps in a formula.
 pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
-    let mut found = Found { tree, traps: Vec::new() };
+    let mut found = Found::new(tree);
     let Some(analysis) = ranges::analyze(tree) else {
         // The text of each place would make the time quadratic.
         return vec![FormulaTrap {
@@ -68,6 +102,7 @@ pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
         }];
     };
     precedence::find(tree, &mut found);
+    start::find(tree, context, &mut found);
     windows::find(tree, context, &mut found);
     implications::find(tree, context, &analysis, &mut found);
     comparisons::constant(tree, &analysis, &mut found);

@@ -27,7 +27,7 @@ pub(super) fn find(tree: &Tree<'_>, found: &mut Found<'_>) {
             // `always(p) and q` reads as it is meant, `always(p) implies q` rarely.
             let is_rule = prefix == "always" && name == "implies";
             if is_rule || !is_written_around {
-                let window = window(tree, left);
+                let window = tree.window(left);
                 let p = tree.text(operand);
                 let q = tree.text(right);
                 found.warn(
@@ -75,14 +75,6 @@ fn grouped(tree: &Tree<'_>, node: usize) -> String {
     format!("({left}) or ({right})")
 }
 
-/// Returns the window of an operator as the formula prints it, such as `[0s:2s]`.
-fn window(tree: &Tree<'_>, node: usize) -> String {
-    tree.nodes[node].interval.map_or(String::new(), |_| {
-        let text = tree.text(node);
-        text.find('[').zip(text.find(']')).map_or(String::new(), |(a, b)| text[a..=b].to_owned())
-    })
-}
-
 /// Finds operators over time that are written like functions, such as `x - prev(x) <= 0.1`, whose
 /// operand continues after the closing parenthesis.
 fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
@@ -126,7 +118,7 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
                 why,
                 Some(format!(
                     "{name}{}({around}) if this is meant, otherwise {meant}",
-                    window(tree, operator)
+                    tree.window(operator)
                 )),
             );
         } else {
@@ -183,7 +175,7 @@ fn part_as_written(tree: &Tree<'_>, node: usize, written: &[Option<usize>]) -> S
     let has_operator = tree.operator(node).is_some();
     if let Some(operator) = written[node] {
         let name = tree.operator(operator).unwrap_or_default();
-        let window = window(tree, operator);
+        let window = tree.window(operator);
         let number = tree.text(node);
         return if has_operator {
             format!("({name}{window} ({number}))")

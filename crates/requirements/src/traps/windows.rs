@@ -133,16 +133,10 @@ fn window(
 fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
     let is_open_always = |node: usize| tree.operator(node) == Some("always") && tree.is_unbounded(node);
     let mut below = vec![false; tree.nodes.len()];
-    let mut is_negated = vec![false; tree.nodes.len()];
+    let is_negated = tree.negated();
     for node in (0..tree.nodes.len()).rev() {
         let Some(parent) = tree.parents[node] else { continue };
         below[node] = below[parent] || is_open_always(parent);
-        let flips = match tree.operator(parent) {
-            Some("not") => true,
-            Some("implies") => tree.nodes[parent].operands[0] == node,
-            _ => false,
-        };
-        is_negated[node] = is_negated[parent] != flips;
     }
     for (index, node) in tree.nodes.iter().enumerate() {
         let SyntaxKind::Operator(name) = node.kind else { continue };

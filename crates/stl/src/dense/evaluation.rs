@@ -27,6 +27,8 @@ pub(crate) struct Evaluation<'a> {
     until: Ticks,
     /// The times at which each node has a value.
     pub extents: Vec<Extent>,
+    /// The [bare numbers](Formula::bare_numbers).
+    is_bare: Vec<bool>,
 }
 
 /// The times at which a sub-formula has a value.
@@ -74,7 +76,8 @@ impl<'a> Evaluation<'a> {
                 }
             });
         }
-        Ok(Evaluation { formula, starts, windows, log, until, extents })
+        let is_bare = formula.bare_numbers();
+        Ok(Evaluation { formula, starts, windows, log, until, extents, is_bare })
     }
 
     /// Returns the robustness of the formula.
@@ -99,7 +102,8 @@ impl<'a> Evaluation<'a> {
                     apply(operator, self.windows[index], first, last, [start, end])?
                 }
             };
-            stack.push(result);
+            // −0.0 + 0.0 is 0.0; other numbers stay.
+            stack.push(if self.is_bare[index] { result.map(|value| value + 0.0) } else { result });
         }
         Ok(stack.pop().unwrap_or_default())
     }

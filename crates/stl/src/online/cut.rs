@@ -13,6 +13,7 @@ use crate::clock::Clock;
 use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
+use crate::program::columns;
 
 /// Stands for +∞, because a sample must be finite.
 const INSIDE: f64 = f64::MAX;
@@ -58,6 +59,8 @@ impl CutMonitor {
     /// # Errors
     /// As for [`Monitor::new`](crate::Monitor::new).
     pub fn new(formulas: &[Formula], names: &[String], clock: Clock) -> Result<CutMonitor, MonitorError> {
+        // The rewritten formulas have no text, whose letters could be names.
+        formulas.iter().try_for_each(|formula| columns(formula, names).map(drop))?;
         let formulas: Vec<Formula> = formulas.iter().map(cut).collect();
         let mut names = names.to_vec();
         names.push(SIGNAL.to_owned());

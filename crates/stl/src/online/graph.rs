@@ -82,9 +82,11 @@ pub(super) struct Graph {
     pub roots: Vec<usize>,
     /// The columns and names of the signals that the formulas read.
     pub columns: Vec<(usize, String)>,
+    /// The nodes by what they compute, while the graph is built.
+    known: HashMap<Key, usize>,
 }
 
-#[derive(PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Key {
     Constant(u64),
     Signal(usize),
@@ -94,31 +96,33 @@ enum Key {
 impl Graph {
     pub fn new(formulas: &[Formula], names: &[String], clock: &Clock) -> Result<Graph, MonitorError> {
         clock.check()?;
-        let mut graph = Graph { nodes: Vec::new(), roots: Vec::new(), columns: Vec::new() };
-        let mut known = HashMap::new();
+        let mut graph =
+            Graph { nodes: Vec::new(), roots: Vec::new(), columns: Vec::new(), known: HashMap::new() };
         for formula in formulas {
             let columns = columns(formula, names)?;
             let mut stack = Vec::new();
-            for node in &formula.nodes {
-                let (kind, key) = match *node {
-                    FormulaNode::Constant(value) => (Kind::Constant(value), Key::Constant(value.to_bits())),
+            for (node, is_bare) in formula.nodes.iter().zip(formula.bare_numbers()) {
+                let mut id = match *node {
+                    FormulaNode::Constant(value) => {
+                        graph.leaf(Kind::Constant(value), Key::Constant(value.to_bits()))
+                    }
                     FormulaNode::Signal(signal) => {
                         let column = columns[signal as usize].0;
-                        (Kind::Signal(column), Key::Signal(column))
+                        graph.leaf(Kind::Signal(column), Key::Signal(column))
                     }
                     FormulaNode::Apply(operator, interval) => {
                         let window = clock.window(operator.name(), interval)?;
                         let own: Vec<usize> = stack.split_off(stack.len() - operator.arity());
-                        let operands = [own[0], own[own.len() - 1]];
-                        let kind = Kind::Apply(operator, window);
-                        let id = *known
-                            .entry(Key::Apply(operator, window, operands))
-                            .or_insert_with(|| graph.add(kind, operands));
-                        stack.push(id);
-                        continue;
+                        graph.apply(operator, window, [own[0], own[own.len() - 1]])
                     }
                 };
-                stack.push(*known.entry(key).or_insert_with(|| graph.add(kind, [0, 0])));
+                if is_bare {
+                    // The robustness of `x` is that of `x >= 0`, in which the sign of a zero is the
+                    // verdict.
+                    let zero = graph.leaf(Kind::Constant(0.0), Key::Constant(0.0_f64.to_bits()));
+                    id = graph.apply(Operator::GreaterOrEqual, Window::UNBOUNDED, [id, zero]);
+                }
+                stack.push(id);
             }
             graph.roots.extend(stack.pop());
             for column in columns {
@@ -127,13 +131,36 @@ impl Graph {
                 }
             }
         }
+        graph.known = HashMap::new();
         graph.find_needs();
         graph.find_memory();
         graph.find_monotone();
         Ok(graph)
     }
 
-    fn add(&mut self, kind: Kind, operands: [usize; 2]) -> usize {
+    /// Returns the node of a signal or constant.
+    fn leaf(&mut self, kind: Kind, key: Key) -> usize {
+        match self.known.get(&key) {
+            Some(id) => *id,
+            None => self.add(kind, key, [0, 0]),
+        }
+    }
+
+    /// Returns the node of an operator. `p unless q` without an end is `(always p) or (p until q)`.
+    fn apply(&mut self, operator: Operator, window: Window, operands: [usize; 2]) -> usize {
+        if operator == Operator::Unless && window.is_unbounded() {
+            let held = self.apply(Operator::Always, Window::UNBOUNDED, [operands[0]; 2]);
+            let until = self.apply(Operator::Until, window, operands);
+            return self.apply(Operator::Or, Window::UNBOUNDED, [held, until]);
+        }
+        let key = Key::Apply(operator, window, operands);
+        match self.known.get(&key) {
+            Some(id) => *id,
+            None => self.add(Kind::Apply(operator, window), key, operands),
+        }
+    }
+
+    fn add(&mut self, kind: Kind, key: Key, operands: [usize; 2]) -> usize {
         let mut node = Node {
             kind,
             operands,
@@ -164,7 +191,9 @@ impl Graph {
             node.slack = first.slack.max(last.slack).saturating_add(own);
         }
         self.nodes.push(node);
-        self.nodes.len() - 1
+        let id = self.nodes.len() - 1;
+        self.known.insert(key, id);
+        id
     }
 
     /// Returns the nodes that are not state formulas among a node and its operands, operands first.

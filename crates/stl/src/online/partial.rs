@@ -421,7 +421,7 @@ impl Evaluation<'_> {
         let held = Window { begin: 0, end: window.end };
         let len =
             samples + extremum::ahead_scratch_len(held, samples).max(until::scratch_len(window, samples));
-        temporal_binary(self.operator, window, p, q, Buffers::scratch(scratch, len));
+        temporal_binary(self.operator, window, p, samples, q, Buffers::scratch(scratch, len));
         out.copy_from_slice(&q[..out.len()]);
     }
 

@@ -65,7 +65,8 @@ fn the_sign_of_the_robustness_is_the_boolean_verdict() {
         let tree = Tree::random(&mut random, size, n);
         let text = tree.write(&mut random);
         // Few values, so that signals touch each other and the bounds.
-        let columns = NAMES.map(|_| (0..n).map(|_| random.pick(&[-1.0, 0.0, 0.0, 1.5])).collect()).to_vec();
+        let columns =
+            NAMES.map(|_| (0..n).map(|_| random.pick(&[-1.0, 0.0, 0.0, -0.0, 1.5])).collect()).to_vec();
         let found = robustness(&text, &columns);
         let holds = tree.holds(&columns);
         let satisfied: Vec<bool> = found.iter().copied().map(is_satisfied).collect();

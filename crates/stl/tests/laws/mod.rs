@@ -5,6 +5,7 @@ mod dense;
 mod dense_diagnosis;
 mod dense_laws;
 mod discrete;
+mod equivalence;
 mod naive;
 mod names;
 mod online;

@@ -115,6 +115,9 @@ impl Tree {
     /// Returns the bounds at all samples of the longest trace; those at samples that are not
     /// decided have no meaning.
     fn sides(&self, trace: &[Vec<f64>], n: usize, lengths: &[usize]) -> Sides {
+        if let Some(expanded) = self.expanded() {
+            return expanded.sides(trace, n, lengths);
+        }
         let longest = lengths[lengths.len() - 1];
         let of = |values: Vec<Bounds>| {
             let (low, high) = values.into_iter().map(|bounds| (bounds.low, bounds.high)).unzip();

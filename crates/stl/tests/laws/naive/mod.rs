@@ -183,10 +183,21 @@ impl Tree {
         own.into_iter().chain(operands.into_iter().flat_map(|x| x.listed(has_formulas))).collect()
     }
 
+    /// Returns `(always p) or (p until q)` for `p unless q` without an end.
+    fn expanded(&self) -> Option<Tree> {
+        let Tree::Two("unless", window, x, y) = self else { return None };
+        let held = Box::new(Tree::One("always", None, x.clone()));
+        let until = Box::new(Tree::Two("until", *window, x.clone(), y.clone()));
+        is_open(*window).then_some(Tree::Two("or", None, held, until))
+    }
+
     /// Offsets from t of the earliest and the latest sample that the value at t depends on; an
     /// unbounded window counts with its first sample only. The offsets enclose 0, since an operator
     /// at t is evaluated at a sample of the trace.
     pub fn offsets(&self) -> (i64, i64) {
+        if let Some(expanded) = self.expanded() {
+            return expanded.offsets();
+        }
         let reached = |x: &Tree, from: i64, to: i64| {
             let (low, high) = x.offsets();
             (low.min(0) + from.min(to), high.max(0) + from.max(to))
@@ -231,6 +242,9 @@ impl Tree {
     /// reads are decided. The trace may be longer.
     pub fn decide(&self, trace: &[Vec<f64>], t: usize, end: usize) -> f64 {
         assert!(self.is_decided(t, end), "{self:?} reads beyond sample {end} at {t}");
+        if let Some(expanded) = self.expanded() {
+            return expanded.decide(trace, t, end);
+        }
         // The values of an operand at these samples; the others are NaN.
         let values = |x: &Tree, steps: &mut dyn Iterator<Item = usize>| {
             let mut values = vec![f64::NAN; end];
