@@ -9,7 +9,7 @@ use mishandle_interchange::{OnnxPolicy, onnx_bytes};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Controller, Seed};
 
-fn layout(observation: usize, action: usize) -> Layout {
+pub fn layout(observation: usize, action: usize) -> Layout {
     let entry = |size| vec![Entry { name: "x".into(), unit: String::new(), size }];
     Layout { observation: entry(observation), action: entry(action) }
 }
