@@ -345,3 +345,28 @@ pub(super) fn pads(inputs: &[Option<&Value>], node: &NodeProto) -> Option<Vec<i6
         None => integers_of(*inputs.get(1)?),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use serde_json::Value;
+
+    use super::OPERATORS;
+    use crate::onnx::rewrite::MISSING;
+
+    #[test]
+    fn every_supported_operator_is_in_the_guide_and_in_the_comparison_with_the_standard() {
+        let known = OPERATORS.iter().map(|(name, _)| *name).chain(MISSING).chain(["Constant"]);
+        let known: BTreeSet<&str> = known.collect();
+        let guide = include_str!("../../../../docs/guide/onnx.md");
+        let list = guide.split("These operators are supported:\n\n").nth(1);
+        let list = list.and_then(|text| text.split("\n\n").next()).unwrap_or_default();
+        assert_eq!(list.split('`').skip(1).step_by(2).collect::<BTreeSet<_>>(), known);
+        let cases: Vec<Value> =
+            serde_json::from_str(include_str!("../../tests/golden/onnx/operators.json")).expect("it is JSON");
+        let computed = cases.iter().filter(|case| case["expected"].is_string());
+        let computed: BTreeSet<&str> = computed.filter_map(|case| case["operator"].as_str()).collect();
+        assert_eq!(computed, known);
+    }
+}
