@@ -1,6 +1,7 @@
 """ONNX models: ours in ONNX Runtime, and others in our runtime, compared with ONNX Runtime."""
 
 import pathlib
+import time
 
 import gymnasium
 import mishandle
@@ -14,6 +15,19 @@ from onnx_models import ModelCase, numbers
 
 ROOT = pathlib.Path(__file__).parents[2]
 TOLERANCE = 1e-5
+SLIDER = """<mujoco><worldbody><body><joint name="j" type="slide"/><geom size="0.1" mass="1"/>
+</body></worldbody><actuator><motor joint="j"/></actuator></mujoco>"""
+TARGET = """format = 1
+name = "slider"
+model.file = "slider.xml"
+control = { period = 0.02, steps = 5 }
+policy = { onnx = "policy.onnx", action = "action" }
+start.j = "place"
+observation.place = "qpos('j')"
+signals.height = "qpos('j')[0]"
+axes.place = { range = [-1, 1] }
+formulas.near = "always(height <= 9)"
+"""
 
 
 def session(data):
@@ -158,6 +172,23 @@ class WithoutTask(ModelCase):
         self.assertEqual(first.not_covered, ())
         self.assertEqual(first.target_hash, again.target_hash)
         self.assertNotEqual(first.target_hash, other.target_hash)
+
+
+class Start(ModelCase):
+    def test_a_small_policy_costs_little_before_the_first_simulation(self):
+        linear(self.path, numbers(1, 1))
+        self.path.with_name("slider.xml").write_text(SLIDER)
+        target = self.path.with_name("slider.toml")
+        target.write_text(TARGET)
+        for ask in (
+            lambda: mishandle.load_controller(self.path)(np.zeros(1)),
+            lambda: mishandle.evaluate(
+                str(target), episodes=1, out=self.path.with_name("run.sqlite")
+            ),
+        ):
+            start = time.process_time()
+            ask()
+            self.assertLess(time.process_time() - start, 0.3)
 
 
 class Import(ModelCase):

@@ -9,11 +9,11 @@
 //! - [`images`]: the inputs that get images of cameras.
 //! - [`interface`]: which input is the observation, which output the action.
 //! - [`meaning`]: operators that the runtime computes in another way than the standard says.
-//! - [`nan`]: operators of the runtime that lose NaN.
 //! - [`names`]: the values that a control step reads and writes.
 //! - [`dry_run`]: computes a model once, with bounds.
 //! - [`order`]: the order in which values are computed.
 //! - [`policy`]: runs a model as a controller.
+//! - [`rewrite`]: replaces operators that the runtime computes wrongly or does not have.
 //! - [`summary`]: what a model says about itself, without running it.
 //! - [`export`]: writes a controller as a model.
 
@@ -42,11 +42,11 @@ mod message;
 #[cfg(feature = "onnx")]
 mod names;
 #[cfg(feature = "onnx")]
-mod nan;
-#[cfg(feature = "onnx")]
 mod order;
 #[cfg(feature = "onnx")]
 mod policy;
+#[cfg(feature = "onnx")]
+mod rewrite;
 #[cfg(feature = "onnx")]
 mod summary;
 

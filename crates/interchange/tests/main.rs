@@ -9,6 +9,7 @@ mod graph;
 mod history;
 mod images;
 mod onnx;
+mod operators;
 #[path = "../../stl/tests/processor_time.rs"]
 mod processor_time;
 mod stable_baselines;

@@ -9,7 +9,7 @@ use mishandle_interchange::{OnnxPolicy, onnx_bytes};
 use mishandle_network::{Activation, Mlp};
 use mishandle_rollout::{Controller, Seed};
 
-fn layout(observation: usize, action: usize) -> Layout {
+pub fn layout(observation: usize, action: usize) -> Layout {
     let entry = |size| vec![Entry { name: "x".into(), unit: String::new(), size }];
     Layout { observation: entry(observation), action: entry(action) }
 }
@@ -226,6 +226,7 @@ fn nan_in_an_observation_is_nan_in_the_action() {
         "Identity",
         "LeakyRelu",
         "Log",
+        "Mish",
         "Neg",
         "Reciprocal",
         "ReduceL2",
@@ -283,12 +284,12 @@ fn bounds_are_those_of_the_standard() {
             assert_eq!(action_of(&policy, x), x.max(low).min(high), "{x} between {low} and {high}");
         }
     }
-    // The names of values in a model can be those of the bounds.
+    // The names of values in a model can be those that the replacement would take.
     let named = [
         weights.clone(),
-        node("Clip", &["o", "low", "high"], &["bound of a"]),
-        node("Relu", &["bound of a"], &["bound 0"]),
-        node("Clip", &["bound 0", "low", "high"], &["a"]),
+        node("Clip", &["o", "low", "high"], &["own 1"]),
+        node("Relu", &["own 1"], &["own 2"]),
+        node("Clip", &["own 2", "low", "high"], &["a"]),
     ];
     assert_eq!(action_of(&load(&named, "[]").unwrap(), 5.0), 2.0);
 }
@@ -312,6 +313,28 @@ fn models_that_would_take_long_or_much_memory_are_errors() {
     assert!(message(&state, r#"[["s", "t"]]"#).contains("its state has more than 65536 numbers"));
     let pairs = vec![r#"["s", "t"]"#; 101].join(",");
     assert!(message(&state, &format!("[{pairs}]")).contains("the state has 101 tensors; the limit is 100"));
+}
+
+#[test]
+fn borders_and_slices_of_any_size_are_bounded_before_they_are_computed() {
+    let message =
+        |parts: &[Vec<u8>]| load(&[node("Relu", &["o"], &["a"]), parts.concat()], "[]").unwrap_err();
+    let large = 1 << 30;
+    let pad =
+        |pads: &[i64]| message(&[integers("pads", pads), node("Pad", &["o", "pads"], &["x"])]).to_string();
+    for pads in [&[0, large, 0, large][..], &[i64::from(i32::MAX); 4], &[1, 1]] {
+        assert!(pad(pads).contains("`Pad` of `x` has inputs of other shapes, more than"), "{}", pad(pads));
+    }
+    let wide = || [integers("size", &[1 << 12, 1]), node("Expand", &["o", "size"], &["x"])].concat();
+    let rows = || [integers("zero", &[0]), integers("rows", &[1 << 14, 1])].concat();
+    let index = || node("Expand", &["zero", "rows"], &["i"]);
+    let turned = || node("Transpose", &["x"], &["y"]);
+    let slices =
+        message(&[wide(), rows(), index(), turned(), node("GatherND", &["y", "i"], &["z"])]).to_string();
+    assert!(slices.contains("`GatherND` of `z` has inputs of other shapes, more than"), "{slices}");
+    let own = [node_with("Cast", &["o"], &["i"], &[("to", Of::Number(7))]), node("Pad", &["o", "i"], &["x"])];
+    let own = message(&own).to_string();
+    assert!(own.contains("`Pad` of `x`, whose shape depends on the observation"), "{own}");
 }
 
 #[test]

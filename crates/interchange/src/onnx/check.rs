@@ -7,8 +7,9 @@ use std::ops::RangeInclusive;
 use mishandle_files::limits;
 use rten_onnx::onnx::{DataLocation, GraphProto, ModelProto, TensorProto};
 
-use super::cost::OPERATORS;
+use super::cost::cost_of;
 use super::fields::{Field, Fields};
+use super::rewrite::MISSING;
 use crate::OnnxProblem;
 
 /// Largest number of operators of a model, of its weights, of its inputs, and of the outputs of all
@@ -148,7 +149,8 @@ fn check_graph(graph: &GraphProto) -> Result<(), OnnxProblem> {
     for node in &graph.node {
         let operator = node.op_type.as_deref().unwrap_or_default();
         let is_standard = matches!(node.domain.as_deref().unwrap_or_default(), "" | "ai.onnx");
-        if !is_standard || (operator != "Constant" && OPERATORS.iter().all(|(known, _)| *known != operator)) {
+        let is_known = operator == "Constant" || MISSING.contains(&operator) || cost_of(operator).is_some();
+        if !is_standard || !is_known {
             let domain = node.domain.as_deref().filter(|_| !is_standard);
             let domain = domain.map(|domain| format!(" of the domain `{domain}`")).unwrap_or_default();
             return Err(OnnxProblem::Unsupported {

@@ -23,6 +23,12 @@ pub(super) enum Cost {
     Gemm,
     /// The numbers of the first input times those of the second.
     Product,
+    /// The numbers of the second input.
+    Second,
+    /// A slice of the first input for each row of the second.
+    Slices,
+    /// The first input with a border.
+    Pad,
     /// The first input, broadcast to the shape in the second.
     Expand,
     /// The first input, repeated as often as the second says.
@@ -40,9 +46,9 @@ pub(super) enum Cost {
 /// Declares the table of operators and the registry of the runtime from one list.
 macro_rules! operators {
     ($($operator:ident: $cost:ident,)*) => {
-        /// The supported operators of the standard domain, in alphabetical order, besides
-        /// `Constant`.
-        pub(super) const OPERATORS: &[(&str, Cost)] = &[$((stringify!($operator), Cost::$cost)),*];
+        /// The operators of the standard domain that the runtime computes, in alphabetical order,
+        /// besides `Constant`.
+        const OPERATORS: &[(&str, Cost)] = &[$((stringify!($operator), Cost::$cost)),*];
 
         /// Returns the registry with the supported operators.
         pub(super) fn registry() -> OpRegistry {
@@ -81,6 +87,8 @@ operators! {
     Floor: First,
     GRU: Recurrent,
     Gather: Product,
+    GatherElements: Second,
+    GatherND: Slices,
     Gelu: First,
     Gemm: Gemm,
     GlobalAveragePool: First,
@@ -89,6 +97,8 @@ operators! {
     HardSigmoid: First,
     HardSwish: First,
     Identity: First,
+    InstanceNormalization: First,
+    IsNaN: First,
     LSTM: Recurrent,
     LayerNormalization: First,
     LeakyRelu: First,
@@ -107,6 +117,7 @@ operators! {
     Not: First,
     Or: Broadcast,
     PRelu: Broadcast,
+    Pad: Pad,
     Pow: Broadcast,
     Reciprocal: First,
     ReduceL2: First,
@@ -155,6 +166,8 @@ pub(super) fn determines_shape(operator: &str, input: usize) -> bool {
     match operator {
         "ConstantOfShape" => true,
         "Expand" | "Reshape" | "Slice" | "Split" | "Squeeze" | "Tile" | "Unsqueeze" => input > 0,
+        // The second is the number of the border.
+        "Pad" => matches!(input, 1 | 3),
         _ => input > 0 && operator.starts_with("Reduce"),
     }
 }
@@ -181,6 +194,23 @@ pub(super) fn bound(cost: Cost, inputs: &[Option<&Value>], node: &NodeProto) -> 
         Cost::Broadcast => product(&broadcast(&shapes))?,
         Cost::Sum => sum()?,
         Cost::Product => product(first?)?.checked_mul(product(shapes.get(1)?)?)?,
+        Cost::Second => product(shapes.get(1)?)?,
+        Cost::Slices => {
+            let (indices, rows) = shapes.get(1)?.split_last()?;
+            let batch = attribute(node, "batch_dims").map_or(Some(0), |own| usize::try_from(own.i?).ok())?;
+            product(rows)?.checked_mul(product(first?.get(batch.checked_add(*indices)?..)?)?)?
+        }
+        Cost::Pad => {
+            let pads =
+                pads(inputs, node).filter(|pads| Some(pads.len()) == first.map(|shape| 2 * shape.len()))?;
+            let (before, after) = pads.split_at(pads.len() / 2);
+            let border = |pad: &i64| usize::try_from(*pad).unwrap_or(0);
+            let size = |((size, before), after): ((&usize, &i64), &i64)| {
+                size.checked_add(border(before))?.checked_add(border(after))
+            };
+            let sizes: Option<Vec<usize>> = first?.iter().zip(before).zip(after).map(size).collect();
+            product(&sizes?)?
+        }
         Cost::Shape => product(&numbers_of(*inputs.first()?)?)?,
         Cost::Expand => product(&broadcast(&[first?.clone(), numbers_of(*inputs.get(1)?)?]))?,
         Cost::Tile => product(first?)?.checked_mul(product(&numbers_of(*inputs.get(1)?)?)?)?,
@@ -299,6 +329,44 @@ fn matmul(a: &[usize], b: &[usize]) -> Option<(usize, usize)> {
 /// Returns the numbers of a tensor of integers, negative ones as 1: `-1` stands for a size that
 /// another input has.
 fn numbers_of(value: Option<&Value>) -> Option<Vec<usize>> {
+    Some(integers_of(value)?.into_iter().map(|number| usize::try_from(number).unwrap_or(1)).collect())
+}
+
+fn integers_of(value: Option<&Value>) -> Option<Vec<i64>> {
     let tensor: rten_tensor::TensorView<'_, i32> = value?.as_tensor_view()?;
-    Some(tensor.iter().map(|number| usize::try_from(*number).unwrap_or(1)).collect())
+    Some(tensor.iter().map(|number| i64::from(*number)).collect())
+}
+
+/// Returns the borders of `Pad`: at the start of each dimension, then at the end of each. Up to
+/// opset 10, they are an attribute.
+pub(super) fn pads(inputs: &[Option<&Value>], node: &NodeProto) -> Option<Vec<i64>> {
+    match attribute(node, "pads") {
+        Some(stated) => Some(stated.ints.clone()),
+        None => integers_of(*inputs.get(1)?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use serde_json::Value;
+
+    use super::OPERATORS;
+    use crate::onnx::rewrite::MISSING;
+
+    #[test]
+    fn every_supported_operator_is_in_the_guide_and_in_the_comparison_with_the_standard() {
+        let known = OPERATORS.iter().map(|(name, _)| *name).chain(MISSING).chain(["Constant"]);
+        let known: BTreeSet<&str> = known.collect();
+        let guide = include_str!("../../../../docs/guide/onnx.md");
+        let list = guide.split("These operators are supported:\n\n").nth(1);
+        let list = list.and_then(|text| text.split("\n\n").next()).unwrap_or_default();
+        assert_eq!(list.split('`').skip(1).step_by(2).collect::<BTreeSet<_>>(), known);
+        let cases: Vec<Value> =
+            serde_json::from_str(include_str!("../../tests/golden/onnx/operators.json")).expect("it is JSON");
+        let computed = cases.iter().filter(|case| case["expected"].is_string());
+        let computed: BTreeSet<&str> = computed.filter_map(|case| case["operator"].as_str()).collect();
+        assert_eq!(computed, known);
+    }
 }

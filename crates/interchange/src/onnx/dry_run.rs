@@ -67,8 +67,7 @@ pub(super) fn dry_run(
             })?;
             arguments.push(Some(value));
         }
-        let rank = arguments.first().copied().flatten().map_or(0, Layout::ndim);
-        if let Some((what, way_out)) = context.difference(node, rank) {
+        if let Some((what, way_out)) = context.difference(node, &arguments) {
             return Err(OnnxProblem::Unsupported {
                 found: format!("the operator {}, which {what}", label(node.output.first())),
                 hint: way_out.to_string(),

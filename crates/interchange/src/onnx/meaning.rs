@@ -6,16 +6,18 @@
 
 use std::collections::HashSet;
 
+use rten::Value;
 use rten_onnx::onnx::{DataType, GraphProto, NodeProto, TensorProto};
+use rten_tensor::Layout;
 
-use super::cost::{attribute as attribute_of, determines_shape};
+use super::cost::{attribute as attribute_of, determines_shape, pads};
 
 /// The first opset in which `Softmax` reduces its axis alone, and not all from its axis on.
 const SOFTMAX_OPSET: i64 = 13;
 
 /// Operators whose results are truth values.
-const LOGICAL: [&str; 9] =
-    ["And", "Equal", "Greater", "GreaterOrEqual", "Less", "LessOrEqual", "Not", "Or", "Xor"];
+const LOGICAL: [&str; 10] =
+    ["And", "Equal", "Greater", "GreaterOrEqual", "IsNaN", "Less", "LessOrEqual", "Not", "Or", "Xor"];
 
 /// A difference between an operator and its computation, and advice to the user.
 type Difference = (&'static str, &'static str);
@@ -46,8 +48,9 @@ impl<'g> Context<'g> {
         }
     }
 
-    /// Returns the difference for an operator whose first input has `rank` dimensions.
-    pub(super) fn difference(&self, node: &NodeProto, rank: usize) -> Option<Difference> {
+    /// Returns the difference for an operator with these inputs.
+    pub(super) fn difference(&self, node: &NodeProto, values: &[Option<&Value>]) -> Option<Difference> {
+        let shape = values.first().copied().flatten().map(Layout::shape).unwrap_or_default();
         let attribute = |name: &str| attribute_of(node, name)?.i;
         let has_input = |index: usize| node.input.get(index).is_some_and(|name| !name.is_empty());
         // Sizes and the ends of slices have limits of their own.
@@ -59,7 +62,7 @@ impl<'g> Context<'g> {
         match operator(node) {
             "Softmax" | "LogSoftmax" if self.opset < SOFTMAX_OPSET => {
                 let axis = attribute("axis").unwrap_or(1);
-                let last = rank as i64 - 1;
+                let last = shape.len() as i64 - 1;
                 (axis != last && axis != -1)
                     .then_some(("reduces several dimensions", "export with opset 13 or newer"))
             }
@@ -87,6 +90,31 @@ impl<'g> Context<'g> {
                 }
                 (attribute("ceil_mode").unwrap_or(0) != 0)
                     .then_some(("rounds the number of windows up (ceil_mode)", "export it without ceil_mode"))
+            }
+            "Pad" if has_input(3) => Some((
+                "pads some dimensions only (input `axes`)",
+                "export it with a border for each dimension",
+            )),
+            "Pad" => {
+                let mode = attribute_of(node, "mode").and_then(|own| own.s.as_deref());
+                let pads = pads(values, node).filter(|_| mode == Some("reflect"))?;
+                let (before, after) = pads.split_at_checked(shape.len())?;
+                let mirrors_too_much = |(size, (before, after)): (&usize, (&i64, &i64))| {
+                    // A negative border removes numbers.
+                    let rest = (*size as i64).saturating_add(*before.min(&0)).saturating_add(*after.min(&0));
+                    *before.max(after) >= rest
+                };
+                shape.iter().zip(before.iter().zip(after)).any(mirrors_too_much).then_some((
+                    "mirrors more numbers than there are (mode `reflect`)",
+                    "export it with a smaller border",
+                ))
+            }
+            // The runtime then returns negative numbers as they are.
+            "ReduceL2"
+                if attribute("noop_with_empty_axes").unwrap_or(0) != 0
+                    && values.get(1).copied().flatten().is_none_or(Layout::is_empty) =>
+            {
+                Some(("reduces no dimension (noop_with_empty_axes)", "replace it by `Abs`"))
             }
             "LSTM" | "GRU" if has_input(4) => {
                 Some(("reads a part of the sequence (sequence_lens)", "export one control step per call"))

@@ -22,8 +22,8 @@ use super::history::History;
 use super::images::ImageInput;
 use super::interface::Interface;
 use super::names::{Names, check_outputs};
-use super::nan::keep_nan;
 use super::order;
+use super::rewrite::rewrite;
 use crate::{InterchangeError, OnnxProblem};
 
 /// Largest number of numbers of the state: each row of a batch has a state.
@@ -203,7 +203,8 @@ impl OnnxPolicy {
         let names = Names::new(&proto, &interface)?;
         prepare(&mut proto, &names, expected)?;
         let images = ImageInput::prepare(&mut proto, &names)?;
-        proto.graph.iter_mut().for_each(keep_nan);
+        let opset = check::opset(&proto).unwrap_or_default();
+        proto.graph.iter_mut().try_for_each(|graph| rewrite(graph, opset))?;
         let mut core = Core::new(&proto, &names, images, places, &interface, expected)?;
         if let Some((_, layout)) = environment {
             core.sizes.0 = layout.observation_size();
