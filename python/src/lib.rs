@@ -106,6 +106,8 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(logs::monitor, module)?)?;
     module.add_function(wrap_pyfunction!(logs::log_robustness, module)?)?;
     module.add_function(wrap_pyfunction!(logs::read_table, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::time_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(logs::clock_restarts, module)?)?;
     module.add_function(wrap_pyfunction!(check::check, module)?)?;
     module.add_function(wrap_pyfunction!(check::requirement_formulas, module)?)?;
     module.add_function(wrap_pyfunction!(requirements::describe_formula, module)?)?;

@@ -50,6 +50,22 @@ pub fn log_keys(call: &str) -> PyResult<(Option<String>, Vec<String>)> {
     Ok((settings.log.time, keys.collect()))
 }
 
+/// Returns the places of the columns with whole seconds and with the nanoseconds after them that a
+/// name of times means; `None` if it means one column.
+#[pyfunction]
+pub fn time_columns(names: Vec<String>, name: &str) -> Option<(usize, usize)> {
+    mishandle_logs::seconds_and_nanoseconds(&names, name)
+}
+
+/// Returns the row with which each run of a clock starts but the first one, of times in
+/// nanoseconds.
+#[pyfunction]
+pub fn clock_restarts(times: PyReadonlyArray1<'_, i64>) -> Vec<usize> {
+    let first = times.as_array().first().copied().unwrap_or(0);
+    let secs: Vec<f64> = times.as_array().iter().map(|time| time.wrapping_sub(first) as f64 / 1e9).collect();
+    mishandle_logs::restarts(&secs)
+}
+
 /// A log whose signals were not read yet.
 pub(crate) enum Contents {
     Files(Vec<Source>),
@@ -95,14 +111,29 @@ impl Contents {
         })
     }
 
-    pub(crate) fn samples<'a>(
+    /// Returns the signals of the formulas as a log for each run of its clock.
+    pub(crate) fn runs<'a>(
         self,
+        name: &str,
         formulas: impl IntoIterator<Item = &'a Formula> + Clone,
         options: &Options,
-    ) -> Result<Samples, LogError> {
+    ) -> Result<Vec<NamedSamples>, LogError> {
+        let runs = match self {
+            Contents::Files(files) => OpenLog::open(&files, options)?.samples_of_runs(formulas, options),
+            Contents::Topics(log) => log.read_by(formulas)?.samples_of_runs(options),
+        };
+        Ok(NamedSamples::of_runs(name, runs?))
+    }
+
+    /// Returns the signals of a formula; the log must be one run.
+    fn samples(self, formula: &Formula, options: &Options) -> Result<Samples, LogError> {
         match self {
-            Contents::Files(files) => OpenLog::open(&files, options)?.samples(formulas, options),
-            Contents::Topics(log) => log.samples_of(formulas, options),
+            Contents::Files(files) => {
+                let log = OpenLog::open(&files, options)?;
+                log.check_signals(formula)?;
+                log.read(&formula.signals())?.samples(options)
+            }
+            Contents::Topics(log) => log.read_by([formula])?.samples(options),
         }
     }
 }
@@ -155,7 +186,7 @@ pub fn monitor(
     let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
     let mut names: Vec<String> = logs.iter().map(|((name, ..), _)| name.clone()).collect();
     mishandle_logs::tell_apart(&mut names);
-    let count = logs.len();
+    let mut count = 0;
     let mut verdicts = Vec::new();
     let mut signal = None;
     let mut without = Vec::new();
@@ -182,10 +213,10 @@ pub fn monitor(
         {
             return Err(named(error));
         }
-        let samples = py.detach(|| contents.samples(formulas(), &options)).map_err(named)?;
-        let log = NamedSamples { name: name.clone(), samples };
+        let runs = py.detach(|| contents.runs(&name, formulas(), &options)).map_err(named)?;
+        count += runs.len();
         let first = verdicts.len();
-        for requirement in &asked {
+        for (log, requirement) in runs.iter().flat_map(|log| asked.iter().map(move |asked| (log, *asked))) {
             match py.detach(|| log.verdict(requirement, strict_horizon)) {
                 Ok(verdict) => verdicts.push(verdict),
                 Err(error) => lacking.push((requirement, error)),
@@ -203,6 +234,11 @@ pub fn monitor(
         if values {
             let first = &requirements[0];
             let evaluation = Evaluation { unit: first.unit, strict_horizon };
+            let [log] = &runs[..] else {
+                return Err(InvalidValueError::new_err(format!(
+                    "trace {name}: plan[\"monitor\"][\"values\"] is about one log, and its times start again; cut it into its runs"
+                )));
+            };
             signal = Some(log.samples.robustness_signal(&first.formula, &evaluation).map_err(named)?);
         }
     }
@@ -228,7 +264,7 @@ pub fn log_robustness(
         "" => plain(error),
         name => InvalidValueError::new_err(format!("trace {name}: {}", worded(&error))),
     };
-    let found = py.detach(|| first_value(&contents.samples([formula], &options)?, formula, decided_only));
+    let found = py.detach(|| first_value(&contents.samples(formula, &options)?, formula, decided_only));
     found.map_err(named)
 }
 

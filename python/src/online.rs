@@ -62,13 +62,11 @@ impl PyOnlineMonitor {
             self.check_length(values.len())?;
             self.sample.iter_mut().zip(values).for_each(|(target, value)| *target = *value);
         } else {
-            let values = sample.try_iter().and_then(Iterator::collect::<PyResult<Vec<_>>>);
+            // Names count before places; Python knows the types of other packages.
+            let py = sample.py();
             let values =
-                values.or_else(|_| sample.extract::<f64>().map(|_| vec![sample.clone()])).map_err(|_| {
-                    InvalidTypeError::new_err(
-                        "a sample must be numbers, one per signal, or a dictionary of them",
-                    )
-                })?;
+                py.import("mishandle.logs.online")?.call_method1("values_of", (sample, self.signals(py)))?;
+            let values = values.extract::<Vec<Bound<'_, PyAny>>>()?;
             self.read(values.len(), values.iter())?;
         }
         self.monitor.push(&self.sample).map_err(plain)

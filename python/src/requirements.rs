@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use mishandle::plan::{FormulaSettings, LogSettings, Settings};
 use mishandle::results::{ExampleKind, FormulaDescription};
 use mishandle::stl::{Formula, TimeUnit};
-use mishandle_logs::{Evaluation, LogError};
+use mishandle_logs::{Evaluation, LogError, NamedSamples};
 use mishandle_requirements::{
     Context, MiningQuestion, NamedTrace, ParameterRange, RequirementError, describe_formula as describe,
     draw, find_examples, parse_with_ranges, pattern, with_values,
@@ -39,9 +39,11 @@ fn traces(
     for (name, (_, files, topics)) in names.into_iter().zip(logs) {
         let named = |error: LogError| InvalidValueError::new_err(format!("trace {name}: {}", worded(&error)));
         let contents = Contents::new(files, topics, &options)?;
-        let samples = py.detach(|| contents.samples([formula], &options)).map_err(named)?;
-        let (trace, clock, start) = samples.evenly(formula, &evaluation).map_err(named)?;
-        found.push(NamedTrace { name: name.clone(), trace: trace.clone(), clock, start });
+        let runs = py.detach(|| contents.runs(&name, [formula], &options)).map_err(named)?;
+        for NamedSamples { name, samples } in runs {
+            let (trace, clock, start) = samples.evenly(formula, &evaluation).map_err(named)?;
+            found.push(NamedTrace { name, trace: trace.clone(), clock, start });
+        }
     }
     Ok(found)
 }

@@ -56,6 +56,53 @@ class Logs(Files):
         return paths
 
 
+class Runs(Logs):
+    def test_a_clock_that_starts_again_is_two_logs_with_a_verdict_each(self):
+        # The second run violates d <= 2. Sorted, and with one row of each time, it is gone.
+        columns = {"time": [0.0, 1.0, 2.0, 0.0, 1.0, 2.0], "d": [1.0, 1.0, 1.0, 9.0, 1.0, 1.0]}
+        for plan in [{}, {"log": {"sort": True, "duplicates": "first"}}]:
+            for log in [*self.files(columns), columns, pandas.DataFrame(columns)]:
+                found = mishandle.monitor("always(d <= 2)", log, plan=plan)
+                values = [verdict.robustness for verdict in found.verdicts]
+                self.assertEqual(values, [-7.0, 1.0], repr(log))
+                names = [verdict.log for verdict in found.verdicts]
+                self.assertRegex(names[0], "run 2 of 2, (line 5 to line 7|line 4 to line 6|row 4 to row 6)")
+                with self.assertRaisesRegex(InvalidValueError, "the times start again in"):
+                    mishandle.robustness("always(d <= 2)", log, plan=plan)
+        found = command("--formula", "always(d <= 2)", str(self.files(columns)[0]))
+        self.assertEqual([verdict.robustness for verdict in found.verdicts], [-7.0, 1.0])
+
+    def test_seconds_and_nanoseconds_are_one_time_in_all_formats(self):
+        columns = {
+            "stamp.sec": [10, 11, 12], "stamp.nanosec": [900_000_000, 100_000_000, 100_000_000],
+            "d": [0.0, 3.0, 0.0]
+        }
+        for time in ("stamp", "stamp.sec", "stamp.nanosec"):
+            plan = {"log": {"time": time, "dense": "hold"}}
+            for log in [*self.files(columns), columns, pandas.DataFrame(columns)]:
+                found = mishandle.monitor("always[0:0.5s](d <= 1)", log, plan=plan)
+                [violation] = found.verdicts[0].violations
+                self.assertEqual((found.robustness, violation.start), (-2.0, 11.1), repr(log))
+        wrong = {**columns, "stamp.nanosec": [0, 1_000_000_000, 0]}
+        with self.assertRaisesRegex(InvalidValueError, "from 0 to 999999999"):
+            mishandle.monitor("always(d <= 1)", wrong, plan={"log": {"time": "stamp"}})
+
+    def test_a_unit_is_asked_for_in_all_formats(self):
+        for times in [[0.0, 100.0, 200.0], [0.5, 33.5, 66.5]]:
+            columns = {"time": times, "d": [0.0, 0.0, 3.0]}
+            for log in [*self.files(columns), columns, pandas.DataFrame(columns)]:
+                with self.assertRaisesRegex(InvalidValueError, "time_unit"):
+                    mishandle.monitor("always(d <= 2)", log, plan={"log": {"dense": "hold"}})
+
+    def test_a_column_of_dates_has_the_times(self):
+        dates = pandas.date_range("2024-01-31T12:00:00Z", periods=3, freq="500ms")
+        for times in [dates, list(dates.to_pydatetime()), [date.isoformat() for date in dates]]:
+            found = mishandle.monitor("always[0:1s](d <= 2)", {"time": times, "d": [1.0, 1.0, 3.0]})
+            self.assertEqual(found.robustness, -1.0, repr(times))
+        with self.assertRaisesRegex(InvalidValueError, "the times `time` have the type complex128"):
+            mishandle.monitor("always(d <= 2)", {"time": np.zeros(3, complex), "d": [1.0] * 3})
+
+
 class SameAnswers(Logs):
     def test_each_format_and_columns_in_memory_have_the_verdict_of_the_command(self):
         generator = np.random.default_rng(5)

@@ -1,9 +1,14 @@
 """Tests of online monitors: bounds, forms of a sample, errors."""
 
+import collections
+import dataclasses
 import unittest
 
 import mishandle
 import numpy as np
+import pandas
+import polars
+import pyarrow
 from mishandle import Formula, OnlineMonitor
 
 INFINITY = float("inf")
@@ -73,6 +78,48 @@ class Samples(unittest.TestCase):
             monitor.push(value)
             self.assertEqual(monitor.decided(), (0, -2.0), repr(value))
 
+    def test_names_count_before_places(self):
+        # x violates x <= 1 where y is read in its place.
+        Row = collections.namedtuple("Row", "y x unused")
+        Sample = dataclasses.make_dataclass("Sample", ["y", "x", "unused"])
+        frame = pandas.DataFrame({"y": [5.0, 6.0], "x": [0.25, 0.5], "unused": [9.0, 9.0]})
+        record = np.array([(5.0, 0.25, 9.0)], [(name, float) for name in frame.columns])
+        forms = {
+            "named tuple": Row(5.0, 0.25, 9.0),
+            "data class": Sample(5.0, 0.25, 9.0),
+            "Series": frame.iloc[0],
+            "record": record[0],
+            "record array": record.view(np.recarray)[0],
+            "dictionary": {"y": 5.0, "x": 0.25},
+            "other mapping": collections.ChainMap({"y": 5.0}, {"x": 0.25}),
+        }
+        for name, sample in forms.items():
+            monitor = OnlineMonitor("x <= 1 and y >= 4.5", ["x", "y"])
+            monitor.push(sample)
+            self.assertEqual(monitor.decided(), (0, 0.5), name)
+        many = {
+            "data frame": frame,
+            "data frame of polars": polars.from_pandas(frame),
+            "table of pyarrow": pyarrow.Table.from_pandas(frame),
+            "dictionary": frame.to_dict("list"),
+            "structured array": frame.to_records(index=False),
+            "named tuple of columns": Row([5.0, 6.0], [0.25, 0.5], [9.0, 9.0]),
+            "list of named tuples": [Row(5.0, 0.25, 9.0), Row(6.0, 0.5, 9.0)],
+            "list of dictionaries": frame.to_dict("records"),
+            "list of Series": [frame.iloc[0], frame.iloc[1]],
+        }
+        for name, samples in many.items():
+            monitor = OnlineMonitor("always(x <= 1 and y >= 4.5)", ["x", "y"])
+            monitor.push_many(samples)
+            self.assertEqual((len(monitor), monitor.bounds()), (2, (-INFINITY, 0.5)), name)
+        # Labels that are places are no names.
+        monitor = OnlineMonitor("x <= 1 and y >= 4.5", ["x", "y"])
+        monitor.push(pandas.Series([0.25, 5.0]))
+        self.assertEqual(monitor.decided(), (0, 0.5))
+        monitor = OnlineMonitor("always(x <= 1)")
+        monitor.push_many(frame["x"])
+        self.assertEqual(len(monitor), 2)
+
     def test_signals_state_the_order(self):
         self.assertEqual(OnlineMonitor(["y >= 0", "x <= 1 or y > 2"]).signals, ["y", "x"])
         monitor = OnlineMonitor("x <= 1", ["unused", "x"])
@@ -98,6 +145,12 @@ class Errors(unittest.TestCase):
             ((None, 0.0), TypeError, "no number"),
             ({"x": 0.0, "y": "1"}, TypeError, "no number"),
             (None, TypeError, "numbers"),
+            (collections.namedtuple("Row", "x z")(0.0, 0.0), ValueError, "lacks the signal y"),
+            (pandas.Series([0.0, 0.0], ["x", "x"]), ValueError, "several values of the signal x"),
+            ({0.0, 1.0}, TypeError, "got a set"),
+            ({"x": 0.0, "y": 0.0}.values(), TypeError, "got a dict_values"),
+            ("ab", TypeError, "got a str"),
+            (np.zeros((1, 2)), TypeError, "push_many takes several samples"),
         ]
         rows = trace(4)
         text = "always[0:3](x <= 1 and eventually[0:2](y >= 0))"
@@ -117,6 +170,20 @@ class Errors(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "x"):
             monitor.push_many([0.0, 0.5, float("nan"), 2.0])
         self.assertEqual((len(monitor), monitor.bounds()), (2, (-INFINITY, 0.5)))
+
+    def test_columns_that_are_missing_or_of_another_signal_are_errors(self):
+        frame = pandas.DataFrame({"x": [0.0], "z": [0.0]})
+        for samples, text in [
+            (frame, "lacks the signals y"), (frame.to_records(index=False), "lacks the signals y"),
+            ({"x": [0.0], "y": ["a"]}, "`y` is not an array of numbers")
+        ]:
+            with self.assertRaisesRegex(ValueError, text):
+                OnlineMonitor("x <= 1 and y >= 0").push_many(samples)
+        with self.assertRaisesRegex(ValueError, "of the column `z`; the monitor reads x"):
+            OnlineMonitor("x <= 1").push_many(frame["z"])
+        for samples in [{0.0, 1.0}, (x for x in [0.0]), 3.0, None]:
+            with self.assertRaisesRegex(TypeError, "samples must be an array"):
+                OnlineMonitor("x <= 1").push_many(samples)
 
     def test_rows_of_another_length_are_errors(self):
         monitor = OnlineMonitor("x <= 1 and y >= 0")

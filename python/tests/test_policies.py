@@ -8,7 +8,9 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, ResetOption
+from mishandle.errors import InvalidValueError
 from mishandle.policies.kinds import as_policy, policy_hash
+from mishandle.systems.environments import episode_steps
 
 
 class Tensor:
@@ -134,6 +136,63 @@ class Actions(unittest.TestCase):
                 env, "always(c <= 2)", space, policy=lambda batch: np.zeros(3), batched_policy=True,
                 signals={"c": "obs[0]"}
             )
+
+
+    def test_an_action_of_another_length_is_refused_and_never_repeated(self):
+        class Plane(gymnasium.Env):
+            """A NumPy environment: it would repeat a single number for both directions."""
+
+            observation_space = gymnasium.spaces.Box(-9, 9, (2,))
+            action_space = gymnasium.spaces.Box(-9, 9, (2,))
+            dt = 0.1
+
+            def reset(self, *, seed=None, options=None):
+                self.place = np.zeros(2)
+                return self.place, {}
+
+            def step(self, action):
+                self.place = self.place + np.asarray(action)
+                return self.place, 0.0, False, False, {}
+
+        def end(policy, **options):
+            found = mishandle.simulate(
+                Plane(), "always(x <= 9)", [Axis("unused", 0, 1)], policy=policy, steps=3,
+                signals={"x": "obs[0]"}, **options
+            )
+            return found[0].end
+
+        self.assertEqual(end(lambda observation: np.array([0.5, 0.5])), "completed")
+        self.assertEqual(end(lambda observation: [0.5, 0.5]), "completed")
+        for given in (np.array([0.5]), 0.5, [0.5], np.zeros(3), np.zeros((2, 2))):
+            with self.assertRaisesRegex(RuntimeError, "the policy returned an action of .*expected 2"):
+                end(lambda observation: given)
+
+    def test_rewards_and_signals_of_one_element_are_numbers(self):
+        class Arrays(gymnasium.Env):
+            observation_space = action_space = gymnasium.spaces.Box(-9, 9, (1,))
+            dt = 0.1
+
+            def reset(self, *, seed=None, options=None):
+                return np.zeros((1, 1)), {}
+
+            def step(self, action):
+                return np.full((1, 1), 0.5), np.array([0.25]), False, False, {}
+
+        [found] = mishandle.simulate(
+            Arrays(), "always(x <= 9)", [Axis("unused", 0, 1)], policy=lambda observation: [0.0],
+            steps=2, signals={"x": "obs[0]", "r": "reward"}
+        )
+        self.assertEqual(found.end, "completed")
+        self.assertEqual(list(found.trace["x"]), [0.0, 0.5, 0.5])
+        self.assertEqual(list(found.trace["r"])[1:], [0.25, 0.25])
+
+    def test_a_wrapper_states_the_time_limit(self):
+        env = gymnasium.wrappers.TimeLimit(Goal(), 7)
+        self.assertEqual(episode_steps(env, None), 7)
+        longer = gymnasium.wrappers.TimeLimit(env, 9)
+        self.assertEqual(episode_steps(longer, None), 7)
+        with self.assertRaisesRegex(InvalidValueError, "has no time limit"):
+            episode_steps(Goal(), None)
 
 
 class Goal(gymnasium.Env):

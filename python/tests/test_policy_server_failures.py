@@ -21,9 +21,14 @@ import mishandle
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
 from mishandle import Axis, PolicyServer
-from mishandle.errors import InvalidStateError, InvalidValueError, PolicyServerError
+from mishandle.errors import (
+    InvalidStateError, InvalidValueError, MishandleError, PolicyServerError
+)
+from mishandle.policies.messages import MSGPACK_NUMPY
 from openpi_client import msgpack_numpy
 from servers import Line, openpi_server, proportional
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import serve
 
 # The nominal place is negative. Servers of these tests fail at places above 1.
 SPACE = [Axis("start", -2.0, 2.0, "m", nominal=-0.5)]
@@ -90,6 +95,32 @@ class Failures(unittest.TestCase):
                 PolicyServerError, "sent .* that are no message|sent the message|sent a"
             ):
                 simulate(PolicyServer(server.url, protocol="vla-eval", time_limit=0.5), 0.5)
+
+    def test_a_message_before_its_request_is_never_an_answer(self) -> None:
+        def answer(websocket: Any, status: Any) -> None:
+            websocket.send(MSGPACK_NUMPY.pack({}))
+            with contextlib.suppress(ConnectionClosed):
+                for message in websocket:
+                    websocket.send(MSGPACK_NUMPY.pack(proportional(MSGPACK_NUMPY.unpack(message))))
+                    websocket.send(status)
+
+        statuses = [
+            MSGPACK_NUMPY.pack({"actions": np.full((1, 1), 7.0)}), MSGPACK_NUMPY.pack({"ok": 1}),
+            "ok"
+        ]
+        for status in statuses:
+            server = serve(lambda websocket: answer(websocket, status), "127.0.0.1", 0)
+            thread = threading.Thread(target=server.serve_forever, daemon=True)
+            thread.start()
+            try:
+                port = server.socket.getsockname()[1]
+                with self.assertRaisesRegex(
+                    MishandleError, "sent a message before its request"
+                ):
+                    simulate(PolicyServer(f"ws://127.0.0.1:{port}", time_limit=5.0), 0.5)
+            finally:
+                server.shutdown()
+                thread.join()
 
     def test_the_late_answer_of_a_simulation_is_never_that_of_the_next(self) -> None:
         def late(request: Any) -> Any:

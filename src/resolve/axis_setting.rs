@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
+use mishandle_results::{Command, Remedy};
 use mishandle_rollout::{Axis, AxisKind, AxisValues, Distribution, Interval, RolloutError, Space};
 use mishandle_text::number_text;
 
@@ -43,9 +44,19 @@ pub fn with_settings(
     if space.axes().iter().all(Axis::is_fixed) {
         let what = "the number of axes without a fixed value";
         let expected = "at least 1";
-        return Err(invalid(what, "0", expected));
+        let at = space.axes().iter().map(|axis| (axis.name.clone(), value_text(axis))).collect();
+        let simulate = Remedy::Run(Command::Simulate { at }).when("one scenario is meant");
+        return Err(invalid(what, "0", expected).with(simulate));
     }
     Ok(space)
+}
+
+/// Returns the value of a fixed axis as the user states it.
+fn value_text(axis: &Axis) -> String {
+    match &axis.values {
+        AxisValues::Categorical(names) => names[axis.low as usize].clone(),
+        _ => number_text(axis.low),
+    }
 }
 
 /// Returns the space without the axes that have no effect, because others are fixed.

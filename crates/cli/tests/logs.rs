@@ -56,6 +56,34 @@ fn a_set_of_requirements_on_several_logs_gives_a_table_worst_first() {
 }
 
 #[test]
+fn a_clock_that_starts_again_is_two_logs_with_a_verdict_each() {
+    let bench = Bench::new();
+    // The second run violates the formula. Sorted, and with one row of each time, it is gone.
+    bench.write("log.csv", "time,force\n0,1\n1,1\n2,1\n# restarted\n0,9\n1,1\n2,1\n");
+    for flags in ["", " -k log.sort=true -k log.duplicates=first"] {
+        let ask = format!("monitor --formula 'always(force <= 2)' log.csv{flags}");
+        let found = bench.json(&format!("{ask} --json"), 1);
+        let verdicts: Vec<(&str, f64)> = found["verdicts"]
+            .as_array()
+            .expect("verdicts")
+            .iter()
+            .map(|verdict| {
+                (verdict["log"].as_str().expect("a name"), verdict["robustness"].as_f64().expect("a number"))
+            })
+            .collect();
+        let expected =
+            [("log.csv: run 2 of 2, line 6 to line 8", -7.0), ("log.csv: run 1 of 2, line 2 to line 4", 1.0)];
+        assert_eq!(verdicts, expected, "{flags}");
+        let said = text(&bench.run(&ask).stderr);
+        assert!(said.contains("note: the times of log.csv start again, so it is 2 logs"), "{said}");
+    }
+    bench.refuses(
+        "monitor --formula 'always(force <= 2)' -k monitor.values=true --json log.csv",
+        &["monitor.values prints the values of one log; cut this one into its runs"],
+    );
+}
+
+#[test]
 fn mistakes_in_a_set_of_requirements_are_named() {
     let bench = Bench::new();
     bench.write("d.csv", "d\n1\n");

@@ -101,7 +101,7 @@ fn impossible_requests_are_errors() {
         ("-k risk.distributions.x", &["KEY=VALUE"]),
         ("--simulations 0", &["too small"]),
         ("-k risk.method=exact", &["no method `exact`", "splitting"]),
-        ("--axis x=0 --axis y=0", &["without a fixed value"]),
+        ("--axis x=0 --axis y=0", &["without a fixed value", "`mishandle simulate TARGET --at x=0,y=0`"]),
         ("--out failure.json", &["a run file is SQLite"]),
     ] {
         bench.refuses(&format!("risk toy/sphere-2d {flags}"), parts);

@@ -5,10 +5,12 @@ use mishandle_text::{number_text, visible};
 
 use crate::date::{self, Written};
 use crate::decimal::Decimal;
-use crate::error::{Result, content, drop_missing, hold_or_drop, undecided};
+use crate::error::{LogError, Result, content, drop_missing, hold_or_drop, undecided};
 use crate::options::{Missing, Options, Unit};
 use crate::place::{Counted, Places};
-use crate::times::{FAR, Times, last_digit};
+use crate::stamp::NanosecondColumn;
+use crate::times::{FAR, Times, last_digit, looks_like_a_part};
+use crate::unit_name::unit_in;
 
 /// Largest number of characters of a cell in a message.
 const SHOWN_CELL: usize = 40;
@@ -51,7 +53,7 @@ fn number(text: &str) -> Option<f64> {
 }
 
 /// Returns a cell for a message, shortened and on one line.
-fn shown(cell: Cell<'_>) -> String {
+pub(crate) fn shown(cell: Cell<'_>) -> String {
     let text = match cell {
         Cell::Missing => String::new(),
         Cell::Number(value) => number_text(value),
@@ -142,6 +144,9 @@ pub(crate) struct TimeColumn {
     utc_offset: Option<i32>,
     drops: bool,
     kind: Option<Kind>,
+    /// The first time of rows that are taken one by one, and whether another one followed.
+    first: Option<f64>,
+    has_step: bool,
 }
 
 impl TimeColumn {
@@ -155,6 +160,8 @@ impl TimeColumn {
             utc_offset: options.utc_offset,
             drops: options.missing == Missing::Drop,
             kind: None,
+            first: None,
+            has_step: false,
         }
     }
 
@@ -168,16 +175,31 @@ impl TimeColumn {
             && self.kind == Some(Kind::Number)
             && let Some((step, looks)) = self.times.other_unit()
         {
-            return Err(undecided(
-                [state_unit(&["s", "ms", "us", "ns", "d"])],
-                format!(
-                    "column `{}` steps by {} on average, which looks like {looks}",
-                    visible(&self.name),
-                    number_text(step)
-                ),
-            ));
+            return Err(self.looks_like(step, looks));
         }
         Ok(self.times)
+    }
+
+    fn looks_like(&self, step: f64, looks: &str) -> LogError {
+        undecided(
+            [state_unit(&["s", "ms", "us", "ns", "d"])],
+            format!("column `{}` mostly steps by {}, which looks like {looks}", self.name, number_text(step)),
+        )
+    }
+
+    /// Takes the time of the last row. The first step of times without a stated unit must look like
+    /// seconds: the others are not known yet.
+    fn take(&mut self) -> Result<Option<RowTime>> {
+        let Some(time) = self.times.pop() else { return Ok(None) };
+        let is_open = self.unit.is_none() && self.kind == Some(Kind::Number) && !self.has_step;
+        if is_open && !time.secs.is_nan() {
+            let step = (time.secs - *self.first.get_or_insert(time.secs)).abs();
+            if let Some(looks) = looks_like_a_part(step) {
+                return Err(self.looks_like(step, looks));
+            }
+            self.has_step = step > 0.0;
+        }
+        Ok(Some(time))
     }
 
     pub(crate) fn push(&mut self, cell: Cell<'_>, at: u64) -> Result<()> {
@@ -327,21 +349,6 @@ fn state_unit(units: &'static [&'static str]) -> Remedy {
     Remedy::set(Key::LOG_TIME_UNIT, Choice::OneOf(units))
 }
 
-/// Returns the unit other than seconds that the name of a column contains.
-fn unit_in(name: &str) -> Option<&'static str> {
-    let name = name.to_lowercase();
-    let words = name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-    let known: [(&[&str], &str); 4] = [
-        (&["ns", "nsec", "nsecs", "nanos", "nanosec", "nanoseconds", "nanosecond"], "nanoseconds"),
-        (&["us", "usec", "usecs", "micros", "microsec", "microseconds", "µs"], "microseconds"),
-        (&["ms", "msec", "msecs", "millis", "millisec", "milliseconds"], "milliseconds"),
-        (&["min", "mins", "minutes", "hours", "days"], "minutes or more"),
-    ];
-    words
-        .into_iter()
-        .find_map(|word| known.iter().find(|(words, _)| words.contains(&word)).map(|(_, unit)| *unit))
-}
-
 /// The topic of each row.
 #[derive(Clone, Debug)]
 pub(crate) struct TopicColumn {
@@ -435,7 +442,9 @@ impl Sinks {
         for (_, sink) in &mut self.columns {
             match sink {
                 Sink::Values(column) => row.values.extend(column.values.pop()),
-                Sink::Times(column) => row.time = column.times.pop(),
+                Sink::Times(column) => row.time = column.take()?,
+                // It follows the column with the times.
+                Sink::Nanoseconds(column) => row.time = row.time.map(|time| column.take_after(time)),
                 Sink::Topics(column) => {
                     row.topic = column.rows.pop().map(|topic| column.topics[topic as usize].clone());
                 }
@@ -450,6 +459,8 @@ impl Sinks {
 pub(crate) enum Sink {
     Values(ValueColumn),
     Times(TimeColumn),
+    /// What follows the whole seconds of the times.
+    Nanoseconds(NanosecondColumn),
     Topics(TopicColumn),
 }
 
@@ -458,6 +469,7 @@ impl Sink {
         match self {
             Sink::Values(column) => column.push(cell, at),
             Sink::Times(column) => column.push(cell, at),
+            Sink::Nanoseconds(column) => column.push(cell, at),
             Sink::Topics(column) => column.push(cell, at),
         }
     }

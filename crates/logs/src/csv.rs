@@ -12,7 +12,8 @@ use head::{Ahead, Head, MAX_ROW, too_long};
 use mishandle_results::{Choice, Key, Remedy};
 use mishandle_text::{plural, visible};
 
-use crate::cell::{Cell, Sinks};
+use crate::cell::{Cell, Sink, Sinks};
+use crate::date;
 use crate::error::{Result, content, undecided};
 use crate::options::{Options, Unit};
 use crate::place::Counted;
@@ -77,7 +78,7 @@ impl CsvTable {
         // and at `\r\n`.
         let mut builder = csv::ReaderBuilder::new();
         builder.has_headers(false).terminator(Terminator::Any(b'\n')).flexible(true);
-        builder.delimiter(head.delimiter).comment(head.comment);
+        builder.delimiter(head.delimiter);
         let reader = builder.from_reader(source);
         let decimal_comma = options.decimal_comma.or((head.delimiter == b',').then_some(false));
         Ok(CsvTable { reader, row_bytes, head, decimal_comma })
@@ -97,7 +98,7 @@ impl CsvTable {
 
     /// Checks that no blank line of a log with one column is before `line`: it would be a sample.
     fn check_blank(&self, line: u64, next: u64) -> Result<()> {
-        if self.head.names.len() > 1 || line <= next || self.head.comment.is_some() {
+        if self.head.names.len() > 1 || line <= next {
             return Ok(());
         }
         let name = visible(&self.head.names[0]);
@@ -186,6 +187,9 @@ impl Table for CsvTable {
             if is_blank {
                 continue;
             }
+            if is_comment(&record, line, &self.head.names, sinks)? {
+                continue;
+            }
             if record.len() != self.head.names.len() {
                 return Err(content(format!(
                     "line {line} has {}, but the header has {}; every line must have one cell for each name",
@@ -202,6 +206,32 @@ impl Table for CsvTable {
         }
         self.check_blank(self.position(), next_line)
     }
+}
+
+/// Returns whether a record is a comment: a line that starts with `#` or `%`.
+///
+/// A first cell can start so, too, in a row whose other cells are read: that is an error, because
+/// no row is left out without a word.
+fn is_comment(record: &ByteRecord, line: u64, names: &[String], sinks: &Sinks) -> Result<bool> {
+    let first = record.get(0).unwrap_or_default().trim_ascii_start();
+    let Some(mark @ (b'#' | b'%')) = first.first().copied() else { return Ok(false) };
+    let mark = char::from(mark);
+    if record.as_slice().contains(&b'\n') {
+        return Err(content(format!(
+            "line {line} starts with {mark}, as a comment, but a quote in it opens a cell of several lines; remove the quote"
+        )));
+    }
+    let is_value = |column: &usize| {
+        let cell = String::from_utf8_lossy(record.get(*column).unwrap_or_default().trim_ascii());
+        *column > 0 && (cell.replacen(',', ".", 1).parse::<f64>().is_ok() || date::written(&cell).is_some())
+    };
+    let mut read = sinks.columns.iter().filter(|(_, sink)| !matches!(sink, Sink::Topics(_)));
+    if record.len() == names.len() && read.all(|(column, _)| is_value(column)) {
+        return Err(content(format!(
+            "line {line} starts with {mark}, as a comment, but has the cells of a row; remove the line, or {mark}"
+        )));
+    }
+    Ok(true)
 }
 
 fn csv_error(error: csv::Error) -> crate::LogError {

@@ -46,6 +46,17 @@ impl LogError {
         matches!(self, LogError::Undecided { .. })
     }
 
+    /// Returns the error with the part of the log that it is about.
+    pub(crate) fn within(self, part: &str) -> LogError {
+        let within = |message: String| format!("{part}: {message}");
+        match self {
+            LogError::Content(message) => LogError::Content(within(message)),
+            LogError::TooShort(message) => LogError::TooShort(within(message)),
+            LogError::Undecided { fact, remedies } => LogError::Undecided { fact: within(fact), remedies },
+            error => error,
+        }
+    }
+
     /// Returns what helps.
     pub fn remedies(&self) -> Vec<Remedy> {
         match self {

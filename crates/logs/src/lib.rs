@@ -5,6 +5,8 @@
 //!   [`Log`]: topics whose columns have the same times.
 //! - [`Log::samples`] turns a log into [`Samples`]: even ones, resampled ones, or functions of
 //!   time.
+//! - A log whose clock starts again is several runs, each with samples of its own:
+//!   [`Log::samples_of_runs`].
 //! - [`Samples::verdict`] evaluates a formula: the robustness, when which part is violated, and the
 //!   decisive predicate. [`document`] is the answer about [`Requirement`]s on several logs, worst
 //!   first.
@@ -35,6 +37,7 @@ mod decimal;
 mod error;
 mod follow;
 mod format;
+mod half;
 mod json_lines;
 mod log;
 mod memory;
@@ -45,8 +48,10 @@ mod parquet;
 mod place;
 mod requirement;
 mod samples;
+mod stamp;
 mod table;
 mod times;
+mod unit_name;
 mod verdict;
 
 pub use date::offset as utc_offset;
@@ -57,6 +62,7 @@ pub use memory::TimeValues;
 pub use mishandle_stl::{DenseSignal, Interpolation};
 pub use options::{Duplicates, Format, Missing, Options, Sampling, Unit};
 pub use requirement::{NamedSamples, Requirement, document, tell_apart, worst_first};
-pub use samples::{Samples, Signals};
+pub use samples::{Run, Samples, Signals, restarts};
+pub use stamp::seconds_and_nanoseconds;
 pub use times::Times;
 pub use verdict::{At, Evaluation, Interval, Part, Predicate, Verdict};

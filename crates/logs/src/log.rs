@@ -16,8 +16,9 @@ use crate::error::{LogError, Result, content, undecided};
 use crate::format;
 use crate::json_lines::{HEAD_LINES, JsonHead, JsonTable};
 use crate::numpy::NumpyTable;
-use crate::options::{Format, Missing, Options};
+use crate::options::{Format, Missing, Options, Unit};
 use crate::place::Places;
+use crate::stamp::{self, NanosecondColumn, TimeColumns};
 use crate::table::Table;
 use crate::times::Times;
 
@@ -161,14 +162,32 @@ impl OpenLog {
             return Ok(());
         }
         for signal in formula.signals() {
-            if self.place_of(signal)?.is_none()
-                && let Some(column) = self.foreign()
-            {
+            if self.place_of(signal)?.is_some() {
+                continue;
+            }
+            self.check_read(signal)?;
+            if let Some(column) = self.foreign() {
                 return Err(not_utf8(signal, column));
             }
         }
         // Errors about signals and definitions, with the names of all columns.
         Ok(formula.check_names(&self.names)?)
+    }
+
+    /// Checks that a signal is no column that is there and not read. The elements of an array that
+    /// is not read have no names.
+    fn check_read(&self, signal: &str) -> Result<()> {
+        for (topic, table) in &self.tables {
+            let is_signal = |name: &str| {
+                let name = full_name(topic.as_deref(), name);
+                let rest = signal.strip_prefix(name.as_str());
+                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('['))
+            };
+            if let Some((name, reason)) = table.not_read().iter().find(|(name, _)| is_signal(name)) {
+                return Err(content(format!("the column `{}` is not read: {reason}", visible(name))));
+            }
+        }
+        Ok(())
     }
 
     /// Returns the first column whose name is not UTF-8.
@@ -194,12 +213,38 @@ impl OpenLog {
         Ok(found)
     }
 
-    /// Returns the column with the times of a table, if there is one.
-    fn time_column(&self, table: &dyn Table) -> Result<Option<usize>> {
-        let Some(name) = &self.options.time else {
-            return Ok(column(table, TIME)?.or(table.known_time().map(|(column, _)| column)));
+    /// Returns the columns with the times of a table, if there are some.
+    fn time_columns(&self, table: &dyn Table) -> Result<Option<TimeColumns>> {
+        let name = self.options.time.as_deref().map_or(TIME, str::trim);
+        if let Some(both) = stamp::columns(table.names(), name) {
+            if self.options.time_unit.is_some_and(|unit| unit != Unit::Seconds) {
+                return Err(undecided(
+                    [Remedy::Unset(Key::LOG_TIME_UNIT)],
+                    format!("the times `{}` are seconds and nanoseconds in two columns", visible(name)),
+                ));
+            }
+            return Ok(Some(both));
+        }
+        let one = match &self.options.time {
+            Some(name) => Some(named_column(table, name, "time")?),
+            None => column(table, TIME)?.or(table.known_time().map(|(column, _)| column)),
         };
-        named_column(table, name, "time").map(Some)
+        Ok(one.map(|times| TimeColumns { times, nanoseconds: None }))
+    }
+
+    /// Adds the columns with the times, if there are some, to those that are read.
+    fn add_times(&self, table: &dyn Table, found: Option<TimeColumns>, sinks: &mut Sinks) {
+        let Some(TimeColumns { times, nanoseconds }) = found else { return };
+        let counted = table.counted();
+        let known = table.known_time().filter(|(known, _)| *known == times).map(|(_, unit)| unit);
+        let unit = known.or(nanoseconds.map(|_| Unit::Seconds));
+        let name = &table.names()[times];
+        sinks.columns.push((times, Sink::Times(TimeColumn::new(name, unit, &self.options, counted))));
+        if let Some(column) = nanoseconds {
+            let drops = self.options.missing == Missing::Drop;
+            let rest = NanosecondColumn::new(&table.names()[column], drops, counted);
+            sinks.columns.push((column, Sink::Nanoseconds(rest)));
+        }
     }
 
     /// Reads these signals, which the log must have, and the times. Other columns may hold
@@ -243,20 +288,13 @@ impl OpenLog {
             let values = ValueColumn::new(signal, &self.options, counted);
             sinks.columns.push((*column, Sink::Values(values)));
         }
-        if let Some(column) = self.time_column(table)? {
-            sinks.columns.push((column, Sink::Times(self.times(table, column))));
-        }
+        self.add_times(table, self.time_columns(table)?, &mut sinks);
         // Rows are counted by a column, so one is read at least.
         if sinks.columns.is_empty() {
             let options = Options { missing: Missing::Hold, ..Options::default() };
             sinks.columns.push((0, Sink::Values(ValueColumn::new("", &options, counted))));
         }
         Ok(sinks)
-    }
-
-    fn times(&self, table: &dyn Table, column: usize) -> TimeColumn {
-        let unit = table.known_time().filter(|(known, _)| *known == column).map(|(_, unit)| unit);
-        TimeColumn::new(&table.names()[column], unit, &self.options, table.counted())
     }
 
     /// Takes a table to read its rows.
@@ -276,21 +314,19 @@ impl OpenLog {
         };
         let (table, names) = (table.as_ref(), table.names());
         let topic = named_column(table, topic_column, "topic")?;
-        let time = self.time_column(table)?;
+        let time = self.time_columns(table)?;
         let is_candidate = |column: usize| {
             let ending = format!("/{}", names[column]);
             column != topic
                 && match signals {
                     Some(signals) => signals.iter().any(|signal| signal.ends_with(&ending)),
-                    None => Some(column) != time,
+                    None => !time.is_some_and(|time| time.has(column)),
                 }
         };
         let counted = table.counted();
         let mut sinks = Sinks::new(counted);
         sinks.columns.push((topic, Sink::Topics(TopicColumn::new(&names[topic], counted))));
-        if let Some(column) = time {
-            sinks.columns.push((column, Sink::Times(self.times(table, column))));
-        }
+        self.add_times(table, time, &mut sinks);
         for column in (0..names.len()).filter(|column| is_candidate(*column)) {
             let values = ValueColumn::new(&names[column], &self.options, counted);
             sinks.columns.push((column, Sink::Values(values)));
@@ -310,6 +346,9 @@ impl OpenLog {
             match sink {
                 Sink::Topics(column) => topics = Some(column),
                 Sink::Times(column) => times = Some(column.finish()?),
+                Sink::Nanoseconds(column) => {
+                    times = times.map(|times: Times| column.after(&times)).transpose()?;
+                }
                 Sink::Values(column) => values.push(column),
             }
         }
@@ -362,6 +401,9 @@ impl Topic {
             match sink {
                 Sink::Values(ValueColumn { name, values, .. }) => columns.push(Column { name, values }),
                 Sink::Times(column) => times = Some(column.finish()?),
+                Sink::Nanoseconds(column) => {
+                    times = times.map(|times: Times| column.after(&times)).transpose()?;
+                }
                 Sink::Topics(_) => {}
             }
         }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use archive::Archive;
 use header::{Header, Kind};
-use mishandle_text::visible;
+use mishandle_text::{plural, visible};
 
 use crate::cell::{Cell, Sinks};
 use crate::error::{Result, content};
@@ -21,6 +21,7 @@ pub(crate) struct NumpyTable {
     path: PathBuf,
     names: Vec<String>,
     columns: Vec<Column>,
+    not_read: Vec<(String, String)>,
 }
 
 /// A column: a part of the elements of an array.
@@ -45,7 +46,12 @@ impl NumpyTable {
         let mut file = BufReader::new(File::open(path)?);
         let mut start = [0; 6];
         file.read_exact(&mut start).map_err(|_| content("the file is too short for a NumPy file"))?;
-        let mut table = NumpyTable { path: path.to_owned(), names: Vec::new(), columns: Vec::new() };
+        let mut table = NumpyTable {
+            path: path.to_owned(),
+            names: Vec::new(),
+            columns: Vec::new(),
+            not_read: Vec::new(),
+        };
         if start.starts_with(b"PK") {
             let mut archive = Archive::open(file)?;
             for name in archive.names() {
@@ -55,7 +61,7 @@ impl NumpyTable {
                 match header {
                     Ok(header) => table.add(&array, Some(&name), &header, time)?,
                     Err(error) if array == time => return Err(error),
-                    Err(_) => {}
+                    Err(error) => table.not_read.push((array, error.to_string())),
                 }
             }
         } else {
@@ -73,7 +79,11 @@ impl NumpyTable {
         let width = match header.shape[..] {
             [_] => None,
             [_, width] => Some(width),
-            _ => return Ok(()),
+            [] | [_, _, _, ..] => {
+                let dimensions = plural(header.shape.len() as u64, "dimension");
+                self.not_read.push((array.to_owned(), format!("it has {dimensions}")));
+                return Ok(());
+            }
         };
         for (index, field) in header.fields.iter().enumerate() {
             let name = match (array, field.name.as_str()) {
@@ -88,6 +98,8 @@ impl NumpyTable {
                 )));
             }
             if field.kind == Kind::Other {
+                let reason = format!("its values have the type {}; write numbers", visible(&field.code));
+                self.not_read.push((name, reason));
                 continue;
             }
             if self.names.len() + width.unwrap_or(1) > MAX_COLUMNS {
@@ -117,6 +129,10 @@ impl Table for NumpyTable {
 
     fn counted(&self) -> Counted {
         Counted::Rows
+    }
+
+    fn not_read(&self) -> &[(String, String)] {
+        &self.not_read
     }
 
     fn read(self: Box<Self>, sinks: &mut Sinks) -> Result<()> {

@@ -10,9 +10,11 @@ use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
+use parquet::schema::types::ColumnDescriptor;
 
 use crate::cell::{Cell, Sink, Sinks};
 use crate::error::{LogError, Result, content};
+use crate::half::half;
 use crate::place::{Counted, Places};
 use crate::table::Table;
 
@@ -30,6 +32,7 @@ pub(crate) struct ParquetTable {
     reader: SerializedFileReader<File>,
     names: Vec<String>,
     columns: Vec<Leaf>,
+    not_read: Vec<(String, String)>,
 }
 
 /// A column: a leaf of the schema, or an element of its lists.
@@ -50,6 +53,8 @@ enum Meaning {
     Plain,
     /// Unsigned 64-bit numbers.
     Unsigned,
+    /// Numbers of 16 bits.
+    Half,
     /// Times in units of this many attoseconds, with this last digit.
     Time(i128, i32),
 }
@@ -60,6 +65,7 @@ impl ParquetTable {
         let reader = SerializedFileReader::new(File::open(path)?).map_err(damaged)?;
         let mut names = Vec::new();
         let mut columns = Vec::new();
+        let mut not_read = Vec::new();
         let schema = reader.metadata().file_metadata().schema_descr();
         for (leaf, column) in schema.columns().iter().enumerate() {
             let parts = column.path().parts();
@@ -68,9 +74,11 @@ impl ParquetTable {
                     return Err(content(format!(
                         "the times `{}` are of the type {}, which is not read; write a timestamp or a number",
                         visible(time),
-                        column.physical_type()
+                        type_text(column)
                     )));
                 }
+                let reason = format!("its values have the type {}; write numbers", type_text(column));
+                not_read.push((list_name(parts), reason));
                 continue;
             };
             let first = Leaf { leaf, meaning, element: 0, present: column.max_def_level() };
@@ -88,14 +96,13 @@ impl ParquetTable {
                         columns.push(Leaf { element, ..first });
                     }
                 }
-                // Lists of lists.
-                _ => {}
+                _ => not_read.push((list_name(parts), "it has lists of lists".to_owned())),
             }
             if columns.len() > MAX_COLUMNS {
                 return Err(content(format!("the file has more than {MAX_COLUMNS} columns")));
             }
         }
-        Ok(ParquetTable { reader, names, columns })
+        Ok(ParquetTable { reader, names, columns, not_read })
     }
 }
 
@@ -108,6 +115,20 @@ fn element_name(parts: &[String], element: usize) -> String {
             [&[name], parts.get(level + 2..).unwrap_or_default()].concat().join("/")
         }
         _ => format!("{}[{element}]", parts.join("/")),
+    }
+}
+
+/// Returns the name of a column without its elements.
+fn list_name(parts: &[String]) -> String {
+    let level = parts.iter().position(|part| part == "list" || part == "bag").filter(|level| *level > 0);
+    parts[..level.unwrap_or(parts.len())].join("/")
+}
+
+/// Returns the type of a column for a message.
+fn type_text(column: &ColumnDescriptor) -> String {
+    match (column.logical_type_ref(), column.converted_type()) {
+        (Some(LogicalType::Decimal { .. }), _) | (_, ConvertedType::DECIMAL) => "DECIMAL".to_owned(),
+        _ => column.physical_type().to_string(),
     }
 }
 
@@ -133,7 +154,7 @@ fn longest_list(reader: &SerializedFileReader<File>, leaf: Leaf) -> Result<usize
 impl Meaning {
     /// Returns the meaning of a column's values; `None` for other types than numbers, times and
     /// text.
-    fn of(column: &parquet::schema::types::ColumnDescriptor) -> Option<Meaning> {
+    fn of(column: &ColumnDescriptor) -> Option<Meaning> {
         let unit = |unit: &TimeUnit| match unit {
             TimeUnit::MILLIS => Meaning::Time(10_i128.pow(15), -3),
             TimeUnit::MICROS => Meaning::Time(10_i128.pow(12), -6),
@@ -141,6 +162,9 @@ impl Meaning {
         };
         let is_supported =
             !matches!(column.physical_type(), PhysicalType::INT96 | PhysicalType::FIXED_LEN_BYTE_ARRAY);
+        if let Some(LogicalType::Float16) = column.logical_type_ref() {
+            return Some(Meaning::Half);
+        }
         let found = match (column.logical_type_ref(), column.converted_type()) {
             (Some(LogicalType::Timestamp(time) | LogicalType::Time(time)), _) => unit(&time.unit),
             (_, ConvertedType::TIMESTAMP_MILLIS | ConvertedType::TIME_MILLIS) => unit(&TimeUnit::MILLIS),
@@ -155,7 +179,7 @@ impl Meaning {
 
     fn cell(self, value: i64) -> Cell<'static> {
         match self {
-            Meaning::Plain => Cell::Integer(value.into()),
+            Meaning::Plain | Meaning::Half => Cell::Integer(value.into()),
             Meaning::Unsigned => Cell::Integer(value.cast_unsigned().into()),
             Meaning::Time(unit, last_digit) => Cell::Time(i128::from(value) * unit, last_digit),
         }
@@ -169,6 +193,10 @@ impl Table for ParquetTable {
 
     fn counted(&self) -> Counted {
         Counted::Rows
+    }
+
+    fn not_read(&self) -> &[(String, String)] {
+        &self.not_read
     }
 
     /// A damaged file can make the decoder panic.
@@ -252,6 +280,12 @@ fn visit(group: &dyn RowGroupReader, leaf: Leaf, limit: usize, each: Visitor<'_>
         }
         ColumnReader::DoubleColumnReader(reader) => {
             visit_typed(reader, leaf, limit, each, |value| Cell::Number(*value))
+        }
+        ColumnReader::FixedLenByteArrayColumnReader(reader) => {
+            visit_typed(reader, leaf, limit, each, |value| match *value.data() {
+                [low, high] => Cell::Number(half(u16::from_le_bytes([low, high]))),
+                _ => Cell::Missing,
+            })
         }
         ColumnReader::ByteArrayColumnReader(reader) => visit_typed(reader, leaf, limit, each, |value| {
             Cell::Text(std::str::from_utf8(value.data()).unwrap_or("\u{fffd}").trim())

@@ -55,19 +55,19 @@ fn signals<'a>(formulas: impl IntoIterator<Item = &'a Formula>) -> Vec<&'a str> 
 }
 
 impl OpenLog {
-    /// Reads the signals of the formulas as samples.
+    /// Reads the signals of the formulas as the samples of each run of the log's clock.
     ///
     /// # Errors
-    /// As for [`OpenLog::check_signals`], [`OpenLog::read`] and [`Log::samples`].
-    pub fn samples<'a>(
+    /// As for [`OpenLog::check_signals`], [`OpenLog::read`] and [`Log::samples_of_runs`].
+    pub fn samples_of_runs<'a>(
         self,
         formulas: impl IntoIterator<Item = &'a Formula> + Clone,
         options: &Options,
-    ) -> Result<Samples> {
+    ) -> Result<Vec<Samples>> {
         for formula in formulas.clone() {
             self.check_signals(formula)?;
         }
-        self.read(&signals(formulas))?.samples(options)
+        self.read(&signals(formulas))?.samples_of_runs(options)
     }
 }
 
@@ -77,15 +77,11 @@ impl Log {
         self.topics.iter().flat_map(|topic| &topic.columns).map(|column| column.name.clone()).collect()
     }
 
-    /// Keeps the columns that the formulas read, and turns their rows into samples.
+    /// Keeps the columns that the formulas read.
     ///
     /// # Errors
-    /// If the log lacks a signal, or as for [`Log::samples`].
-    pub fn samples_of<'a>(
-        mut self,
-        formulas: impl IntoIterator<Item = &'a Formula> + Clone,
-        options: &Options,
-    ) -> Result<Samples> {
+    /// If the log lacks a signal.
+    pub fn read_by<'a>(mut self, formulas: impl IntoIterator<Item = &'a Formula> + Clone) -> Result<Log> {
         let names = self.names();
         for formula in formulas.clone() {
             formula.check_names(&names)?;
@@ -95,11 +91,20 @@ impl Log {
             topic.columns.retain(|column| signals.contains(&column.name.as_str()));
         }
         self.topics.retain(|topic| !topic.columns.is_empty());
-        self.samples(options)
+        Ok(self)
     }
 }
 
 impl NamedSamples {
+    /// Names the samples of the runs of a log: after the log, and after the run if it has several.
+    pub fn of_runs(log: &str, runs: Vec<Samples>) -> Vec<NamedSamples> {
+        let named = |samples: Samples| NamedSamples {
+            name: samples.run.as_ref().map_or_else(|| log.to_owned(), |run| run.named(log)),
+            samples,
+        };
+        runs.into_iter().map(named).collect()
+    }
+
     /// Returns the verdict of a requirement. With `strict_horizon`, only windows inside the log
     /// count.
     ///

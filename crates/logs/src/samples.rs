@@ -2,6 +2,7 @@
 //! resampling and dense time.
 
 pub(crate) mod align;
+mod runs;
 
 use std::sync::Arc;
 
@@ -13,6 +14,8 @@ use crate::error::{Result, content, dense, drop_missing, hold_or_drop, keep_one,
 use crate::log::{Column, Log, Topic};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::times::{FAR, Times};
+pub(crate) use runs::SURE;
+pub use runs::{Run, restarts};
 
 /// The samples of a log.
 #[derive(Clone, Debug)]
@@ -26,6 +29,8 @@ pub struct Samples {
     pub origin_ns: Option<i128>,
     /// The column that seems to have the times, if none was read as such.
     pub likely_time: Option<String>,
+    /// The run of the clock, if it starts again in the log.
+    pub run: Option<Run>,
 }
 
 /// The signals of a log over time.
@@ -50,9 +55,29 @@ impl Log {
     /// Turns the rows into samples, as the options say.
     ///
     /// # Errors
-    /// If the options leave open what the samples are; the error has the remedies that decide.
-    pub fn samples(mut self, options: &Options) -> Result<Samples> {
+    /// If the options leave open what the samples are; the error has the remedies that decide. If
+    /// the clock starts again: [`Log::samples_of_runs`] has the samples of each run.
+    pub fn samples(self, options: &Options) -> Result<Samples> {
+        one_run(self.samples_of_runs(options)?)
+    }
+
+    /// Turns the rows of each run into samples: a log is one run, unless its clock starts again.
+    ///
+    /// # Errors
+    /// If the options leave open what the samples are.
+    pub fn samples_of_runs(self, options: &Options) -> Result<Vec<Samples>> {
         options.check()?;
+        let of_run = |(log, run): (Log, Option<Run>)| match run {
+            None => log.samples_of_run(options),
+            Some(run) => match log.samples_of_run(options) {
+                Ok(samples) => Ok(Samples { run: Some(run), ..samples }),
+                Err(error) => Err(error.within(&run.named(""))),
+            },
+        };
+        self.runs()?.into_iter().map(of_run).collect()
+    }
+
+    fn samples_of_run(mut self, options: &Options) -> Result<Samples> {
         let columns = self.topics.iter().flat_map(|topic| &topic.columns);
         let missing = columns.map(|column| column.values.iter().filter(|value| value.is_nan()).count()).sum();
         for topic in &mut self.topics {
@@ -78,7 +103,7 @@ impl Log {
             Sampling::Resampled(interpolation) => align::resampled(self, interpolation, options)?,
             Sampling::Dense(interpolation) => Signals::Dense(align::dense(self, interpolation, options)?),
         };
-        Ok(Samples { signals, missing, origin_ns, likely_time })
+        Ok(Samples { signals, missing, origin_ns, likely_time, run: None })
     }
 
     /// Shifts the times of all topics to one origin, that of the earliest, and returns it in
@@ -154,6 +179,18 @@ impl Log {
     }
 }
 
+/// Returns the samples of a log that is one run.
+pub(crate) fn one_run(mut runs: Vec<Samples>) -> Result<Samples> {
+    if let Some(run) = runs.get(1).and_then(|samples| samples.run.as_ref()) {
+        return Err(content(format!(
+            "the times start again in {}: the log is {}; cut it there into one log for each run",
+            run.rows[0],
+            mishandle_text::plural(run.of as u64, "run")
+        )));
+    }
+    runs.pop().ok_or_else(|| content("the log has no topic"))
+}
+
 /// Returns a trace of these columns.
 fn trace(columns: Vec<Column>, rows: usize) -> Result<Trace> {
     if rows == 0 {
@@ -215,11 +252,21 @@ impl Topic {
     }
 
     fn keep(&mut self, rows: &[usize]) {
-        for column in &mut self.columns {
-            column.values = rows.iter().map(|row| column.values[*row]).collect();
+        *self = self.with_rows(rows);
+    }
+
+    /// Returns the topic with these rows, in their order.
+    fn with_rows(&self, rows: &[usize]) -> Topic {
+        let of_rows = |column: &Column| Column {
+            name: column.name.clone(),
+            values: rows.iter().map(|row| column.values[*row]).collect(),
+        };
+        Topic {
+            name: self.name.clone(),
+            times: self.times.as_ref().map(|times| times.of(rows)),
+            columns: self.columns.iter().map(of_rows).collect(),
+            places: self.places.of(rows),
         }
-        self.times = self.times.take().map(|times| times.of(rows));
-        self.places = self.places.of(rows);
     }
 
     /// Makes the times increase, or returns an error.
@@ -236,8 +283,12 @@ impl Topic {
         }
         if let Some(row) = times.secs().windows(2).position(|pair| pair[0] > pair[1]) {
             if !options.sort {
-                let sort = Remedy::set(Key::LOG_SORT, Choice::On);
-                return Err(undecided([sort], not_increasing(times, row)));
+                let sort = Remedy::set(Key::LOG_SORT, Choice::On).when("its rows are in the wrong order");
+                let fact = not_increasing(times, row);
+                return Err(undecided(
+                    [sort],
+                    format!("{fact}; if its clock starts again there, cut the log into two"),
+                ));
             }
             let mut rows: Vec<usize> = (0..times.secs().len()).collect();
             rows.sort_by(|a, b| times.secs()[*a].total_cmp(&times.secs()[*b]));

@@ -25,6 +25,11 @@ pub(crate) trait Table {
         None
     }
 
+    /// Returns the names of columns that are not read, and why.
+    fn not_read(&self) -> &[(String, String)] {
+        &[]
+    }
+
     /// Reads the rows into these columns.
     fn read(self: Box<Self>, sinks: &mut Sinks) -> Result<()>;
 }

@@ -34,13 +34,22 @@ const STEP_TO_ROUNDING: f64 = 10.0;
 /// of this size has steps of 2 ns.
 pub(crate) const FAR: f64 = 1e7;
 
-/// Mean step of whole numbers, from which on they look like ms, us or ns rather than s.
+/// Step from which on times look like ms, us or ns rather than s.
 const LONG_STEP: f64 = 10.0;
 
-/// Numbers from here on with mean steps below 50 µs look like days: MATLAB counts them from the
-/// year 0, spreadsheets from 1900.
+/// Numbers from here on with steps below 50 µs look like days: MATLAB counts them from the year 0,
+/// spreadsheets from 1900.
 const LATE: f64 = 2e4;
 const DAY_STEP: f64 = 5e-5;
+
+/// Returns the unit that a step of times in s looks like if it is too long for a robot.
+pub(crate) fn looks_like_a_part(step: f64) -> Option<&'static str> {
+    (step >= LONG_STEP).then_some("ms, us or ns")
+}
+
+fn looks_like_days(is_late: bool, step: f64) -> Option<&'static str> {
+    (is_late && step < DAY_STEP).then_some("days")
+}
 
 /// Least number of significant digits to which a program rounds times, one of the next lower power
 /// of ten included: MATLAB writes five.
@@ -170,17 +179,42 @@ impl Times {
         (0..self.secs.len()).map(of_row).collect()
     }
 
-    /// Returns the mean step of times without a unit and the unit that it looks like, if that is
-    /// not seconds: whole numbers with long steps, and large numbers with tiny ones.
+    /// Returns the median step of times without a unit and the unit that it looks like, if that is
+    /// not seconds. Pauses and clocks that start again do not change a median.
     pub(crate) fn other_unit(&self) -> Option<(f64, &'static str)> {
-        let [first, .., last] = self.secs.as_slice() else { return None };
-        let step = (last - first).abs() / (self.secs.len() - 1) as f64;
-        let are_whole = self.last_digits.iter().all(|digit| *digit >= 0);
-        match are_whole {
-            true if step >= LONG_STEP => Some((step, "ms, us or ns")),
-            false if first.abs() >= LATE && step > 0.0 && step < DAY_STEP => Some((step, "days")),
-            _ => None,
+        let steps = self.secs.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+        let middle = steps.len().checked_sub(1)? / 2;
+        let step = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let is_late = self.secs.iter().find(|secs| !secs.is_nan()).is_some_and(|first| first.abs() >= LATE);
+        looks_like_days(is_late, step).or(looks_like_a_part(step)).map(|unit| (step, unit))
+    }
+
+    /// Returns the time of a row in attoseconds, in the scale of the file; `None` if it is missing.
+    pub(crate) fn attoseconds(&self, row: usize) -> Option<i128> {
+        let secs = self.secs[row];
+        (!secs.is_nan()).then(|| self.origin.unwrap_or(0) + (secs * ATTO) as i128)
+    }
+
+    /// Returns times of the same rows and the same column in nanoseconds.
+    ///
+    /// # Errors
+    /// If one does not fit 64 bits.
+    pub(crate) fn replaced(&self, nanoseconds: &[Option<i128>]) -> Result<Times> {
+        // A missing time must not become the origin.
+        let first = nanoseconds.iter().flatten().next().copied().unwrap_or(0);
+        let integer = |(row, time): (usize, &Option<i128>)| {
+            i64::try_from(time.unwrap_or(first)).map_err(|_| {
+                let place = self.places.text(row);
+                content(format!("{place}: `{}` has no time that fits 64 bits in ns", self.column))
+            })
+        };
+        let integers = nanoseconds.iter().enumerate().map(integer).collect::<Result<Vec<i64>>>()?;
+        let mut times = Times { places: self.places.clone(), ..Times::nanoseconds(&self.column, &integers) };
+        for (secs, _) in times.secs.iter_mut().zip(nanoseconds).filter(|(_, time)| time.is_none()) {
+            *secs = f64::NAN;
         }
+        Ok(times)
     }
 
     /// Sets the instant that all times are differences from. There must be no time yet.

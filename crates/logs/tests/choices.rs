@@ -5,8 +5,8 @@ use std::io::Cursor;
 
 use crate::names;
 use mishandle_logs::{
-    Column, Duplicates, Interpolation, Log, Missing, OpenLog, Options, Result, Samples, Sampling, Signals,
-    Times, Topic, Unit,
+    Column, Duplicates, Interpolation, Log, Missing, NamedSamples, OpenLog, Options, Result, Samples,
+    Sampling, Signals, Times, Topic, Unit,
 };
 use mishandle_results::Key;
 
@@ -58,6 +58,17 @@ fn a_unit_is_never_guessed() {
         let found = samples(&format!("{name},d\n0,1\n20,1\n"), &["d"], &stated).expect("stated");
         assert!(matches!(found.signals, Signals::Even { period: Some(0.02), .. }), "{found:?}");
     }
+    for name in ["TimeMS", "timestampMillis", "tMs"] {
+        let options = Options { time: Some(name.to_owned()), ..Options::default() };
+        asks(&format!("{name},d\n0,1\n5,1\n"), &options, Key::LOG_TIME_UNIT, "looks like milliseconds");
+    }
+    // However the numbers are written, and wherever the clock pauses or starts again.
+    for times in ["0.0 100.0 200.0", "0 100 200", "0.25 33.5 66.9", "1e3 1.01e3 1.02e3", "0 10 20 0 10 20"] {
+        let rows: String = times.split(' ').map(|time| format!("{time},1\n")).collect();
+        asks(&format!("time,d\n{rows}"), &plain, Key::LOG_TIME_UNIT, "looks like ms, us or ns");
+    }
+    let pause = samples("time,d\n0,1\n0.1,1\n0.2,1\n3600.2,1\n3600.3,1\n", &["d"], &dense(HOLD));
+    assert!(pause.is_ok(), "{pause:?}");
     asks("time,d\n2024-01-31 12:00:00,1\n", &plain, Key::LOG_UTC_OFFSET, "line 2");
     let error = samples("time,d\n1/2/2024 12:00,1\n", &["d"], &plain).expect_err("an ambiguous date");
     assert!(error.to_string().contains("line 2: `time` is `1/2/2024 12:00`; a time must be"), "{error}");
@@ -247,4 +258,98 @@ fn topics_with_different_times_share_their_common_time() {
         likely_time: None,
     };
     assert!(apart.samples(&dense(LINEAR)).expect_err("apart").to_string().contains("no time in common"));
+}
+
+#[test]
+fn a_clock_that_starts_again_is_several_logs() {
+    let runs = |text: &str, options: &Options| {
+        let log = OpenLog::open_csv(Box::new(Cursor::new(text.to_owned())), options)?.read(&["d"])?;
+        log.samples_of_runs(options)
+    };
+    let found = |text: &str, options: &Options| -> Vec<(String, Vec<f64>)> {
+        let found = runs(text, options).unwrap_or_else(|error| panic!("{text}: {error}"));
+        let named = NamedSamples::of_runs("a.csv", found).into_iter();
+        let shown = |log: NamedSamples| match log.samples.signals {
+            Signals::Even { trace, .. } => (log.name, trace.signal("d").expect("read").to_vec()),
+            Signals::Dense(signals) => (log.name, signals[0].values().to_vec()),
+        };
+        named.map(shown).collect()
+    };
+    // The second run violates d <= 2. Sorted, and with one row of each time, it is gone.
+    let text = "time,d\n0,1\n1,1\n2,1\n# restarted\n0,9\n1,1\n2,1\n";
+    let duplicates = Duplicates::First;
+    for options in [
+        Options::default(),
+        Options { sort: true, duplicates, ..Options::default() },
+        Options { sort: true, duplicates: Duplicates::Last, ..dense(HOLD) },
+        Options { sort: true, duplicates, ..resampled(HOLD, 1.0) },
+    ] {
+        let expected = [
+            ("a.csv: run 1 of 2, line 2 to line 4".to_owned(), vec![1.0, 1.0, 1.0]),
+            ("a.csv: run 2 of 2, line 6 to line 8".to_owned(), vec![9.0, 1.0, 1.0]),
+        ];
+        assert_eq!(found(text, &options), expected, "{options:?}");
+    }
+    let error = samples(text, &["d"], &Options::default()).expect_err("two runs");
+    assert!(error.to_string().contains("start again in line 6: the log is 2 runs"), "{error}");
+    let uneven = runs("time,d\n0,1\n1,1\n2,1\n0,1\n1,1\n1.2,1\n", &Options::default());
+    let uneven = uneven.expect_err("uneven").to_string();
+    assert!(uneven.starts_with("run 2 of 2, line 5 to line 7: samples must be evenly spaced"), "{uneven}");
+    // One run has the name of the log; a late row is not a run, and with rows in the wrong order
+    // nothing says which it is.
+    assert_eq!(found("time,d\n0,1\n1,2\n", &Options::default())[0].0, "a.csv");
+    let sorted = Options { sort: true, ..Options::default() };
+    assert_eq!(found("time,d\n0,1\n2,3\n1,2\n3,4\n", &sorted)[0].1, [1.0, 2.0, 3.0, 4.0]);
+    let part = "if its clock starts again there, cut the log into two";
+    asks("time,d\n10,1\n11,1\n0,1\n1,1\n", &Options::default(), Key::LOG_SORT, part);
+    // Topics have as many runs.
+    let topics = "time,topic,d\n0,a,1\n1,a,1\n0,b,1\n1,b,1\n0,a,1\n1,a,1\n";
+    let by_topic = Options { topic_column: Some("topic".to_owned()), ..dense(HOLD) };
+    let open = |text: &str, signals: &[&str]| {
+        let log = OpenLog::open_csv(Box::new(Cursor::new(text.to_owned())), &by_topic)?.read(signals)?;
+        log.samples_of_runs(&by_topic)
+    };
+    assert_eq!(open(topics, &["a/d"]).expect("two runs").len(), 2);
+    let error = open(topics, &["a/d", "b/d"]).expect_err("other runs").to_string();
+    assert!(error.contains("the topic `a` are 2 runs, which start again in line 6; "), "{error}");
+    let both = open(&format!("{topics}0,b,1\n1,b,1\n"), &["a/d", "b/d"]).expect("two runs");
+    assert_eq!(both.len(), 2);
+}
+
+#[test]
+fn seconds_and_nanoseconds_in_two_columns_are_one_time() {
+    let text = "header.stamp.sec,header.stamp.nanosec,d\n10,900000000,0\n11,100000000,3\n12,100000000,0\n";
+    for time in ["header.stamp.sec", "header.stamp.nanosec", "header.stamp"] {
+        let options = Options { time: Some(time.to_owned()), ..dense(HOLD) };
+        let found = samples(text, &["d"], &options).expect("times");
+        let Signals::Dense(signals) = found.signals else { panic!("dense") };
+        // The decimals that are written, to the bit.
+        assert_eq!(signals[0].times(), [10.9, 11.1, 12.1], "{time}");
+    }
+    let far = text.replace("\n1", "\n170000000");
+    let options = Options { time: Some("header.stamp".to_owned()), ..dense(HOLD) };
+    let found = samples(&far, &["d"], &options).expect("times");
+    assert_eq!(found.origin_ns, Some(1_700_000_000_900_000_000));
+    let Signals::Dense(signals) = found.signals else { panic!("dense") };
+    assert_eq!(signals[0].times(), [0.0, 0.2, 1.2]);
+    let milliseconds = Options { time_unit: Some(Unit::Milliseconds), ..options.clone() };
+    asks(text, &milliseconds, Key::LOG_TIME_UNIT, "seconds and nanoseconds in two columns");
+    for (row, part) in [
+        (
+            "10,1000000000,0",
+            "line 2: `header.stamp.nanosec` is `1000000000`; nanoseconds after whole seconds",
+        ),
+        ("10.5,0,0", "line 2: `header.stamp.sec` is 10.5; seconds with nanoseconds in another column"),
+        ("10,,0", "line 2: `header.stamp.nanosec` is ``"),
+    ] {
+        let text = format!("header.stamp.sec,header.stamp.nanosec,d\n{row}\n");
+        let error = samples(&text, &["d"], &options).expect_err("no time").to_string();
+        assert!(error.contains(part), "{error}");
+    }
+    // A row without a time is left out with the others.
+    let dropped = Options { missing: Missing::Drop, ..options };
+    let rows = text.replace("\n10,900000000,0", "\n10,,0");
+    let found = samples(&rows, &["d"], &dropped).expect("times");
+    let Signals::Dense(signals) = found.signals else { panic!("dense") };
+    assert_eq!(signals[0].times(), [11.1, 12.1]);
 }

@@ -86,6 +86,31 @@ fn dialects_of_other_programs_give_the_same_values() {
 }
 
 #[test]
+fn comments_between_rows_are_skipped_and_no_row_is_one() {
+    for text in [
+        "time,d\n0,1\n# a pause\n0.5,2.5\n",
+        "time,d\n0,1\n# paused at 3, then on\n0.5,2.5\n",
+        "time,d\n0,1\n0.5,2.5\n# end of file\n",
+        "time,d\n0,1\n#0.2,7\n0.5,2.5\n",
+        "time,d\r\n0,1\r\n% pause\r\n0.5,2.5\r\n",
+        "# rig \"3\"\ntime;d\n0;1\n  # it's \"on\n0,5;2,5\n",
+        "time d\n0 1\n# a pause of two\n0.5 2.5\n",
+    ] {
+        let (values, period) = read(text.as_bytes(), "d", &Options::default())
+            .unwrap_or_else(|error| panic!("{text:?}: {error}"));
+        assert_eq!((values, period), (vec![1.0, 2.5], Some(0.5)), "{text:?}");
+    }
+    assert_eq!(column("d\n1\n# a pause\n2\n", "d"), [1.0, 2.0]);
+    check("d\n1\n# a pause\n\n2\n", "line 4 is blank");
+    // A first cell can start with the mark, and a quote can hide the rows after it.
+    check("color,d\nred,1\n#ff0000,5\n", "line 3 starts with #, as a comment, but has the cells of a row");
+    check(
+        "time,d\n0,1\n# a,\"b\n1,5\n",
+        "starts with #, as a comment, but a quote in it opens a cell of several lines",
+    );
+}
+
+#[test]
 fn a_dialect_with_two_readings_is_an_error_that_names_the_setting() {
     let options = Options::default();
     check_with(

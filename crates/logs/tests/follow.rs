@@ -497,3 +497,92 @@ fn times_must_fit_the_period() {
     assert!(names(&error, Key::LOG_RESAMPLE) && error.to_string().contains("line 103"), "{error}");
     assert!(names(&end(rows(&|row| row / 9.0)).expect_err("another rate"), Key::LOG_RESAMPLE));
 }
+
+/// Follows a file that holds `before`, and that holds `after` instead once its rows were taken.
+fn follow_rewritten(before: &str, after: &str) -> Result<Vec<f64>> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("log.csv");
+    std::fs::write(&path, before).expect("a file");
+    let source = [Source { topic: None, path: path.clone() }];
+    let formula = [Formula::parse("always(d <= 2)").expect("a formula")];
+    let following = Following { lateness: None, idle: Some(Duration::from_secs(3)) };
+    let mut follow = Follow::open(&source, &formula, &Options::default(), following)?;
+    let rows = before.lines().count() - 1;
+    let mut found = Vec::new();
+    loop {
+        match follow.next(Duration::from_secs(20))? {
+            Next::Sample => found.push(follow.sample()[0]),
+            Next::End => return Ok(found),
+            Next::Waiting => panic!("nothing happens"),
+        }
+        if found.len() == rows {
+            // In one step, so that the file is never shorter.
+            let mut file = std::fs::OpenOptions::new().write(true).open(&path).expect("a file");
+            file.write_all(after.as_bytes()).expect("written");
+        }
+    }
+}
+
+#[test]
+fn a_file_that_is_rewritten_in_place_is_noticed() {
+    let rows = |first: i32, count: i32| {
+        let rows = (first..first + count).map(|row| format!("{row},0\n"));
+        "time,d\n".to_owned() + &rows.collect::<String>()
+    };
+    let old = rows(0, 3);
+    // The whole file again with more rows is a file that grows.
+    assert_eq!(follow_rewritten(&old, &rows(0, 5)).expect("it grows"), [0.0; 5]);
+    let long = rows(0, 5000);
+    let is_rewritten = |before: &str, after: &str| {
+        let error = follow_rewritten(before, after).expect_err("rewritten").to_string();
+        assert!(error.contains("the file was rewritten while it was followed"), "{error}");
+    };
+    is_rewritten(&old, &rows(100, 40));
+    is_rewritten(&old, &old.replace("1,0", "1,9"));
+    // Others before the place of reading, or at the start alone.
+    is_rewritten(&long, &long.replace("\n4990,0", "\n4990,9"));
+    is_rewritten(&long, &(long.replace("\n3,0", "\n3,9") + "5000,0\n"));
+}
+
+#[test]
+fn times_that_are_followed_are_read_as_those_of_whole_logs() {
+    let formula = [Formula::parse("always(d <= 2)").expect("a formula")];
+    let mut random = Random(11);
+    let mut read = |text: &str, options: &Options| {
+        let pipes: Pipes = vec![(None, pieces(text, &mut random))];
+        followed(pipes, &formula, options, None, false)
+    };
+    let hold = Options {
+        sampling: Sampling::Resampled(Interpolation::Hold),
+        period: Some(1.0),
+        ..Options::default()
+    };
+    for text in ["time,d\n0.0,0\n100.0,0\n200.0,3\n", "time,d\n1000,0\n1010,0\n1020,3\n"] {
+        assert!(
+            names(&read(text, &hold).map(|found| found.samples).expect_err("no unit"), Key::LOG_TIME_UNIT),
+            "{text}"
+        );
+    }
+    let stamps = "stamp.sec,stamp.nanosec,d\n10,900000000,0\n11,100000000,3\n12,100000000,0\n";
+    let far = stamps.replace("\n1", "\n170000000");
+    let options = Options { time: Some("stamp".to_owned()), period: Some(0.2), ..hold };
+    for text in [stamps, &far] {
+        let whole = complete(&[("", text.to_owned())], &formula, &options);
+        let found = read(text, &options);
+        assert!(agrees(whole, found, &formula, false, text) > 0, "{text}");
+    }
+    // A run that starts again is an error, also if its rows are sorted.
+    let text = "time,d\n0,0\n1,0\n2,0\n0,3\n1,0\n2,0\n";
+    let error =
+        read(text, &Options::default()).map(|found| found.samples).expect_err("it starts again").to_string();
+    assert!(error.contains("does not increase: it is 2 and then 0 in line 5"), "{error}");
+    let sorted = Options { sort: true, duplicates: Duplicates::First, ..Options::default() };
+    for (lateness, part) in
+        [(1.5, "the lateness must be longer"), (1000.0, "the times start again before line 6")]
+    {
+        let pipes: Pipes = vec![(None, pieces(text, &mut random))];
+        let found = followed(pipes, &formula, &sorted, Some(lateness), false);
+        let error = found.map(|found| found.samples).expect_err("it starts again").to_string();
+        assert!(error.contains(part), "{error}");
+    }
+}

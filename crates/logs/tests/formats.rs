@@ -187,6 +187,102 @@ fn integers_and_dates_of_binary_formats_are_exact() {
     assert_eq!(period(open(&json, &["d"], &unit).expect("ns")).1, Some(1e-9));
 }
 
+/// Opens a log as the program does, which checks the names first.
+fn open_checked(path: &Path, signal: &str) -> Result<Samples> {
+    let source = Source { topic: None, path: path.to_owned() };
+    let log = OpenLog::open(&[source], &Options::default())?;
+    log.check_signals(&mishandle_stl::Formula::parse(&mishandle_stl::spelled(signal)).expect("a name"))?;
+    log.read(&[signal])?.samples(&Options::default())
+}
+
+#[test]
+fn numbers_of_16_bits_are_read_and_other_types_are_named() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    // 0, -2 and 3 in 16 bits.
+    let halves = [0x00, 0x00, 0x00, 0xc0, 0x00, 0x42];
+    let arrays = [
+        ("x.npy", npy("'<f2'", "(3,)", &halves)),
+        ("text.npy", npy("'<U1'", "(3,)", &[48, 0, 0, 0, 48, 0, 0, 0, 51, 0, 0, 0])),
+        ("complex.npy", npy("'<c16'", "(3, 1)", &[0; 48])),
+        ("image.npy", npy("'<f8'", "(1, 2, 3)", &[0; 48])),
+    ];
+    let path = write(folder.path(), "half.npz", &npz(&arrays, false));
+    let found = open_checked(&path, "x").expect("numbers of 16 bits");
+    let Signals::Even { trace, .. } = found.signals else { panic!("even") };
+    assert_eq!(trace.signal("x").expect("read"), [0.0, -2.0, 3.0]);
+    for (signal, part) in [
+        ("text", "the column `text` is not read: its values have the type <U1; write numbers"),
+        ("complex[0]", "the column `complex` is not read: its values have the type <c16"),
+        ("image", "the column `image` is not read: it has 3 dimensions"),
+        ("other", "signal `other` is not in the trace"),
+    ] {
+        let error = open_checked(&path, signal).expect_err("not read").to_string();
+        assert!(error.starts_with(part), "{error}");
+    }
+}
+
+#[test]
+#[cfg(feature = "parquet")]
+fn numbers_of_16_bits_in_parquet_are_read_and_decimals_are_named() {
+    use parquet::data_type::{FixedLenByteArrayType, Int64Type};
+    use parquet::file::writer::SerializedFileWriter;
+    use parquet::schema::parser::parse_message_type;
+
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("half.parquet");
+    let schema = "message log { required fixed_len_byte_array(2) x (FLOAT16); required int64 price (DECIMAL(10, 2)); }";
+    let schema = std::sync::Arc::new(parse_message_type(schema).expect("a schema"));
+    let file = std::fs::File::create(&path).expect("a file");
+    let mut writer = SerializedFileWriter::new(file, schema, std::sync::Arc::default()).expect("a writer");
+    let mut group = writer.next_row_group().expect("a group");
+    let mut column = group.next_column().expect("x").expect("x");
+    let values: Vec<_> = [[0x00, 0x00], [0x00, 0xc0], [0x00, 0x42]]
+        .into_iter()
+        .map(|bytes: [u8; 2]| parquet::data_type::FixedLenByteArray::from(bytes.to_vec()))
+        .collect();
+    column.typed::<FixedLenByteArrayType>().write_batch(&values, None, None).expect("values");
+    column.close().expect("x");
+    let mut column = group.next_column().expect("price").expect("price");
+    column.typed::<Int64Type>().write_batch(&[1, 2, 3], None, None).expect("values");
+    column.close().expect("price");
+    group.close().expect("a group");
+    writer.close().expect("a file");
+    let found = open_checked(&path, "x").expect("numbers of 16 bits");
+    let Signals::Even { trace, .. } = found.signals else { panic!("even") };
+    assert_eq!(trace.signal("x").expect("read"), [0.0, -2.0, 3.0]);
+    let error = open_checked(&path, "price").expect_err("decimals").to_string();
+    assert!(error.starts_with("the column `price` is not read: its values have the type DECIMAL"), "{error}");
+}
+
+#[test]
+fn seconds_and_nanoseconds_are_one_time_in_all_formats() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let integers =
+        |values: [i64; 3]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let rows = [(10, 900_000_000), (11, 100_000_000), (11, 300_000_000)];
+    let json: String = rows
+        .iter()
+        .map(|(sec, nanosec)| format!("{{\"stamp\":{{\"sec\":{sec},\"nanosec\":{nanosec}}},\"d\":1}}\n"))
+        .collect();
+    let csv: String = rows.iter().map(|(sec, nanosec)| format!("{sec};{nanosec};1\n")).collect();
+    let arrays = [
+        ("stamp/sec.npy", npy("'<i8'", "(3,)", &integers(rows.map(|row| row.0)))),
+        ("stamp/nanosec.npy", npy("'<i8'", "(3,)", &integers(rows.map(|row| row.1)))),
+        ("d.npy", npy("'<f8'", "(3,)", &floats(&[1.0; 3]))),
+    ];
+    let files = [
+        write(folder.path(), "a.jsonl", json.as_bytes()),
+        write(folder.path(), "a.csv", format!("stamp/sec;stamp/nanosec;d\n{csv}").as_bytes()),
+        write(folder.path(), "a.npz", &npz(&arrays, true)),
+    ];
+    for path in files {
+        let options = Options { time: Some("stamp/sec".to_owned()), ..Options::default() };
+        let found = open(&path, &["d"], &options).unwrap_or_else(|error| panic!("{path:?}: {error}"));
+        let Signals::Even { period, start, .. } = found.signals else { panic!("even") };
+        assert_eq!((start, period), (10.9, Some(0.2)), "{path:?}");
+    }
+}
+
 #[test]
 #[cfg(feature = "parquet")]
 fn nulls_of_parquet_are_missing_values() {

@@ -163,6 +163,11 @@ pub enum Command {
         /// Whether its system is Python code.
         is_python: bool,
     },
+    /// Simulate one scenario.
+    Simulate {
+        /// The values of axes, by name.
+        at: Vec<(String, String)>,
+    },
 }
 
 /// A simulation of a run file.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import mishandle._native as _native
 from mishandle.errors import InvalidValueError
 
 MAX_ELEMENTS = 100
@@ -86,9 +87,9 @@ class Columns:
 
     def finish(self) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]], dict[str, str]]:
         """Returns times, columns, and why other fields are no columns. Rows are in the order of
-        their times."""
+        their times. Where the clock starts again, another run follows: sorting would mix both."""
         times = np.array(self.times, dtype=np.int64)
-        order = None if np.all(times[1:] >= times[:-1]) else np.argsort(times, kind="stable")
+        order = None if np.all(times[1:] >= times[:-1]) else _order(times)
         columns = {}
         for name, column in self._columns.items():
             values = np.full(len(times), np.nan)
@@ -147,6 +148,16 @@ class Columns:
                 return
             for index, part in enumerate(value):
                 yield from self._flattened(f"{name}[{index}]", part, depth - 1)
+
+
+def _order(times: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the order of rows by time, within each run of the clock."""
+    starts = [0, *_native.clock_restarts(times), len(times)]
+    runs = [
+        first + np.argsort(times[first:last], kind="stable")
+        for first, last in zip(starts, starts[1:])
+    ]
+    return np.concatenate(runs)
 
 
 def stamp_of(message: Any) -> int | None:

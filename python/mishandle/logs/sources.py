@@ -8,6 +8,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
+import mishandle._native as _native
 from mishandle.base.traces import columns_of, trace_of
 from mishandle.errors import InvalidTypeError, InvalidValueError
 from mishandle.logs import lerobot_data
@@ -137,22 +138,24 @@ def _of_log(topic: Topic) -> Times | None:
 
 
 def _times(trace: Any, reading: Reading) -> Times | None:
-    """Returns the column with the times of columns in memory. A column `time` of text is none,
-    unless it is named."""
+    """Returns the column with the times of columns in memory."""
     trace = trace_of(trace)
     stated = reading.time
     labels = {
         str(label): label for label in (trace if isinstance(trace, Mapping) else trace.columns)
     }
+    name = "time" if stated is None else stated
+    both = _seconds_and_nanoseconds(trace, labels, name)
+    if both is not None:
+        reading.check_effect(["time_unit"], f"the seconds and nanoseconds of `{name}`")
+        return name, "log", both
     if stated is not None and stated not in labels:
         raise InvalidValueError(
             f"time is `{stated}`, but no column has this name; there are {', '.join(labels)}"
         )
-    name = "time" if stated is None else stated
     if name not in labels:
         return None
-    column = trace[labels[name]]
-    values = np.asarray(column if isinstance(trace, Mapping) else column.to_numpy())
+    values = _values(trace, labels[name])
     if values.ndim != 1:
         raise InvalidValueError(
             f"the times `{name}` have the shape {values.shape}; expected one number per sample"
@@ -163,10 +166,45 @@ def _times(trace: Any, reading: Reading) -> Times | None:
         return name, "integers", values.astype(np.int64)
     if values.dtype.kind == "f":
         return name, "numbers", values.astype(np.float64)
-    if stated is None:
-        return None
+    if values.dtype.kind not in "OUT":
+        raise InvalidValueError(
+            f"the times `{name}` have the type {values.dtype}; expected numbers, dates or texts"
+        )
     # Instants with a zone are objects.
     return name, "texts", [
         value.isoformat() if hasattr(value, "isoformat") else str(value)
         for value in values.tolist()
     ]
+
+
+def _values(trace: Any, label: Any) -> NDArray[Any]:
+    column = trace[label]
+    return np.asarray(column if isinstance(trace, Mapping) else column.to_numpy())
+
+
+def _seconds_and_nanoseconds(
+    trace: Any, labels: Mapping[str, Any], name: str
+) -> NDArray[np.int64] | None:
+    """Returns the times in nanoseconds of two columns, if a name means whole seconds and the
+    nanoseconds after them; ``None`` if it does not."""
+    found = _native.time_columns(list(labels), name)
+    if found is None:
+        return None
+    columns = [_values(trace, labels[list(labels)[place]]) for place in found]
+    whole = []
+    for place, values in zip(found, columns):
+        integers = values.astype(np.int64) if values.dtype.kind in "iuf" else None
+        if integers is None or values.ndim != 1 or not np.array_equal(integers, values):
+            raise InvalidValueError(
+                f"`{list(labels)[place]}` has values that are no integers; the times `{name}` are "
+                "whole seconds and nanoseconds in two columns"
+            )
+        whole.append(integers)
+    seconds, rest = whole
+    if seconds.shape != rest.shape or np.any((rest < 0) | (rest >= 1_000_000_000)):
+        raise InvalidValueError(
+            f"`{list(labels)[found[1]]}` must have an integer from 0 to 999999999 for each of the "
+            "whole seconds"
+        )
+    times: NDArray[np.int64] = seconds * 1_000_000_000 + rest
+    return times

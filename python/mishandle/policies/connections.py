@@ -142,13 +142,30 @@ class Connection:
     def send(self, message: bytes) -> None:
         """Sends a message that has no answer."""
         with self._closing(), self._failures("broke the connection"):
+            self._check_silence()
             self._socket.send(message)
 
     def receive(self) -> bytes | str:
         """Waits for a message: a text is an error or an acknowledgment."""
+        from websockets.exceptions import ConnectionClosed
+
         with self._closing(), self._failures("broke the connection"):
             found: bytes | str = self._socket.recv(timeout=self._time_limit)
+            # A server that reports an error may leave then.
+            with contextlib.suppress(ConnectionClosed):
+                self._check_silence()
             return found
+
+    def _check_silence(self) -> None:
+        """Checks that no message waits: it would be read as the answer to the next request."""
+        try:
+            self._socket.recv(timeout=0)
+        except TimeoutError:
+            return
+        raise self.failure(
+            "sent a message before its request: it must send one message for each request, or the "
+            "actions would be those of earlier requests"
+        )
 
     def ask(self, message: bytes) -> bytes | str:
         """Sends a message and waits for the answer."""

@@ -1,5 +1,6 @@
 """Observations and actions as flat arrays of numbers, in the order of their space."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -163,6 +164,51 @@ def all_numbers(value: Any) -> NDArray[Any]:
     if isinstance(value, tuple):
         return np.concatenate([all_numbers(part) for part in value])
     return np.asarray(value).reshape(-1)
+
+
+def one_number(value: Any) -> float:
+    """Returns a number, such as a reward. Environments also return an array of one element.
+
+    >>> one_number(np.array([0.5])), one_number(2)
+    (0.5, 2.0)
+    """
+    return float(value.item() if isinstance(value, np.ndarray) else value)
+
+
+def size_of(space: Any) -> int | None:
+    """Returns the number of numbers in a value of a space; ``None`` if it is not known.
+
+    >>> size_of(gymnasium_spaces.Dict({
+    ...     "gear": gymnasium_spaces.Discrete(3), "force": gymnasium_spaces.Box(-1, 1, (2,))
+    ... }))
+    3
+    """
+    known = (
+        gymnasium_spaces.Box, gymnasium_spaces.Discrete, gymnasium_spaces.MultiDiscrete,
+        gymnasium_spaces.MultiBinary
+    )
+    parts = [part for _, part in spaces_in(space)]
+    if not all(isinstance(part, known) for part in parts):
+        return None
+    sizes: list[int] = [math.prod(part.shape) for part in parts]
+    return sum(sizes)
+
+
+def check_size(action: Any, size: int) -> None:
+    """Checks that an action has as many numbers as those of its space. NumPy would repeat a single
+    number for all actuators.
+
+    >>> check_size([0.5], 2)
+    Traceback (most recent call last):
+        ...
+    mishandle.errors.InvalidValueError: the policy returned an action of 1 number; expected 2
+    """
+    found = action.size if type(action) is np.ndarray else all_numbers(action).size
+    if found != size:
+        raise InvalidValueError(
+            f"the policy returned an action of {found} number{'' if found == 1 else 's'}; expected "
+            f"{size}"
+        )
 
 
 def idle_action(space: Any) -> Any:

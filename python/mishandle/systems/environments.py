@@ -20,7 +20,9 @@ from mishandle.scenarios.attributes import Attributes
 from mishandle.scenarios.axes import Axis, follower, parse_path
 from mishandle.scenarios.lines import Disturbed, FaultLine
 from mishandle.scenarios.requests import EarlyStop, Request
-from mishandle.scenarios.values import all_numbers, idle_action
+from mishandle.scenarios.values import (
+    all_numbers, check_size, idle_action, one_number, size_of
+)
 from mishandle.systems.interface import Outcome, Source, System
 from mishandle.systems.reductions import PhysicsSteps, Reduced
 from mishandle.systems.starts import Invalid, Settle, Starts
@@ -47,6 +49,7 @@ class PolicySystem(System):
         )
         self._policy_source = policy
         self._environment = environment
+        self._action_size = size_of(spaces[1])
         self.space = {axis.name: axis for axis in space}
         self.time_limit = time_limit
         self.sources, self.signals = sources_and_signals(signals)
@@ -136,6 +139,9 @@ class PolicySystem(System):
             raise InvalidValueError(
                 f"the policy returned {len(actions)} actions for {len(observations)} observations"
             )
+        if self._action_size is not None:
+            for action in actions:
+                check_size(action, self._action_size)
         return actions
 
 
@@ -340,7 +346,7 @@ class _Row:
             action = self._faults.act(step - 1, action)
         with system.physics_steps.watched(self._unwrapped):
             observation, given, terminated, truncated, info = self._environment.step(action)
-            reward = float(given)
+            reward = one_number(given)
             self.observation = observation
             self._steps = step
             self._total_reward += reward
@@ -437,7 +443,7 @@ def _reader(source: Source, physics_steps: PhysicsSteps) -> Reader:
     a signal."""
     if not isinstance(source, Reduced):
         read = _values(source)
-        return lambda environment, observation, info, reward: float(
+        return lambda environment, observation, info, reward: one_number(
             read(environment, observation, info, reward)
         )
     several = _values(source.source)
@@ -532,12 +538,24 @@ def episode_steps(environment: Any, steps: int | None) -> int:
     """Returns the number of control steps of an episode."""
     limit = environment.spec.max_episode_steps if environment.spec is not None else None
     if limit is None:
+        limit = _wrapped_limit(environment)
+    if limit is None:
         limit = getattr(environment.unwrapped, "max_episode_steps", None)
     if steps is None and limit is None:
         raise InvalidValueError(
             "the environment has no time limit; pass the number of control steps as `steps`"
         )
     return int(steps if steps is not None else limit or 0)
+
+
+def _wrapped_limit(environment: Any) -> int | None:
+    """Returns the least time limit of Gymnasium's wrappers, in control steps."""
+    limits = []
+    while isinstance(environment, gymnasium.Wrapper):
+        if isinstance(environment, gymnasium.wrappers.TimeLimit):
+            limits.append(int(environment._max_episode_steps))
+        environment = environment.env
+    return min(limits, default=None)
 
 
 def states_control_dt(environment: Any) -> bool:

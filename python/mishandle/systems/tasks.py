@@ -65,14 +65,8 @@ class CoreSystem(System):
         try:
             if is_start:
                 self._policy.reset(rows)
-            actions = _one_per_row(self._policy.act(seen, rows), rows)
-            if actions.size != rows * self._action_size:
-                raise InvalidValueError(
-                    f"the policy returned {actions.size} numbers for {rows} "
-                    f"observation{'s' if rows > 1 else ''}; {self.name} takes {self._action_size} "
-                    "for each"
-                )
-            return actions
+            given = self._policy.act(seen, rows)
+            return _one_per_row(given, rows, self._action_size, self.name)
         except (Exception, TimeLimitExceeded) as error:
             self.has_timed_out = isinstance(error, TimeLimitExceeded)
             self.keep_exception()
@@ -195,7 +189,7 @@ class TaskSystem(System):
             try:
                 with limited(left):
                     given = [self._idle] * rows if is_paused else self._policy.act(seen, rows)
-                actions = _one_per_row(given, rows)
+                actions = _one_per_row(given, rows, self._native.action_size, self.name)
             except TimeLimitExceeded as error:
                 reason = self.keep_reason(error)
                 reasons = [reason if end is None else "" for end in ends]
@@ -253,16 +247,21 @@ def _task_system(
     return system
 
 
-def _one_per_row(given: Any, rows: int) -> NDArray[np.float32]:
-    """Returns the actions of a batch. Rows in another dimension are an error: they would be another
-    policy."""
+def _one_per_row(given: Any, rows: int, size: int, name: str) -> NDArray[np.float32]:
+    """Returns the actions of a batch for the system of a name, whose actions have a size. Rows in
+    another dimension are an error: they would be another policy."""
     actions = np.array(given, dtype=np.float32)
     if len(np.atleast_1d(actions)) != rows and (rows > 1 or actions.ndim > 1):
         raise InvalidValueError(
             f"the policy returned the shape {actions.shape} for a batch of {rows}; expected one "
             "action per row"
         )
-    return actions.reshape(rows, -1)
+    if actions.size != rows * size:
+        raise InvalidValueError(
+            f"the policy returned {actions.size} numbers for {rows} "
+            f"observation{'s' if rows > 1 else ''}; {name} takes {size} for each"
+        )
+    return actions.reshape(rows, size)
 
 
 def _check_sees(controller: Controller, images: Sequence[tuple[str, int, int]]) -> None:

@@ -1,6 +1,7 @@
 """Vector environments without access to their sub-environments as systems: ``AsyncVectorEnv`` and
 native ones."""
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ from mishandle.scenarios.applications import Applications, environment_seed
 from mishandle.scenarios.axes import Attribute, Axis, FaultParameter, PolicyArgument, ResetOption
 from mishandle.scenarios.lines import Disturbed
 from mishandle.scenarios.requests import EarlyStop, Request
-from mishandle.scenarios.values import all_numbers, idle_action
+from mishandle.scenarios.values import all_numbers, idle_action, one_number
 from mishandle.systems.environments import EnvironmentSystem, PolicySystem, Time, complete
 from mishandle.systems.interface import Outcome, System
 from mishandle.systems.reductions import Reduced
@@ -398,10 +399,11 @@ class _Rollout:
         for row in self.running():
             is_final = mode is AutoresetMode.SAME_STEP and ended[row]
             found = info["final_info"] if is_final and "final_info" in info else info
-            self.add(observations[row], found, float(rewards[row]), row)
+            reward = one_number(rewards[row])
+            self.add(observations[row], found, reward, row)
             self._steps[row] = step
-            self._returns[row] += float(rewards[row])
-            if not np.isfinite(rewards[row]):
+            self._returns[row] += reward
+            if not math.isfinite(reward):
                 self.end(row, "invalid reward", step)
             elif step == self._system.steps:
                 self.end(row, "completed", step)

@@ -1,5 +1,6 @@
 mod follow;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
@@ -111,14 +112,21 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let without = question.ask(|asked| {
         if has_values && values.is_none() {
             let samples = &asked.log.samples;
+            ensure!(
+                samples.run.is_none(),
+                "monitor.values prints the values of one log; cut this one into its runs"
+            );
             values = Some(samples.robustness_signal(&asked.requirement.formula, &asked.evaluation)?);
         }
         verdicts.push(asked.verdict);
         Ok(())
     })?;
-    let found = mishandle_logs::document(verdicts, sources.len(), settings.log.strict_horizon, values);
+    // A log can be several runs.
+    let names: BTreeSet<&str> = verdicts.iter().map(|verdict| verdict.log.as_str()).collect();
+    let logs = sources.len().max(names.len());
+    let found = mishandle_logs::document(verdicts, logs, settings.log.strict_horizon, values);
     let verdicts = &found.verdicts;
-    let is_one_log = sources.len() == 1;
+    let is_one_log = logs == 1;
     if let Some(path) = &command.junit {
         output::write_atomically(path, command.force, log_verdicts::junit(verdicts).as_bytes())?;
     }

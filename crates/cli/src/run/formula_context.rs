@@ -12,7 +12,7 @@ use mishandle::rollout::{Seed, Target};
 use mishandle::stl::{Clock, Formula, Monitor, TimeUnit, Trace};
 use mishandle::store::RunKind;
 use mishandle::{Plan, ResolvedPlan};
-use mishandle_logs::{Evaluation, OpenLog, Options, Source};
+use mishandle_logs::{Evaluation, NamedSamples, OpenLog, Options, Source};
 use mishandle_requirements::Context;
 use mishandle_text::plural;
 
@@ -83,10 +83,11 @@ pub fn of_logs(
     let mut found = Vec::new();
     for (name, source) in logs::names(sources).into_iter().zip(sources) {
         let shown = || format!("trace {name}");
-        let samples = OpenLog::open(source, options).and_then(|log| log.samples([formula], options));
-        let samples = samples.with_context(shown)?;
-        let (trace, clock, start) = samples.evenly(formula, &evaluation).with_context(shown)?;
-        found.push(Drawn { kind: ExampleKind::Log, name: name.clone(), trace: trace.clone(), clock, start });
+        let runs = OpenLog::open(source, options).and_then(|log| log.samples_of_runs([formula], options));
+        for NamedSamples { name, samples } in NamedSamples::of_runs(&name, runs.with_context(shown)?) {
+            let (trace, clock, start) = samples.evenly(formula, &evaluation).with_context(shown)?;
+            found.push(Drawn { kind: ExampleKind::Log, name, trace: trace.clone(), clock, start });
+        }
     }
     Ok(found)
 }

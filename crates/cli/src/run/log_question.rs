@@ -106,7 +106,7 @@ impl Question<'_> {
         Ok(without)
     }
 
-    /// Gives the verdicts on a log to `each`. Returns the number of requirements without one, after
+    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns the number of requirements without one, after
     /// a message for each; it is an error if none has one.
     fn verdicts(
         &self,
@@ -115,16 +115,25 @@ impl Question<'_> {
         requirements: &[Requirement],
         each: &mut dyn FnMut(Asked<'_>) -> Result<()>,
     ) -> Result<usize> {
-        let (log, readable, mut errors) = logs::read(name.to_owned(), source, requirements, &self.options)?;
-        logs::note_truth_values(&log, &readable);
+        let (runs, readable, mut errors) = logs::read(name, source, requirements, &self.options)?;
+        if let Some(first) = runs.first() {
+            logs::note_truth_values(first, &readable);
+        }
+        if runs.len() > 1 {
+            output::message(&format!(
+                "note: the times of {name} start again, so it is {} logs with a verdict each",
+                runs.len()
+            ));
+        }
         let mut asked = Vec::new();
-        for requirement in readable {
+        for (log, requirement) in runs.iter().flat_map(|log| readable.iter().map(move |found| (log, *found)))
+        {
             match log.verdict(requirement, self.log.strict_horizon) {
                 Ok(verdict) => {
                     let evaluation = requirement.evaluation(self.log.strict_horizon);
-                    asked.push(Asked { log: &log, requirement, evaluation, verdict });
+                    asked.push(Asked { log, requirement, evaluation, verdict });
                 }
-                Err(error) => errors.push(logs::without_verdict(name, requirement, error)),
+                Err(error) => errors.push(logs::without_verdict(&log.name, requirement, error)),
             }
         }
         if asked.is_empty()
@@ -133,7 +142,10 @@ impl Question<'_> {
             return Err(error);
         }
         errors.iter().for_each(output::report_error);
-        asked.into_iter().try_for_each(|asked| each(asked).with_context(|| format!("trace {name}")))?;
+        for asked in asked {
+            let name = asked.log.name.clone();
+            each(asked).with_context(|| format!("trace {name}"))?;
+        }
         Ok(errors.len())
     }
 }

@@ -155,14 +155,15 @@ pub fn names(logs: &[Vec<Source>]) -> Vec<String> {
     names
 }
 
-/// Reads the signals of the requirements from a log. Returns also the requirements whose signals
-/// it has, and an error for each other one. If it has those of none, the error is the result.
+/// Reads the signals of the requirements from a log, as a log for each run of its clock. Returns
+/// also the requirements whose signals it has, and an error for each other one. If it has those of
+/// none, the error is the result.
 pub fn read<'a>(
-    name: String,
+    name: &str,
     log: &[Source],
     requirements: &'a [Requirement],
     options: &Options,
-) -> Result<(NamedSamples, Vec<&'a Requirement>, Vec<anyhow::Error>)> {
+) -> Result<(Vec<NamedSamples>, Vec<&'a Requirement>, Vec<anyhow::Error>)> {
     let trace = || format!("trace {name}");
     let log = OpenLog::open(log, options).with_context(trace)?;
     let mut readable = Vec::new();
@@ -170,7 +171,7 @@ pub fn read<'a>(
     for requirement in requirements {
         match log.check_signals(&requirement.formula) {
             Ok(()) => readable.push(requirement),
-            Err(error) => errors.push(without_verdict(&name, requirement, error)),
+            Err(error) => errors.push(without_verdict(name, requirement, error)),
         }
     }
     if readable.is_empty()
@@ -179,8 +180,8 @@ pub fn read<'a>(
         return Err(error);
     }
     let formulas: Vec<&Formula> = readable.iter().map(|requirement| &requirement.formula).collect();
-    let samples = log.samples(formulas, options).with_context(trace)?;
-    Ok((NamedSamples { samples, name }, readable, errors))
+    let runs = log.samples_of_runs(formulas, options).with_context(trace)?;
+    Ok((NamedSamples::of_runs(name, runs), readable, errors))
 }
 
 /// Returns the error of a requirement that has no verdict on a log.

@@ -64,6 +64,13 @@ impl Dialect for Python {
             Command::Replay { run, trial, simulation, .. } => {
                 format!("`{}`", python_replay(run, *trial, *simulation))
             }
+            Command::Simulate { at } => {
+                let number = |value: &str| value.parse::<f64>().is_ok();
+                let text = |value: &str| if number(value) { value.to_owned() } else { quoted(value) };
+                let values: Vec<String> =
+                    at.iter().map(|(axis, value)| format!("{}: {}", quoted(axis), text(value))).collect();
+                format!("`mishandle.simulate` with `at={{{}}}`", values.join(", "))
+            }
             command => format!("{} in a shell", Shell.command(command)),
         }
     }

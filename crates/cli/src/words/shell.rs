@@ -77,6 +77,10 @@ pub fn shell_command(command: &Command) -> String {
                 .map(|(key, path)| format!(" {}", Shell.setting(*key, &Choice::Text(path.clone()))));
             format!("replay {}{}", shell_path(file.as_ref()), moved.collect::<String>())
         }
+        Command::Simulate { at } => {
+            let values: Vec<String> = at.iter().map(|(axis, value)| format!("{axis}={value}")).collect();
+            format!("simulate TARGET --at {}", shell_quote(&values.join(",")))
+        }
         Command::VerifyEvidence => "evidence --verify . --allowed-signers ALLOWED_SIGNERS".to_owned(),
         Command::ResumeComparison { .. } => "compare --resume A B".to_owned(),
         Command::ResumeEvaluation { run, .. } => format!("evaluate --resume {}", shell_path(run.as_ref())),

@@ -25,8 +25,6 @@ pub(super) struct Head {
     pub(super) delimiter: u8,
     /// Whether spaces separate cells; they become tabs.
     pub(super) has_blanks: bool,
-    /// The first character of lines that are comments.
-    pub(super) comment: Option<u8>,
     pub(super) names: Vec<String>,
     /// The columns whose names are not UTF-8, of which `names` has an approximation.
     pub(super) foreign: Vec<usize>,
@@ -145,9 +143,8 @@ impl Head {
                 break;
             }
         }
-        let mark = comment.as_ref().and_then(|(text, _)| text.first().copied());
         // A comment is the header if the line after it starts with a time, in as many cells.
-        if let (Some((text, _)), Some(mark)) = (&comment, mark) {
+        if let Some((text, _)) = &comment {
             let names = text[1..].trim_ascii_start();
             let delimiter = delimiter(stated, names, Some(&header))?;
             let cells = split(&header, delimiter);
@@ -156,7 +153,7 @@ impl Head {
             if is_row && split(names, delimiter).len() == cells.len() {
                 let is_rostopic = text.starts_with(b"%time,");
                 let before = ahead.bytes[..start].iter().filter(|byte| **byte == b'\n').count() as u64;
-                let mut head = Head::of(names, delimiter, Some(mark), before + 1);
+                let mut head = Head::of(names, delimiter, before + 1);
                 if is_rostopic && let Some(first) = head.names.first_mut() {
                     "%time".clone_into(first);
                     head.is_rostopic = true;
@@ -166,7 +163,7 @@ impl Head {
         }
         let delimiter = delimiter(stated, &header, row.as_deref())?;
         let before = ahead.bytes[..start].iter().filter(|byte| **byte == b'\n').count() as u64;
-        let head = Head::of(&header, delimiter, mark, before + header_lines + 1);
+        let head = Head::of(&header, delimiter, before + header_lines + 1);
         if !head.names.is_empty()
             && head.names.iter().all(|name| is_number(name.as_bytes()))
             && row.is_some_and(|row| split(&row, delimiter).iter().all(|cell| is_number_or_blank(cell)))
@@ -180,7 +177,7 @@ impl Head {
         Ok((head, end))
     }
 
-    fn of(header: &[u8], delimiter: char, comment: Option<u8>, next_line: u64) -> Head {
+    fn of(header: &[u8], delimiter: char, next_line: u64) -> Head {
         let mut names = Vec::new();
         let mut foreign = Vec::new();
         for (column, name) in split(header, delimiter).iter().enumerate() {
@@ -191,7 +188,7 @@ impl Head {
         }
         let has_blanks = delimiter == ' ';
         let delimiter = if has_blanks { b'\t' } else { u8::try_from(delimiter).unwrap_or(b',') };
-        Head { delimiter, has_blanks, comment, names, foreign, next_line, is_rostopic: false }
+        Head { delimiter, has_blanks, names, foreign, next_line, is_rostopic: false }
     }
 }
 

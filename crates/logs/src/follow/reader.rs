@@ -124,7 +124,7 @@ fn read(
                 None => Box::new(io::stdin()),
             },
             Input::File(file) if file.metadata().is_ok_and(|found| found.is_file()) => {
-                Box::new(Tail { file, path: source.path.clone(), read: 0, idle: following.idle })
+                Box::new(Tail::new(file, source.path.clone(), following.idle))
             }
             Input::File(file) => Box::new(file),
         };
@@ -156,7 +156,7 @@ fn read(
             Sink::Values(values) if values.name.is_empty() => {}
             Sink::Values(values) => opened.signals.push(values.name.clone()),
             Sink::Times(times) => opened.time = Some(times.name().to_owned()),
-            Sink::Topics(_) => {}
+            Sink::Nanoseconds(_) | Sink::Topics(_) => {}
         }
     }
     // Without signals, the rows of the first file count.

@@ -10,6 +10,7 @@ use crate::cell::Row;
 use crate::error::{Result, content, hold_or_drop, keep_one, undecided};
 use crate::options::{Duplicates, Missing, Options, Sampling};
 use crate::place::Counted;
+use crate::samples::SURE;
 
 /// A row that counts.
 #[derive(Clone, Debug)]
@@ -54,6 +55,20 @@ pub(super) struct Topic {
     has_released: bool,
     /// Rows that are ready.
     pub(super) ready: VecDeque<Timed>,
+    start: Start,
+}
+
+/// The start of the clock, by the times in the order of their arrival.
+#[derive(Debug, Default)]
+struct Start {
+    first: Option<f64>,
+    /// The end of the first half step.
+    limit: Option<f64>,
+    /// The time that arrived last.
+    last: f64,
+    /// The times since one that went back to the start: the first one, the second one, and how many
+    /// of them had passed before.
+    again: Option<(f64, Option<f64>, usize)>,
 }
 
 impl Topic {
@@ -82,6 +97,7 @@ impl Topic {
             missing: 0,
             has_released: false,
             ready: VecDeque::new(),
+            start: Start::default(),
         }
     }
 
@@ -109,6 +125,7 @@ impl Topic {
         self.origin = self.origin.or(time.origin);
         self.rounding = time.rounding.max(f64::MIN_POSITIVE);
         let row = Timed { secs: time.secs, number, values };
+        self.check_start(&row)?;
         if !options.sort {
             self.latest = self.latest.max(row.secs);
             return self.push(row, options);
@@ -120,6 +137,35 @@ impl Topic {
         self.latest = self.latest.max(row.secs);
         let at = self.unordered.partition_point(|known| known.secs <= row.secs);
         self.unordered.insert(at, row);
+        Ok(())
+    }
+
+    /// Checks that the clock does not start again, as `restarts` finds it in whole logs: sorting
+    /// would mix two runs.
+    fn check_start(&mut self, row: &Timed) -> Result<()> {
+        let Start { first, limit, last, again } = &mut self.start;
+        let time = row.secs;
+        if time < *last {
+            *again = limit.is_some_and(|limit| time < limit).then_some((time, None, 1));
+        } else if let (Some((start, second, passed)), Some(first)) = (again, *first)
+            && time > *last
+            && time <= self.latest
+        {
+            let second = *second.get_or_insert(time);
+            *passed += 1;
+            let later = self.unordered.iter().rev().take_while(|known| known.secs > second).count();
+            // Those that passed between the second one and this one are among the later ones.
+            let is_sure = *passed >= SURE && time >= first && later + 1 >= *passed;
+            if *start == first || is_sure {
+                return Err(starts_again(&format!("before {}", self.counted.text(row.number))));
+            }
+        }
+        match *first {
+            None => *first = Some(time),
+            Some(first) if limit.is_none() && time > first => *limit = Some(0.5 * (first + time)),
+            Some(_) => {}
+        }
+        *last = time;
         Ok(())
     }
 
@@ -139,6 +185,14 @@ impl Topic {
 
     /// States that no row follows.
     pub(super) fn end(&mut self, options: &Options) -> Result<()> {
+        // A last row that has the time of the first one would replace it.
+        if self
+            .start
+            .again
+            .is_some_and(|(start, ..)| Some(start) == self.start.first && start == self.start.last)
+        {
+            return Err(starts_again("in the last row"));
+        }
         self.order(f64::INFINITY, options)?;
         self.has_ended = true;
         Ok(())
@@ -244,4 +298,8 @@ impl Topic {
             ),
         )
     }
+}
+
+fn starts_again(place: &str) -> crate::LogError {
+    content(format!("the times start again {place}: another log follows, which must be followed by itself"))
 }

@@ -22,9 +22,13 @@ impl OpenLog {
             None => {
                 let mut signals = Vec::new();
                 for (topic, table) in &self.tables {
-                    let time = self.time_column(table.as_ref())?;
+                    for (name, reason) in table.not_read() {
+                        drop(left_out.insert(full_name(topic.as_deref(), name), reason.clone()));
+                    }
+                    let time = self.time_columns(table.as_ref())?;
                     let names = table.names();
-                    for (index, name) in names.iter().enumerate().filter(|(index, _)| Some(*index) != time) {
+                    let is_time = |index: &usize| time.is_some_and(|time| time.has(*index));
+                    for (index, name) in names.iter().enumerate().filter(|(index, _)| !is_time(index)) {
                         let signal = full_name(topic.as_deref(), name);
                         if names.iter().enumerate().any(|(other, same)| other != index && same == name) {
                             drop(left_out.insert(signal, "two columns have its name".to_owned()));

@@ -5,6 +5,7 @@ use std::io::Read;
 
 use crate::cell::Cell;
 use crate::error::{Result, content};
+use crate::half::half;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -34,6 +35,8 @@ pub(super) struct Header {
 pub(super) struct Field {
     pub(super) name: String,
     pub(super) kind: Kind,
+    /// The type as the file states it, such as `<f8`.
+    pub(super) code: String,
     is_big: bool,
     /// Position of its first byte in the element.
     pub(super) offset: usize,
@@ -103,7 +106,8 @@ fn add_fields(descr: &Literal, name: &str, fields: &mut Vec<Field>, size: &mut u
     match descr {
         Literal::Text(code) => {
             let (kind, is_big, bytes) = Kind::of(code)?;
-            fields.push(Field { name: name.to_owned(), kind, is_big, offset: *size });
+            let code = code.clone();
+            fields.push(Field { name: name.to_owned(), kind, code, is_big, offset: *size });
             *size = size.checked_add(bytes)?;
         }
         Literal::List(parts) => {
@@ -151,7 +155,7 @@ impl Kind {
         let count: usize = if letter == 'O' { 8 } else { count.parse().ok()? };
         let bytes = if letter == 'U' { count.checked_mul(4)? } else { count };
         let kind = match (letter, count) {
-            ('f', 4 | 8) => Kind::Float(count),
+            ('f', 2 | 4 | 8) => Kind::Float(count),
             ('i', 1 | 2 | 4 | 8) => Kind::Signed(count),
             ('u', 1 | 2 | 4 | 8) | ('b', 1) => Kind::Unsigned(count),
             ('M' | 'm', 8) => match unit {
@@ -183,6 +187,7 @@ impl Field {
         let bits = u64::from_le_bytes(number);
         let signed = (bits << (64 - 8 * size)).cast_signed() >> (64 - 8 * size);
         Some(match self.kind {
+            Kind::Float(2) => Cell::Number(half(bits as u16)),
             Kind::Float(4) => Cell::Single(f32::from_bits(bits as u32)),
             Kind::Float(_) => Cell::Number(f64::from_bits(bits)),
             Kind::Signed(_) => Cell::Integer(signed.into()),
@@ -344,10 +349,12 @@ mod tests {
     fn numbers_of_all_types_are_read() {
         let cell = |code: &str, bytes: &[u8]| {
             let (kind, is_big, _) = Kind::of(code).expect("a type");
-            Field { name: String::new(), kind, is_big, offset: 0 }.cell(bytes)
+            Field { name: String::new(), kind, code: code.to_owned(), is_big, offset: 0 }.cell(bytes)
         };
         assert_eq!(cell("<i2", &[0xff, 0xff]), Some(Cell::Integer(-1)));
         assert_eq!(cell("|u1", &[0xff]), Some(Cell::Integer(255)));
+        assert_eq!(cell("<f2", &[0x00, 0x42]), Some(Cell::Number(3.0)));
+        assert_eq!(cell(">f2", &[0xc2, 0x00]), Some(Cell::Number(-3.0)));
         assert_eq!(cell(">f8", &2.5_f64.to_be_bytes()), Some(Cell::Number(2.5)));
         assert_eq!(cell("<f4", &0.1_f32.to_le_bytes()), Some(Cell::Single(0.1)));
         assert_eq!(cell("<M8[ns]", &i64::MIN.to_le_bytes()), Some(Cell::Missing));

@@ -1,0 +1,169 @@
+//! Times in two columns: whole seconds, and the nanoseconds after them, as in messages of ROS and
+//! Protobuf.
+
+use mishandle_text::{number_text, visible};
+
+use crate::cell::{Cell, RowTime, shown};
+use crate::error::{Result, content};
+use crate::place::Counted;
+use crate::times::{FAR, Times};
+
+/// Words for the column with whole seconds, and for the one with the rest.
+const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
+const NANOSECONDS: [&str; 6] = ["nanosec", "nanosecs", "nsec", "nsecs", "nanos", "nanoseconds"];
+
+/// Characters between the name of a field and that of its part.
+const SEPARATORS: [char; 4] = ['/', '.', '_', ' '];
+
+/// Nanoseconds per second.
+const SECOND: i64 = 1_000_000_000;
+
+/// Attoseconds per second.
+const ATTO: f64 = 1e18;
+
+/// The columns with the times of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TimeColumns {
+    /// The column with the times, or with their whole seconds.
+    pub(crate) times: usize,
+    /// The column with the nanoseconds after the whole seconds.
+    pub(crate) nanoseconds: Option<usize>,
+}
+
+impl TimeColumns {
+    pub(crate) fn has(self, column: usize) -> bool {
+        self.times == column || self.nanoseconds == Some(column)
+    }
+}
+
+/// Returns the columns of seconds and nanoseconds that a name means: one of both, or the field that
+/// has both.
+pub(crate) fn columns(names: &[String], name: &str) -> Option<TimeColumns> {
+    let at = |name: String| names.iter().position(|known| *known == name);
+    let pair = |field: &str| {
+        let find = |words: &[&str]| words.iter().find_map(|word| at(format!("{field}{word}")));
+        Some(TimeColumns { times: find(&SECONDS)?, nanoseconds: Some(find(&NANOSECONDS)?) })
+    };
+    let start = name.rfind(SEPARATORS).map_or(0, |separator| separator + 1);
+    let (field, part) = name.split_at(start);
+    if SECONDS.contains(&part) || NANOSECONDS.contains(&part) {
+        return pair(field);
+    }
+    let is_column = names.iter().any(|known| known == name);
+    SEPARATORS.iter().filter(|_| !is_column).find_map(|separator| pair(&format!("{name}{separator}")))
+}
+
+/// Returns the places of the columns with whole seconds and with the nanoseconds after them that a
+/// name of times means; `None` if it means one column.
+pub fn seconds_and_nanoseconds(names: &[String], name: &str) -> Option<(usize, usize)> {
+    let TimeColumns { times, nanoseconds } = columns(names, name)?;
+    Some((times, nanoseconds?))
+}
+
+/// The nanoseconds of the rows after their whole seconds while they are read; `None` where a row
+/// has none.
+#[derive(Clone, Debug)]
+pub(crate) struct NanosecondColumn {
+    name: String,
+    counted: Counted,
+    /// Whether rows without a time are left out.
+    drops: bool,
+    values: Vec<Option<i64>>,
+    /// The instant of 0 s in attoseconds of rows that are taken one by one.
+    origin: Option<Option<i128>>,
+}
+
+impl NanosecondColumn {
+    pub(crate) fn new(name: &str, drops: bool, counted: Counted) -> NanosecondColumn {
+        NanosecondColumn { name: visible(name), counted, drops, values: Vec::new(), origin: None }
+    }
+
+    pub(crate) fn push(&mut self, cell: Cell<'_>, at: u64) -> Result<()> {
+        let value = match cell {
+            Cell::Integer(value) => Some(value as f64),
+            Cell::Number(value) => Some(value),
+            Cell::Single(value) => Some(value.into()),
+            Cell::Text(text) => text.parse().ok(),
+            Cell::Missing | Cell::Time(..) => None,
+        };
+        let is_rest = |value: &f64| (0.0..SECOND as f64).contains(value) && value.fract() == 0.0;
+        match value {
+            Some(value) if is_rest(&value) => self.values.push(Some(value as i64)),
+            Some(_) | None if !(self.drops && value.is_none_or(f64::is_nan)) => {
+                return Err(content(format!(
+                    "{}: `{}` is `{}`; nanoseconds after whole seconds are integers from 0 to 999999999",
+                    self.counted.text(at),
+                    self.name,
+                    shown(cell)
+                )));
+            }
+            _ => self.values.push(None),
+        }
+        Ok(())
+    }
+
+    /// Returns the times of rows with these whole seconds.
+    pub(crate) fn after(self, seconds: &Times) -> Result<Times> {
+        let mut found = Vec::with_capacity(self.values.len());
+        for (row, nanoseconds) in self.values.iter().enumerate() {
+            let whole = seconds.attoseconds(row).map(|atto| check_whole(atto, seconds, row)).transpose()?;
+            found.push(whole.zip(*nanoseconds).map(|(whole, rest)| whole + i128::from(rest)));
+        }
+        seconds.replaced(&found)
+    }
+
+    /// Returns the time of the last row, which has these whole seconds, and forgets it.
+    pub(crate) fn take_after(&mut self, time: RowTime) -> RowTime {
+        let rest = self.values.pop().flatten();
+        let Some(rest) = rest.filter(|_| !time.secs.is_nan()) else {
+            return RowTime { secs: f64::NAN, ..time };
+        };
+        let whole = time.origin.unwrap_or(0) + (time.secs * ATTO) as i128;
+        let atto = whole + i128::from(rest) * i128::from(SECOND);
+        let is_far = atto.unsigned_abs() as f64 / ATTO >= FAR;
+        let origin = *self.origin.get_or_insert(is_far.then_some(atto));
+        // Nanoseconds first, so that the quotient is the nearest number.
+        let nanoseconds = (atto - origin.unwrap_or(0)) / i128::from(SECOND);
+        RowTime { secs: nanoseconds as f64 / SECOND as f64, origin, rounding: 0.5e-9 }
+    }
+}
+
+/// Returns a time of whole seconds in nanoseconds.
+fn check_whole(attoseconds: i128, seconds: &Times, row: usize) -> Result<i128> {
+    if attoseconds % 10_i128.pow(18) == 0 {
+        return Ok(attoseconds / i128::from(SECOND));
+    }
+    Err(content(format!(
+        "{}: `{}` is {}; seconds with nanoseconds in another column must be whole",
+        seconds.places.text(row),
+        seconds.column(),
+        number_text(attoseconds as f64 / ATTO)
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_means_both_columns() {
+        let names: Vec<String> =
+            ["x", "header/stamp/sec", "header/stamp/nanosec", "t.secs", "t.nsecs", "sec", "nanosec", "a_sec"]
+                .map(String::from)
+                .to_vec();
+        let both = |times, nanoseconds| Some(TimeColumns { times, nanoseconds: Some(nanoseconds) });
+        for (name, expected) in [
+            ("header/stamp/sec", both(1, 2)),
+            ("header/stamp/nanosec", both(1, 2)),
+            ("header/stamp", both(1, 2)),
+            ("t", both(3, 4)),
+            ("t.secs", both(3, 4)),
+            ("sec", both(5, 6)),
+            ("x", None),
+            ("a_sec", None),
+            ("header", None),
+        ] {
+            assert_eq!(columns(&names, name), expected, "{name}");
+        }
+    }
+}
