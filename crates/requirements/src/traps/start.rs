@@ -10,7 +10,10 @@ use crate::tree::{Tree, is_comparison, is_temporal, looks_ahead};
 
 pub(super) fn find(tree: &Tree<'_>, context: &Context, found: &mut Found<'_>) {
     // Operators that group otherwise than meant come first: with parentheses, other parts are left.
-    if !context.at_every_sample && !found.has_warning("precedence") {
+    if found.has_warning("precedence") {
+        return;
+    }
+    if !context.at_every_sample {
         at_start(tree, found);
     }
     neighbors(tree, context, found);
