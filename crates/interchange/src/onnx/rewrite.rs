@@ -1,14 +1,14 @@
 //! Replaces operators that the runtime computes in another way than the ONNX standard says, or does
 //! not have, by operators that give the numbers of the standard.
 //!
-//! - `Relu` and `Clip` make a bound of NaN, so that a policy which gets or computes NaN would act as
-//!   if nothing were wrong. The runtime's `Max` and `Min` keep NaN.
+//! - `Relu` and `Clip` make a bound of NaN, so that a policy which gets or computes NaN would act
+//!   as if nothing were wrong. The runtime's `Max` and `Min` keep NaN.
 //! - `Sign` of 0 is 1.
 //! - `Softplus` is infinite where the exponential of its input is.
 //! - `AveragePool` and `MaxPool` need strides.
 //! - `Mish` and `GroupNormalization` are missing.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use rten_onnx::onnx::{AttributeProto, DataType, GraphProto, NodeProto, TensorProto};
 
@@ -18,8 +18,8 @@ use crate::OnnxProblem;
 /// The operators that are replaced and that the runtime does not have, in alphabetical order.
 pub(super) const MISSING: [&str; 2] = ["GroupNormalization", "Mish"];
 
-/// From here on, `Softplus` of a number is the number: exp(-30) is less than half a unit in its last
-/// place.
+/// From here on, `Softplus` of a number is the number: exp(-30) is less than half a unit in its
+/// last place.
 const SOFTPLUS_IS_IDENTITY: f32 = 30.0;
 
 /// The first opset in which `GroupNormalization` has a weight for each channel. ONNX withdrew the
@@ -39,7 +39,7 @@ pub(super) fn rewrite(graph: &mut GraphProto, opset: i64) -> Result<(), OnnxProb
         prefix.push('_');
     }
     let nodes = std::mem::take(&mut graph.node);
-    let mut writer = Writer { graph, prefix, names: 0 };
+    let mut writer = Writer { graph, prefix, names: 0, constants: HashMap::new() };
     nodes.into_iter().try_for_each(|node| writer.replace(node, opset))
 }
 
@@ -54,6 +54,8 @@ struct Writer<'g> {
     prefix: String,
     /// The number of added names.
     names: usize,
+    /// Names of the added numbers, by their bits.
+    constants: HashMap<u32, String>,
 }
 
 impl Writer<'_> {
@@ -64,7 +66,7 @@ impl Writer<'_> {
         };
         match node.op_type.as_deref().unwrap_or_default() {
             "Relu" => {
-                let zero = self.zero(&x);
+                let zero = self.constant(0.0);
                 self.add("Max", &[&x, &zero]);
             }
             "Clip" => self.clip(&node, &x),
@@ -117,14 +119,10 @@ impl Writer<'_> {
         }
     }
 
-    /// Returns 0 in the type of a value: real or integer.
-    fn zero(&mut self, x: &str) -> String {
-        let zero = self.constant(0.0);
-        self.add("CastLike", &[&zero, x])
-    }
-
+    /// 0 where the number is 0, in its type: real or integer.
     fn sign(&mut self, x: &str) {
-        let zero = self.zero(x);
+        let zero = self.constant(0.0);
+        let zero = self.add("CastLike", &[&zero, x]);
         let is_zero = self.add("Equal", &[x, &zero]);
         let sign = self.add("Sign", &[x]);
         self.add("Where", &[&is_zero, &zero, &sign]);
@@ -208,10 +206,15 @@ impl Writer<'_> {
         }
     }
 
-    /// Adds a number to the weights, and returns its name.
+    /// Adds a number to the weights, once, and returns its name.
     fn constant(&mut self, value: f32) -> String {
+        if let Some(name) = self.constants.get(&value.to_bits()) {
+            return name.clone();
+        }
         let values = TensorProto { float_data: vec![value], ..TensorProto::default() };
-        self.weights(values, DataType::FLOAT)
+        let name = self.weights(values, DataType::FLOAT);
+        self.constants.insert(value.to_bits(), name.clone());
+        name
     }
 
     /// Adds a vector of integers to the weights, and returns its name.
