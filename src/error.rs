@@ -12,6 +12,7 @@ use std::iter::successors;
 use std::path::{Path, PathBuf};
 
 use mishandle_results::Remedy;
+use mishandle_rollout::EpisodeEnd;
 
 pub use curve::CurveProblem;
 pub(crate) use output::{exists, foreign_folder};
@@ -53,6 +54,12 @@ pub enum MishandleError {
         command: String,
         /// Variable of the environment that allows programs.
         variable: &'static str,
+    },
+    /// A simulation that decides something has no verdict.
+    #[error("the simulation has no verdict: it ended with {end:?}")]
+    NoVerdict {
+        /// Its end.
+        end: EpisodeEnd,
     },
     /// The plan is not valid TOML.
     #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]

@@ -4,8 +4,10 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use mishandle::ResolvedPlan;
-use mishandle::run::Engine;
+use mishandle::results::{Answer, WithoutVerdict};
+use mishandle::run::{Engine, inconclusive_text, without_verdict_text};
 use mishandle::store::RunWriter;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::call::Call;
@@ -78,6 +80,33 @@ pub fn ask(
         mishandle::inspect::further(resolved, &mut answer, repeats, watch)?;
         Ok((answer, warnings))
     };
-    let ((answer, warnings), exception) = in_run(py, target, out, resume, work)?;
+    let ((answer, mut warnings), exception) = in_run(py, target, out, resume, work)?;
+    warnings.extend(untested(&answer));
     Ok((json(&answer)?, exception, warnings))
+}
+
+/// Returns the warning of an answer that concludes nothing: an evaluation without any verdict, or
+/// another question with too few. A search warns by itself.
+fn untested(answer: &Answer) -> Option<String> {
+    let found = answer.without_verdict();
+    let why = match answer {
+        Answer::Falsification(_) => None,
+        _ if !answer.is_complete() => None,
+        Answer::Evaluation(_) => {
+            (!answer.has_verdict()).then(|| "no conclusion: the system was not tested".to_string())
+        }
+        _ if answer.is_inconclusive() => inconclusive_text(found),
+        _ => None,
+    }?;
+    Some(without_verdict_text(&found.ends).map_or(why.clone(), |text| format!("{text}; {why}")))
+}
+
+/// Returns the sentence about simulations without a verdict, from that part of an answer as JSON;
+/// empty if all have one.
+#[pyfunction]
+#[pyo3(name = "without_verdict_text")]
+pub fn without_verdict_sentence(found: &str) -> PyResult<String> {
+    let found: WithoutVerdict =
+        serde_json::from_str(found).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    Ok(without_verdict_text(&found.ends).unwrap_or_default())
 }

@@ -164,6 +164,24 @@ def test_crash():
         self.pytest(expected=1)
         self.assertEqual(list((self.folder / ".mishandle").glob("*/state.json")), [])
 
+    def test_a_system_that_mostly_ends_without_a_verdict_passes_no_test(self) -> None:
+        source = """
+import math
+FACTOR = 1.0
+
+def diverging(scenario):
+    return {"gap": [10.0, 3.0 if scenario["speed"] < 5 else math.nan]}
+
+@mishandle.requirement("always(gap >= 2)", space=SPACE, budget=20OPTIONS)
+def test_diverging():
+    return diverging
+"""
+        self.write(source.replace("OPTIONS", ""))
+        text = self.pytest(expected=1)
+        self.assertRegex(text, r"no conclusion about .*: .* of 20 simulations .* no verdict: ")
+        self.write(source.replace("OPTIONS", ', plan={"max_without_verdict": 0.99}'))
+        self.pytest(expected=0)
+
     def test_a_nondeterministic_system_is_called_so(self) -> None:
         self.write(
             """

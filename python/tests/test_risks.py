@@ -1,5 +1,6 @@
 """The probability of a failure, from Python."""
 
+import math
 import pickle
 from typing import Any
 
@@ -99,6 +100,28 @@ class Risks(FolderCase):
             mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=100)
         # Nothing that the caller passed is invalid.
         self.assertNotIsInstance(raised.exception, ValueError)
+
+    def test_a_region_without_a_verdict_is_in_the_bound_and_warned_of(self) -> None:
+        # 35 % of the space has no verdict, and nothing else fails.
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            return {"gap": [1.0, math.nan if scenario["speed"] > 6.5 else 1.0]}
+
+        with self.assertWarnsRegex(UserWarning, "have no verdict: .*; no conclusion: "):
+            found = mishandle.risk(system, "always(gap >= 0)", SPEED, simulations=400)
+        self.assertGreater(found.bounds[1], 0.35)
+        self.assertIsNone(found.probability)
+        share = found.without_verdict.share
+        assert share is not None
+        self.assertTrue(0.25 < share < 0.45, share)
+        self.assertEqual(found.without_verdict.max_share, 0.05)
+
+    def test_an_evaluation_without_any_verdict_is_warned_of(self) -> None:
+        def system(scenario: dict[str, Any]) -> dict[str, list[float]]:
+            return {"gap": [1.0, 1.0 if scenario["speed"] == 5.0 else math.nan]}
+
+        with self.assertWarnsRegex(UserWarning, "none of 4 simulations has a verdict.*not tested"):
+            found = mishandle.evaluate(system, "always(gap >= 0)", SPEED, episodes=4)
+        self.assertIsNone(found.success_rate.value)
 
     def test_a_mean_outside_of_the_bounds_is_warned_of(self) -> None:
         with self.assertWarnsRegex(

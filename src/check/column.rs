@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mishandle_results as results;
-use mishandle_results::{Answer, CheckRun, CheckRunKind};
+use mishandle_results::{Answer, CheckRun, CheckRunKind, EndCounts};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
 
@@ -19,6 +19,8 @@ use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 pub(super) struct Column {
     pub runs: Vec<CheckRun>,
     pub cells: Vec<results::CheckCell>,
+    /// How the simulations of the runs ended.
+    pub ends: EndCounts,
 }
 
 impl Checker<'_> {
@@ -26,6 +28,7 @@ impl Checker<'_> {
     pub(super) fn run(&self, watch: Watch<'_>) -> Result<Option<Column>, MishandleError> {
         let mut rows: Vec<Row> = self.asked.iter().map(|asked| Row::new(&asked.written.name)).collect();
         let mut runs = Vec::new();
+        let mut ends = EndCounts::default();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
             let done = self.ask(resolved, &path, "random scenarios", watch)?;
@@ -33,6 +36,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, true)?;
+            ends.add_all(answer.without_verdict().ends);
             runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
         for (index, asked) in self.asked.iter().enumerate() {
@@ -48,11 +52,12 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, false)?;
+            ends.add_all(answer.without_verdict().ends);
             runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
             self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
-        Ok(Some(Column { runs, cells: cells? }))
+        Ok(Some(Column { runs, cells: cells?, ends }))
     }
 
     /// Asks the question of a plan, or continues its run. Returns `None` if it was interrupted.

@@ -16,7 +16,7 @@ use column::Column;
 use folder::labels;
 use mishandle_requirements::RequirementFile;
 use mishandle_results as results;
-use mishandle_results::{Check, CheckedController, CheckedRequirement, Words};
+use mishandle_results::{Check, CheckedController, CheckedRequirement, EndCounts, WithoutVerdict, Words};
 use mishandle_rollout::Target;
 use mishandle_text::path_text;
 
@@ -123,6 +123,7 @@ fn result(
     };
     let mut controllers = Vec::new();
     let mut by_controller = Vec::new();
+    let mut ends = EndCounts::default();
     for (checker, column) in checkers.iter().zip(columns) {
         let hash = checker.target.components.iter().find(|component| component.role == "controller");
         controllers.push(CheckedController {
@@ -131,6 +132,7 @@ fn result(
             target_hash: checker.target.identity.hash.clone(),
             runs: column.runs,
         });
+        ends.add_all(column.ends);
         by_controller.push(column.cells.into_iter());
     }
     let count = requirements.file.requirements.len();
@@ -149,6 +151,10 @@ fn result(
         allows_inapplicable: settings.allow_inapplicable,
         seed: results::Seed(first.map_or(0, |first| first.plan.seed)),
         search: settings.search.clone(),
+        without_verdict: WithoutVerdict::new(
+            ends,
+            first.map_or(Plan::MAX_WITHOUT_VERDICT, |first| first.plan.max_without_verdict),
+        ),
         program: crate::build::VERSION_AND_COMMIT.to_string(),
         requirements: first.map_or(Vec::new(), |first| first.asked.iter().map(requirement).collect()),
         controllers,

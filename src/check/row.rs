@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use mishandle_evaluation::clopper_pearson;
 use mishandle_results as results;
-use mishandle_results::{CheckCell, CheckCounts, CheckVerdict, Estimate, Number};
-use mishandle_store::{RunFile, Simulation, SimulationEnd};
+use mishandle_results::{CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, WithoutVerdict};
+use mishandle_store::{MAX_TRIALS, RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
+use crate::plan::Plan;
 use crate::run::end_text;
+use crate::run::recorded_ends;
 use crate::run::rows::{REQUIREMENT, episode_end};
 
 /// Two one-sided 95 % bounds.
@@ -22,6 +24,8 @@ pub(super) struct Row {
     name: String,
     random: CheckCounts,
     searched: CheckCounts,
+    /// Largest share of the simulations without a verdict that allows a conclusion.
+    max_share: f64,
     minimum: Option<Number>,
     maximum: Option<Number>,
     /// The first simulation without a verdict, and why it has none.
@@ -37,12 +41,13 @@ impl Row {
         Row { name: name.to_string(), ..Row::default() }
     }
 
-    /// Adds a run with `all` simulations.
-    fn add(&mut self, found: &results::Requirement, all: u64, run: &RunFile, is_random: bool) {
+    /// Adds a run whose simulations ended so.
+    fn add(&mut self, found: &results::Requirement, ends: &EndCounts, run: &RunFile, is_random: bool) {
         let counts = if is_random { &mut self.random } else { &mut self.searched };
         counts.simulations += found.simulations;
         counts.violated += found.violated;
-        counts.without_verdict += all - found.simulations;
+        counts.without_verdict += ends.simulations - found.simulations;
+        counts.invalid_starts += ends.invalid_starts;
         self.varies |= run.header().axes.iter().any(|axis| axis.low < axis.high);
         let place = found.minimum_robustness.zip(found.trial.zip(found.simulation));
         if let Some((robustness, (trial, number))) = place
@@ -68,6 +73,14 @@ impl Row {
         self.random.without_verdict + self.searched.without_verdict
     }
 
+    /// Returns whether too many simulations have no verdict for a conclusion.
+    fn is_inconclusive(&self) -> bool {
+        let undecided = self.without_verdict();
+        let ends =
+            EndCounts { simulations: self.simulations() + undecided, undecided, ..EndCounts::default() };
+        WithoutVerdict::new(ends, self.max_share).is_too_large()
+    }
+
     /// Returns whether no scenario changes the robustness.
     fn is_constant(&self) -> bool {
         let same = |(least, most): (Number, Number)| least.0.total_cmp(&most.0).is_eq();
@@ -77,7 +90,7 @@ impl Row {
     /// Returns the failure rate of the random scenarios. Those without a verdict widen the
     /// interval.
     fn failure_rate(&self) -> Estimate {
-        let CheckCounts { simulations, violated, without_verdict } = self.random;
+        let CheckCounts { simulations, violated, without_verdict, .. } = self.random;
         let all = simulations + without_verdict;
         let low = clopper_pearson(violated, all, CONFIDENCE).low;
         let high = clopper_pearson(violated + without_verdict, all, CONFIDENCE).high;
@@ -125,6 +138,18 @@ impl Row {
         if self.without_verdict() > 0 {
             let count = plural(self.without_verdict(), "simulation");
             sentence += &format!("; {count} without a verdict{}", self.why_unclear());
+        }
+        let verdict = match verdict {
+            CheckVerdict::NotViolated if self.is_inconclusive() => {
+                sentence += ", too many for a conclusion (max-without-verdict)";
+                CheckVerdict::NoVerdict
+            }
+            verdict => verdict,
+        };
+        let invalid_starts = self.random.invalid_starts + self.searched.invalid_starts;
+        if invalid_starts > 0 {
+            let left_out = plural(invalid_starts, "scenario");
+            sentence += &format!("; left out: {left_out}, from which the target cannot start");
         }
         if let (CheckVerdict::NotViolated, true, Some(robustness)) =
             (verdict, self.is_constant(), self.minimum)
@@ -180,7 +205,7 @@ impl Row {
         format!("{violated} of {} violate it", plural(simulations, "random scenario"))
     }
 
-    /// A simulation without a verdict can hide a violation.
+    /// A simulation without a verdict can hide a violation, so the bound counts it as one.
     fn verdict_without_violation(&self) -> (CheckVerdict, String) {
         let searched = match self.searched.simulations {
             0 => String::new(),
@@ -188,12 +213,6 @@ impl Row {
         };
         let none =
             format!("no violation in {}{searched}", plural(self.random.simulations, "random simulation"));
-        if self.without_verdict() > 0 {
-            return (
-                CheckVerdict::NoVerdict,
-                format!("{none}, but not all have a verdict and there is no max-failure-rate"),
-            );
-        }
         let high = percent(self.failure_rate().high.unwrap_or(1.0));
         (
             CheckVerdict::NotViolated,
@@ -209,11 +228,13 @@ pub(super) fn add(
     run: &RunFile,
     is_random: bool,
 ) -> Result<(), MishandleError> {
-    let all = run.counts()?.simulations;
+    let ends = recorded_ends(run, MAX_TRIALS)?;
+    let max_share = Plan::from_toml(&run.header().plan)?.max_without_verdict;
     for row in rows {
+        row.max_share = max_share;
         if let Some(found) = found.iter().find(|found| found.name == row.name) {
-            row.add(found, all, run, is_random);
-            if found.simulations < all && row.unclear.is_none() {
+            row.add(found, &ends, run, is_random);
+            if found.simulations < ends.simulations && row.unclear.is_none() {
                 row.unclear = unclear(&row.name, run)?;
             }
         }
@@ -228,7 +249,8 @@ fn unclear(name: &str, run: &RunFile) -> Result<Option<String>, MishandleError> 
     let Some(column) = header.verdicts.iter().position(is_own) else { return Ok(None) };
     for simulation in run.simulations() {
         let simulation = simulation?;
-        if simulation.verdicts.get(column).copied().flatten().is_none() {
+        let is_start = simulation.end != SimulationEnd::InvalidScenario;
+        if is_start && simulation.verdicts.get(column).copied().flatten().is_none() {
             let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
             let why = match simulation.end {
                 SimulationEnd::Completed | SimulationEnd::Terminated { .. } => {
@@ -261,8 +283,10 @@ mod tests {
             simulations,
             violated,
             without_verdict,
+            invalid_starts: 0,
         };
-        Row { random: counts(random), searched: counts(searched), ..Row::default() }
+        let max_share = Plan::MAX_WITHOUT_VERDICT;
+        Row { random: counts(random), searched: counts(searched), max_share, ..Row::default() }
     }
 
     #[test]
@@ -296,13 +320,25 @@ mod tests {
         let unclear = row([900, 0, 100], [0; 3]);
         assert_eq!(clean.verdict(Some(0.05)).0, CheckVerdict::NotViolated);
         assert_eq!(unclear.verdict(Some(0.05)).0, CheckVerdict::NoVerdict);
-        // Without a limit, one is enough, also of a search.
+        // Without a limit on the rate, too many are no conclusion, also of a search, and fewer widen
+        // the bound as violations do. A plan can allow none.
         assert_eq!(clean.verdict(None).0, CheckVerdict::NotViolated);
-        for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [5, 0, 1])] {
+        for found in [row([940, 0, 60], [0; 3]), row([100, 0, 0], [90, 0, 11])] {
             let (verdict, evidence) = found.verdict(None);
             assert_eq!(verdict, CheckVerdict::NoVerdict);
-            assert!(evidence.ends_with("; 1 simulation without a verdict"), "{evidence}");
+            assert!(evidence.ends_with("too many for a conclusion (max-without-verdict)"), "{evidence}");
         }
+        for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [5, 0, 1])] {
+            let (verdict, evidence) = found.verdict(None);
+            assert_eq!(verdict, CheckVerdict::NotViolated);
+            assert!(evidence.ends_with("; 1 simulation without a verdict"), "{evidence}");
+            let strict = Row { max_share: 0.0, ..found };
+            assert_eq!(strict.verdict(None).0, CheckVerdict::NoVerdict);
+        }
+        let [few, violated] =
+            [[999, 0, 1], [1000, 1, 0]].map(|counts| row(counts, [0; 3]).failure_rate().high);
+        assert_eq!(few, violated);
+        assert_eq!(row([600, 0, 400], [0; 3]).verdict(Some(0.5)).0, CheckVerdict::NoVerdict);
         // With a limit, it counts as a violation.
         assert_eq!(row([999, 0, 1], [0; 3]).verdict(Some(0.05)).0, CheckVerdict::NotViolated);
         // It takes no violation away.

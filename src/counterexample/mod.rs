@@ -12,7 +12,7 @@ use std::path::Path;
 
 use mishandle_falsification::FalsificationError;
 use mishandle_results::PhysicsCheck;
-use mishandle_rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Space};
+use mishandle_rollout::{Episode, Request, Scenario, Seed, Space};
 use mishandle_stl::is_violated;
 use mishandle_store::{
     AxisRecord, BuildRecord, ComponentRecord, RunFile, RunHeader, Simulation, SimulationEnd, TargetRecord,
@@ -330,7 +330,7 @@ impl Counterexample {
         let episode =
             resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
         if episode.robustness().is_none() {
-            return Err(no_verdict(episode.end));
+            return Err(MishandleError::NoVerdict { end: episode.end });
         }
         let (header, explained) = explain_episode(resolved, &episode)?;
         let mut again = describe(&header, &explained)?;
@@ -444,8 +444,4 @@ fn check_failing(robustness: Option<f64>) -> Result<(), MishandleError> {
         Some(rho) => Err(FalsificationError::NotACounterexample { robustness: rho.to_string() }.into()),
         None => Err(FalsificationError::NotACounterexample { robustness: "undecided".to_string() }.into()),
     }
-}
-
-fn no_verdict(end: EpisodeEnd) -> MishandleError {
-    problem(format!("the simulation has no verdict: it ended with {end:?}"))
 }

@@ -8,7 +8,7 @@ use mishandle_results::Repeats;
 use mishandle_rollout::{Episode, Seed};
 use mishandle_store::{ComponentRecord, RunHeader};
 
-use crate::counterexample::{Counterexample, no_verdict};
+use crate::counterexample::Counterexample;
 use crate::error::{MishandleError, RunError};
 use crate::inspect::{ExplainedSimulation, explain_episode};
 use crate::resolve::{ResolvedPlan, depends_on_seed};
@@ -75,7 +75,7 @@ pub fn regress_with(
     let scenario = request.scenario.clone();
     let episode = system.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
     if episode.robustness().is_none() {
-        return Err(no_verdict(episode.end));
+        return Err(MishandleError::NoVerdict { end: episode.end });
     }
     let (header, explained) = explain_episode(resolved, &episode)?;
     let repeats = match repeats {

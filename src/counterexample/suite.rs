@@ -66,8 +66,23 @@ pub fn suite_files(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// A simulation of a test, or the reason that it does not exist.
-type Simulated = Result<Regression, String>;
+/// A simulation of a test, or the reason that it gives no outcome.
+type Simulated = Result<Regression, Failed>;
+
+/// Why a test has no outcome.
+#[derive(Clone, Debug)]
+struct Failed {
+    why: String,
+    /// Whether the simulation ran and ended without a verdict.
+    has_ended: bool,
+}
+
+impl Failed {
+    fn new(error: &MishandleError) -> Failed {
+        let has_ended = matches!(error, MishandleError::NoVerdict { .. });
+        Failed { why: error.with_causes(), has_ended }
+    }
+}
 
 impl Suite<'_> {
     /// Returns the files `*.json` of the folder, sorted by name, except for descriptions of ONNX
@@ -89,17 +104,20 @@ impl Suite<'_> {
     pub fn test(&self, path: &Path, mut watch: impl FnMut(&Episode) -> ControlFlow<()>) -> RegressionTest {
         let recorded = Counterexample::read(path).map_err(|error| match error {
             // Names the path itself.
-            MishandleError::File { .. } => error.with_causes(),
-            error => format!("{}: {}", path.display(), error.with_causes()),
+            MishandleError::File { .. } => Failed::new(&error),
+            error => Failed { why: format!("{}: {}", path.display(), error.with_causes()), has_ended: false },
         });
         let mut simulated = |is_baseline| {
             let recorded = recorded.as_ref().map_err(Clone::clone)?;
-            self.simulate(recorded, is_baseline, &mut watch).map_err(|error| error.with_causes())
+            self.simulate(recorded, is_baseline, &mut watch).map_err(|error| Failed::new(&error))
         };
         let found: Simulated = simulated(false);
         let baseline: Option<Simulated> = self.baseline().map(|_| simulated(true));
         let outcome = match (self.fails(&found), baseline.as_ref().map(|baseline| self.fails(baseline))) {
-            (None, _) | (_, Some(None)) => RegressionResult::Error,
+            _ if [Some(&found), baseline.as_ref()].into_iter().flatten().any(is_error) => {
+                RegressionResult::Error
+            }
+            (None, _) | (_, Some(None)) => RegressionResult::NoVerdict,
             (Some(false), Some(Some(true))) => RegressionResult::Fixed,
             (Some(false), _) => RegressionResult::Passes,
             (Some(true), Some(Some(false))) => RegressionResult::NewFailure,
@@ -147,6 +165,7 @@ impl Suite<'_> {
             baseline: self.baseline().map(str::to_string),
             passes: number(&[RegressionResult::Passes, RegressionResult::Fixed]),
             fails: number(&[RegressionResult::Fails, RegressionResult::NewFailure]),
+            without_verdict: number(&[RegressionResult::NoVerdict]),
             errors: number(&[RegressionResult::Error]),
             new_failures: with_baseline(RegressionResult::NewFailure),
             fixed: with_baseline(RegressionResult::Fixed),
@@ -195,6 +214,11 @@ impl Suite<'_> {
     }
 }
 
+/// Returns whether a simulation could not run.
+fn is_error(found: &Simulated) -> bool {
+    found.as_ref().is_err_and(|failed| !failed.has_ended)
+}
+
 /// Describes why a test fails or could not run: the decisive predicate with its values, the failure
 /// rate, or the error.
 fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
@@ -220,7 +244,7 @@ fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
 /// Describes why simulations give no outcome; `None` if they do.
 fn problem(found: &Simulated) -> Option<String> {
     match found {
-        Err(problem) => Some(problem.clone()),
+        Err(failed) => Some(failed.why.clone()),
         Ok(Regression { repeats: Some(Repeats { simulations, failure_rate, .. }), .. })
             if failure_rate.n < *simulations =>
         {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use mishandle_results::Evaluation;
+use mishandle_results::{EndCounts, Evaluation};
 use mishandle_rollout::Seed;
 use mishandle_text::path_text;
 
@@ -77,6 +77,11 @@ impl Measured {
     /// If the evaluation has no rates.
     pub fn bound(&self) -> Result<f64, MishandleError> {
         Ok(failure_bound(&self.evaluation(&self.space)?.metrics.success_rate))
+    }
+
+    /// Returns how the random simulations in the space ended.
+    pub fn ends(&self) -> EndCounts {
+        self.space.answer.without_verdict().ends
     }
 
     /// Returns the commit of the program that simulated them. Another one may read them later.

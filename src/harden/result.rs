@@ -5,8 +5,8 @@ use std::path::Path;
 use mishandle_falsification::has_margin;
 use mishandle_results as results;
 use mishandle_results::{
-    Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
-    HardenedSearch, Hardening, HardeningRound, ModeChange,
+    EndCounts, Estimate, HardenedArchive, HardenedCorners, HardenedMargin, HardenedMeasure, HardenedMode,
+    HardenedSearch, Hardening, HardeningRound, ModeChange, WithoutVerdict,
 };
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_text::path_text;
@@ -24,7 +24,11 @@ use crate::resolve::guard::guard_facts;
 /// A controller in the final comparison.
 struct Judged {
     measured: super::measure::Measured,
+    /// How the random simulations in the space ended.
+    ends: EndCounts,
     failure_probability: Estimate,
+    /// Upper bound of it that assumes nothing.
+    bound: f64,
     /// `None` in a space without disturbances.
     margin: Option<HardenedMargin>,
     search: HardenedSearch,
@@ -59,6 +63,8 @@ impl Hardener<'_> {
         let of_both = |value: &dyn Fn(&Judged) -> Estimate| -> Vec<Estimate> {
             std::iter::once(&first).chain(&second).map(value).collect()
         };
+        let mut ends = first.ends;
+        second.iter().for_each(|second| ends.add_all(second.ends));
         let hardening = Hardening {
             target: self.plan.target.clone(),
             space: self.plan.space.clone(),
@@ -69,6 +75,7 @@ impl Hardener<'_> {
             after: after.map(|_| path_text(out)),
             folder: path_text(&self.folder.given),
             commit: first.measured.commit()?,
+            without_verdict: WithoutVerdict::new(ends, self.plan.max_without_verdict),
             verdict: verdict(is_judged, &measures, &worse, &first, &rounds),
             worse: worse.into_iter().map(String::from).collect(),
             measures: hardened_measures(&measures, is_judged),
@@ -127,6 +134,8 @@ impl Hardener<'_> {
             return Ok(None);
         };
         let risk: results::Risk = risk.answer.try_into()?;
+        let mut ends = measured.ends();
+        ends.add_all(risk.without_verdict.ends);
         let space = ResolvedPlan::new(&plan(0))?.space;
         let margin = if has_margin(&space) {
             match ask(Plan { margin: Some(margin), ..plan(2) }, "margin")? {
@@ -144,7 +153,9 @@ impl Hardener<'_> {
         let (simulated, modes) = searched.simulated()?;
         Ok(Some(Judged {
             measured,
+            ends,
             failure_probability: risk.monte_carlo.failure_rate,
+            bound: risk.bounds[1],
             margin,
             search: HardenedSearch {
                 simulations: searched.simulations()?,
@@ -245,15 +256,14 @@ fn verdict(
     before: &Judged,
     rounds: &[HardeningRound],
 ) -> String {
-    let bound =
-        |rate: Estimate| rate.high.map_or("unknown".to_string(), |high| format!("{:.2} %", 100.0 * high));
     if !is_judged {
         let found_nothing = rounds.iter().all(|round| round.failures == 0);
         return if found_nothing && before.failure_probability.value == Some(0.0) {
-            format!(
-                "Nothing to fix: no simulation in the space fails, so its failure probability is at most {} (97.5 %).",
-                bound(before.failure_probability)
-            )
+            let none = match before.ends.total() {
+                0 => "Nothing to fix: no simulation in the space fails",
+                _ => "No simulation in the space with a verdict fails",
+            };
+            format!("{none}, so its failure probability is at most {:.2} % (97.5 %).", 100.0 * before.bound)
         } else {
             "No improvement: no round was accepted.".to_string()
         };

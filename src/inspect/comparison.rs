@@ -10,7 +10,7 @@ use mishandle_evaluation::{
 };
 use mishandle_results as results;
 use mishandle_results::{
-    Command, ComparedRun, Comparison, PairedMeans, PairedRates, Remedy, Sequential, Words,
+    Command, ComparedRun, Comparison, PairedMeans, PairedRates, Remedy, Sequential, WithoutVerdict, Words,
 };
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
@@ -163,7 +163,7 @@ impl Counted {
         self.strict.add(pair, Episode::is_strict_success, decides_strict_success);
         self.careful.add(pair, Episode::is_careful_success, decides_careful_success);
         for (counts, episode) in self.without_verdict.iter_mut().zip(&pair.episodes) {
-            count_end(counts, episode);
+            count_end(counts, episode.end, decides_success(episode), 1);
         }
         self.robustness.add(pair, |episode| match bounds {
             Some([low, high]) => episode.robustness().map(|rho| rho.clamp(low, high)),
@@ -294,8 +294,8 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
         target: a.target.name.clone(),
         target_kind: a.target.kind.clone(),
         formula: a.formula.clone(),
-        first: compared_run(first, first_ends),
-        second: compared_run(second, second_ends),
+        first: compared_run(first, first_ends)?,
+        second: compared_run(second, second_ends)?,
         differences,
         at_any_time,
         pairs: counted.pairs,
@@ -508,11 +508,12 @@ fn differences(a: &RunHeader, b: &RunHeader) -> Vec<String> {
     found
 }
 
-fn compared_run(run: &RunFile, without_verdict: EndCounts) -> ComparedRun {
+fn compared_run(run: &RunFile, ends: EndCounts) -> Result<ComparedRun, MishandleError> {
     let header = run.header();
+    let max_share = Plan::from_toml(&header.plan)?.max_without_verdict;
     let controller = header.components.iter().find(|component| !component.is_not_covered());
     let not_covered = header.components.iter().filter(|component| component.is_not_covered());
-    ComparedRun {
+    Ok(ComparedRun {
         run: run.path().to_string_lossy().into_owned(),
         controller: controller.map(|controller| controller.name.clone()),
         controller_hash: controller.map(|controller| controller.hash.clone()),
@@ -520,6 +521,6 @@ fn compared_run(run: &RunFile, without_verdict: EndCounts) -> ComparedRun {
         target_hash: header.target.hash.clone(),
         not_covered: not_covered.map(|component| component.name.clone()).collect(),
         commit: header.build.git_commit.clone(),
-        without_verdict,
-    }
+        without_verdict: WithoutVerdict::new(ends, max_share),
+    })
 }

@@ -201,9 +201,15 @@ fn of_plan() -> Vec<Key> {
             .named("observation-noise", "Standard deviation of the Gaussian noise on each observation."),
         key::<SeedValue>(SEED).named("seed", "Random seed of the run."),
         key::<bool>(BOOLEAN).named("careful", "Evaluate the formula `careful` in every question."),
+        key::<Share>(SHARE).named(
+            "max-without-verdict",
+            "Largest share of the simulations without a verdict with which a question has a conclusion.",
+        ),
         key::<BTreeMap<String, String>>("a table of formulas by name, as [requirements], each a string")
             .named(REQUIREMENTS, "Requirements by name: names of formulas, or texts."),
     ];
-    let defaults = toml::Table::try_from(Plan::new("", "")).unwrap_or_default();
+    let mut defaults = toml::Table::try_from(Plan::new("", "")).unwrap_or_default();
+    // Written only if it is another one.
+    defaults.insert("max-without-verdict".to_string(), Plan::MAX_WITHOUT_VERDICT.into());
     keys.into_iter().map(|key| key.in_table("", &defaults)).collect()
 }

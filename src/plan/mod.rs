@@ -127,6 +127,10 @@ pub struct Plan {
     /// question. By default, only evaluations do, and questions whose formula needs such signals.
     #[serde(default)]
     pub careful: bool,
+    /// Largest share of the simulations without a verdict, from 0 to 1, with which a question has a
+    /// conclusion.
+    #[serde(default = "max_without_verdict", skip_serializing_if = "is_max_without_verdict")]
+    pub max_without_verdict: f64,
     /// Requirements by name: names of formulas of the target, or texts. Each has a result of its
     /// own from the same simulations. A search tries to violate any of them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -325,6 +329,14 @@ mod seed {
     }
 }
 
+fn max_without_verdict() -> f64 {
+    Plan::MAX_WITHOUT_VERDICT
+}
+
+fn is_max_without_verdict(share: &f64) -> bool {
+    share.to_bits() == Plan::MAX_WITHOUT_VERDICT.to_bits()
+}
+
 fn paper() -> String {
     "paper".to_string()
 }
@@ -342,6 +354,9 @@ impl Plan {
     /// Allowed batch sizes. The traces of a batch are in memory together.
     pub const BATCH: RangeInclusive<u64> = 1..=65_536;
 
+    /// Default of the largest share of the simulations without a verdict.
+    pub const MAX_WITHOUT_VERDICT: f64 = 0.05;
+
     /// Returns a plan with default settings. `controller` is empty for a target that is not a task.
     pub fn new(target: &str, controller: &str) -> Plan {
         Plan {
@@ -358,6 +373,7 @@ impl Plan {
             observation_noise: 0.0,
             seed: 0,
             careful: false,
+            max_without_verdict: Plan::MAX_WITHOUT_VERDICT,
             requirements: BTreeMap::new(),
             guard: None,
             evaluate: None,

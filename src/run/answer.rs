@@ -1,6 +1,6 @@
 //! Parts of an answer that its run file has: no simulation is necessary.
 
-use mishandle_results::{Answer, EndReasons};
+use mishandle_results::{Answer, EndReasons, WithoutVerdict};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
@@ -8,15 +8,25 @@ use crate::plan::Plan;
 use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
 use crate::run::requirements::requirements;
+use crate::run::without_verdict::question_ends;
 
-/// Adds the success rates over the values of axes, the named requirements, the reasons of ends, and
-/// the causes of counterexamples.
+/// Adds the share of simulations without a verdict, the success rates over the values of axes, the
+/// named requirements, the reasons of ends, and the causes of counterexamples.
 pub(super) fn add_recorded_parts(
     answer: &mut Answer,
     run: &RunFile,
     plan: &Plan,
     can_fail: bool,
 ) -> Result<(), MishandleError> {
+    let without_verdict = WithoutVerdict::new(question_ends(answer, run)?, plan.max_without_verdict);
+    match answer {
+        Answer::Evaluation(found) => found.without_verdict = without_verdict,
+        Answer::Falsification(found) => found.without_verdict = without_verdict,
+        Answer::Margin(found) => found.without_verdict = without_verdict,
+        Answer::Metamorphic(found) => found.without_verdict = without_verdict,
+        Answer::Risk(found) => found.without_verdict = without_verdict,
+        Answer::Hardening(found) => found.without_verdict = without_verdict,
+    }
     if let Answer::Evaluation(found) = answer
         && found.screening.is_none()
     {

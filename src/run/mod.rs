@@ -35,6 +35,7 @@ pub(crate) mod same_plan;
 mod screened_columns;
 mod units;
 pub(crate) mod violation;
+mod without_verdict;
 
 pub(crate) use ask::asked;
 pub use ask::{Engine, OpenRun, Progress, Watch, ask, recorded_answer};
@@ -69,3 +70,5 @@ pub(crate) use risk::check_risk_method;
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use rows::recorded_episode;
 pub use units::{run_simulations, run_trial};
+pub(crate) use without_verdict::recorded_ends;
+pub use without_verdict::{compared_without_verdict, inconclusive_text, without_verdict_text};

@@ -74,14 +74,20 @@ fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {
     resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })
 }
 
+/// What an estimate assumes that counts simulations without a verdict as passed.
+pub(super) const ALL_PASS: &str = "simulations without a verdict satisfy the requirement";
+
 /// Describes what the interval of an estimate assumes; `None` if nothing.
-pub fn risk_assumption(report: &Report) -> Option<&'static str> {
-    match report.answer.source? {
+pub fn risk_assumption(report: &Report) -> Option<String> {
+    let own = match report.answer.source? {
         _ if !report.answer.has_assumption => None,
         Source::MonteCarlo => None,
         Source::Importance => Some("the failures outside of the regions found are negligible"),
         Source::Splitting => Some("the chains lost no failure mode"),
-    }
+    };
+    let all_pass = (report.monte_carlo.ends.total() > 0).then_some(ALL_PASS);
+    let parts: Vec<&str> = own.into_iter().chain(all_pass).collect();
+    (!parts.is_empty()).then(|| parts.join(", and "))
 }
 
 /// Describes why parts of an estimation have no estimate.
@@ -133,7 +139,7 @@ pub fn risk_refusals(report: &Report) -> Vec<String> {
                 probability_text(importance.outside)
             )
         });
-    let importance = if report.importance.is_some() && report.monte_carlo.invalid_starts > 0 {
+    let importance = if report.importance.is_some() && report.monte_carlo.ends.invalid_starts > 0 {
         Some(
             "importance sampling: the target cannot start from some scenarios, and the weights cannot leave these out; Monte \
              Carlo does"

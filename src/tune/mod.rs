@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use alarm::{Requirement, WatchedRun};
 use mishandle_files::write_atomically;
-use mishandle_results::{Choice, GuardTuning, Key, Remedy};
+use mishandle_results::{Choice, EndCounts, GuardTuning, Key, Remedy};
 use mishandle_rollout::Seed;
 use mishandle_store::RunFile;
 
@@ -224,7 +224,12 @@ impl<'p> Tuner<'p> {
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         let requirement = requirement(&resolved);
-        Ok(answer.is_complete().then_some(Asked { resolved, requirement, path }))
+        Ok(answer.is_complete().then_some(Asked {
+            ends: answer.without_verdict().ends,
+            resolved,
+            requirement,
+            path,
+        }))
     }
 }
 
@@ -233,6 +238,8 @@ struct Asked {
     resolved: ResolvedPlan,
     requirement: Requirement,
     path: PathBuf,
+    /// How its simulations ended.
+    ends: EndCounts,
 }
 
 impl Asked {

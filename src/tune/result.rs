@@ -4,7 +4,7 @@ use std::path::Path;
 
 use mishandle_controllers::guard::Switch;
 use mishandle_evaluation::{PairedCounts, paired_rates, wilson};
-use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed};
+use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed, WithoutVerdict};
 use mishandle_rollout::Episode;
 use mishandle_stl::is_violated;
 use mishandle_store::RANDOM_TRIAL;
@@ -40,12 +40,16 @@ pub(super) fn tuning(
     let held_out_alarms = alarms(&held_out.alone, &tested, &switch)?;
     let guarded = paired(&held_out.alone, &held_out.guarded)?;
     let fallback = paired(&held_out.alone, &held_out.fallback)?;
+    let mut ends = training.ends;
+    ends.add_all(held_out.alone.ends);
+    ends.add_all(held_out.guarded.ends);
     Ok(GuardTuning {
         subject: held_out.guarded.resolved.subject(),
         folder: path_text(folder),
         guard_file: path_text(&folder.join(CHOSEN)),
         requirement: training.requirement.formula.to_string(),
         false_alarm_limit: settings.false_alarms,
+        without_verdict: WithoutVerdict::new(ends, training.resolved.plan.max_without_verdict),
         verdict: verdict(guard.threshold, &held_out_alarms, &guarded, &fallback),
         training: training_alarms,
         held_out: held_out_alarms,

@@ -225,8 +225,116 @@ fn a_crash_is_no_success_beside_simulations_that_succeed() {
     let (code, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 40 --out e.sqlite"));
     assert_eq!((code, &found["success_rate"]["n"]), (Some(0), &40.into()), "{err}");
     let (code, compared, err) = ask(&bench, "compare e.sqlite e.sqlite");
-    assert_eq!((code, &compared["pairs"]), (Some(0), &40.into()), "{err}");
+    assert_eq!((code, &compared["pairs"]), (Some(2), &40.into()), "{err}");
     assert_eq!(compared["first"]["without_verdict"]["failed"], found["failed"]);
+}
+
+/// Requirements of the simulator, for `check`.
+const REQUIREMENTS: &str = "[[requirement]]\nname = 'low'\nformula = 'low'\n";
+
+/// The questions, each with a run file of its own and the exit code with too many simulations
+/// without a verdict.
+const QUESTIONS: [(&str, i32); 4] = [
+    ("evaluate --episodes 80", 0),
+    ("falsify --trials 1 --budget 80", 0),
+    ("margin --space scenarios --budget 80", 2),
+    ("risk --simulations 400 -k risk.method=monte-carlo", 2),
+];
+
+/// In 35 % of the space, simulations end so; everywhere else, the formula is satisfied. Each question
+/// says so first, and concludes nothing. The true failure probability can be 0.35.
+#[test]
+fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() {
+    for (end, answer, _) in ENDS.into_iter().filter(|(end, ..)| !matches!(*end, "invalid" | "crash")) {
+        let bench = bench("a > 0.65", answer);
+        bench.write(
+            "end.py",
+            &std::fs::read_to_string(bench.path("end.py")).unwrap().replace("[a]", "[0.1 * a]"),
+        );
+        for (number, (question, expected)) in QUESTIONS.into_iter().enumerate() {
+            let run = format!("{question} {COMMAND} --out r{number}.sqlite");
+            let (code, found, err) = ask(&bench, &run);
+            assert_eq!(code, Some(expected), "{end} {question}: {err}");
+            assert_eq!(err.contains("no conclusion"), expected == 2, "{end} {question}: {err}");
+            let share = found["without_verdict"]["share"].as_f64().unwrap();
+            // A search chooses its scenarios.
+            let is_random = question.starts_with("evaluate") || question.starts_with("risk");
+            assert!(
+                if is_random { (0.2..0.5).contains(&share) } else { share > 0.05 },
+                "{end} {question}: {share}"
+            );
+            let mut shown = bench.command(&format!("show r{number}.sqlite"));
+            let shown = text(&shown.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap().stdout);
+            assert!(shown.contains("have no verdict: "), "{end} {question}: {shown}");
+            let mut again = bench.command(&run.replace("--out r", "--out again"));
+            let out = text(&again.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap().stdout);
+            let first = out.lines().next().unwrap_or_default();
+            assert!(first.contains(" %) have no verdict: "), "{end} {question}: {out}");
+            assert!(!out.contains("up to the largest disturbance"), "{end}: {out}");
+            match number {
+                1 => assert_eq!(found["failure_rate_bound"], Value::Null, "{end}"),
+                2 => assert_eq!(found["no_violation_up_to"], Value::Null, "{end}"),
+                3 => assert!(found["bounds"][1].as_f64() > Some(0.35), "{end}: {}", found["bounds"]),
+                _ => {}
+            }
+        }
+        let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite");
+        assert_eq!((code, err.contains("no conclusion")), (Some(2), true), "{end}: {err}");
+        bench.write("r.toml", REQUIREMENTS);
+        let check = format!("check {COMMAND} --requirements r.toml --episodes 40 --budget 40 --out checked");
+        let (code, found, err) = ask(&bench, &check);
+        assert_eq!((code, &found["cells"][0]["verdict"]), (Some(2), &"no verdict".into()), "{end}: {err}");
+        // A larger share is allowed on request.
+        let risk = format!("{} {COMMAND} -k max-without-verdict=0.6 --out allowed.sqlite", QUESTIONS[3].0);
+        assert_eq!(ask(&bench, &risk).0, Some(0), "{end}");
+    }
+}
+
+/// A violation counts, however many simulations have no verdict.
+#[test]
+fn a_violation_beside_simulations_without_a_verdict_is_a_violation() {
+    let bench = bench("a < 0.35", "{'end': 'diverged'}");
+    for (number, (question, _)) in QUESTIONS.into_iter().enumerate().skip(1) {
+        let (code, _, err) = ask(&bench, &format!("{question} {COMMAND} --out r{number}.sqlite"));
+        assert_eq!(code, Some(1), "{question}: {err}");
+    }
+    bench.write("r.toml", REQUIREMENTS);
+    let check = format!("check {COMMAND} --requirements r.toml --episodes 40 --budget 40 --out checked");
+    assert_eq!(ask(&bench, &check).0, Some(1));
+}
+
+/// The disturbance alone ends the simulations: an effect of 100 %, and none on starts alone.
+#[test]
+fn the_control_arm_shows_an_end_that_only_the_disturbance_causes() {
+    let bench = bench("False", "None");
+    let simulator = std::fs::read_to_string(bench.path("s.py")).unwrap();
+    let diverging = "{'end': 'diverged'} if q[\"scenario\"][\"push\"] > 0.3 else {'trace': {'x': [0.0] * 6}}";
+    bench.write("s.py", &simulator.replace("end(q[\"scenario\"][\"a\"])", &format!("({diverging})")));
+    let (code, found, err) =
+        ask(&bench, &format!("evaluate {COMMAND} --space scenarios --episodes 60 --out e.sqlite"));
+    assert_eq!(code, Some(0), "{err}");
+    let diverged = found["diverged"].as_u64().unwrap();
+    assert!((10..32).contains(&diverged), "{diverged} of 60, expected 0.35 of them");
+    let control = &found["control"];
+    assert_eq!((&control["fails_only_in_space"], &control["left_out"]), (&diverged.into(), &0.into()));
+    assert!(control["p_value"].as_f64() < Some(0.01), "{control}");
+    assert_eq!(control["success_rate"]["value"].as_f64(), Some(1.0));
+}
+
+/// A counterexample whose simulation ends without a verdict is not fixed.
+#[test]
+fn a_counterexample_without_a_verdict_is_not_fixed() {
+    let bench = bench("False", "None");
+    let (code, _, err) = ask(&bench, &format!("falsify --trials 1 --budget 60 {COMMAND} --out f.sqlite"));
+    assert_eq!(code, Some(1), "{err}");
+    ask(&bench, "regress failures --add f.sqlite");
+    assert_eq!(ask(&bench, "regress failures").0, Some(1));
+    bench.write("end.py", "def end(a): return {'end': 'diverged'}\n");
+    let (code, found, err) = ask(&bench, "regress failures");
+    assert_eq!((code, &found["without_verdict"]), (Some(2), &1.into()), "{err}");
+    assert_eq!((&found["tests"][0]["result"], &found["passes"]), (&"no verdict".into(), &0.into()));
+    bench.write("end.py", "def end(a): return {'trace': {'x': [0.0] * 6}}\n");
+    assert_eq!(ask(&bench, "regress failures").0, Some(0));
 }
 
 #[test]

@@ -215,6 +215,7 @@ impl MetricCounter {
             diverged: self.diverged,
             invalid: self.invalid,
             failed: self.failed,
+            invalid_starts: self.invalid_scenarios,
             undecided: self.undecided,
             strict_undecided: self.strict_undecided,
             careful_undecided: self.roles.careful.then_some(self.careful_undecided),

@@ -11,6 +11,7 @@ use crate::run::simulate;
 use crate::two_phase::OthersSample;
 use crate::{
     EndCounts, Estimate, Evaluation, EvaluationError, FormulaRoles, TwoPhase, complement, count_end,
+    decides_success,
 };
 
 /// Confidence of the intervals.
@@ -197,7 +198,7 @@ impl Repeated {
         self.simulations += 1;
         self.violations += u64::from(episode.is_violated());
         self.without_verdict += u64::from(episode.robustness().is_none());
-        count_end(&mut self.ends, episode);
+        count_end(&mut self.ends, episode.end, decides_success(episode), 1);
         if !episode.end.counts_in_rates() {
             self.invalid_starts += 1;
             return;

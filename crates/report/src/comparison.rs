@@ -6,7 +6,7 @@ use mishandle::evaluation::Corners;
 use mishandle::inspect::{ComparedPair, compared_pairs, judgment, sameness};
 use mishandle::results::{self, ComparedRun, Comparison, Estimate, Number, PairedMeans, PairedRates};
 use mishandle::rollout::Axis;
-use mishandle::run::{has_random_rows, recorded_axis};
+use mishandle::run::{compared_without_verdict, has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
@@ -116,9 +116,10 @@ pub(crate) fn comparison_section(found: &Comparison, runs: [&RunFile; 2]) -> Res
     let view = View { shown, axes: &axes, ranking, columns };
     let target = text(&short(&found.target, 60));
     let mut out = format!(
-        "<section class=\"run\">\n<h2>{target}: {}.</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
+        "<section class=\"run\">\n<h2>{target}: {}.{}</h2>\n<p class=\"requirement\"><b>A</b> is {}. <b>B</b> is {}. Both ran the \
          same scenarios with the same seeds.</p>\n<p><b>Requirement:</b> {}</p>\n<p>{}</p>\n{}",
         judgment(&found.success),
+        compared_without_verdict(found).iter().map(|text| format!(" {text}.")).collect::<String>(),
         name(&found.first),
         name(&found.second),
         section::requirement(header),
@@ -127,7 +128,10 @@ pub(crate) fn comparison_section(found: &Comparison, runs: [&RunFile; 2]) -> Res
     );
     let mut notes: Vec<String> = Vec::new();
     notes.extend(sameness(&found.first, &found.second).map(|sentence| text(&sentence) + "."));
-    notes.extend(without_verdict(found));
+    if found.left_out > 0 {
+        let pairs = plural(found.left_out, "pair");
+        notes.push(format!("{pairs} left out: the target cannot start from the scenario."));
+    }
     notes.extend(found.differences.iter().map(|what| format!("A and B also differ in {}.", text(what))));
     if !notes.is_empty() {
         let notes: String = notes.iter().map(|note| format!("<li>{note}</li>")).collect();
@@ -167,22 +171,6 @@ fn corners_text(found: &Comparison) -> String {
             if new == 1 { "1 failure is".to_string() } else { format!("{new} failures are") }
         ),
     }
-}
-
-/// Says which simulations count as no success, and which pairs count nowhere.
-fn without_verdict(found: &Comparison) -> Vec<String> {
-    let run = |name: &str, run: &ComparedRun| {
-        let total = run.without_verdict.total();
-        (total > 0).then(|| {
-            let simulations = plural(total, "random simulation");
-            format!("{simulations} of {name} without a verdict. They do not count as successes.")
-        })
-    };
-    let left_out = (found.left_out > 0).then(|| {
-        let pairs = plural(found.left_out, "pair");
-        format!("{pairs} left out: the target cannot start from the scenario.")
-    });
-    run("A", &found.first).into_iter().chain(run("B", &found.second)).chain(left_out).collect()
 }
 
 fn tiles(found: &Comparison) -> String {

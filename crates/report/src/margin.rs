@@ -33,6 +33,9 @@ pub fn headline(report: &RunReport, found: &Margin) -> String {
         ),
         None if !found.has_verdict() => format!("No simulation of {subject} has a verdict."),
         None if !found.is_complete => format!("No violation of {subject} found so far."),
+        None if found.passed().is_none() => {
+            format!("No violation of {subject} was found, which says nothing about the space.")
+        }
         None => {
             format!("No disturbance within the space was found that makes {subject} violate its requirement.")
         }
@@ -73,6 +76,12 @@ pub fn meaning(found: &Margin) -> Vec<String> {
             "Up to amplitude {}, there is no violation in {}{all}.{proof}",
             number(level.amplitude),
             plural(level.verdicts(), "simulation")
+        ));
+    }
+    if let Some(amplitude) = found.smallest_without_verdict {
+        sentences.push(format!(
+            "Nothing is claimed from amplitude {} on: simulations there have no verdict.",
+            number(amplitude)
         ));
     }
     if let Some(repeats) = found.witness.as_ref().and_then(|witness| witness.repeats.as_ref()) {

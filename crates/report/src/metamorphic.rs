@@ -31,6 +31,9 @@ pub fn headline(report: &RunReport, found: &Metamorphic) -> String {
     match (broken.len(), found.relations.len()) {
         _ if !found.has_verdict() => format!("No pair of {subject} has two verdicts."),
         (0, _) if !found.is_complete => format!("No broken relation of {subject} found so far."),
+        (0, _) if found.relations.iter().any(|relation| relation.without_verdict > 0) => {
+            format!("No pair of {subject} with two verdicts breaks a relation.")
+        }
         (0, 1) => format!("No pair of {subject} breaks the relation."),
         (0, all) => format!("No pair of {subject} breaks one of the {all} relations."),
         (1, _) => format!("{subject} breaks the relation {}.", broken.join(", ")),

@@ -19,7 +19,7 @@ const MAX_DISTRIBUTION: usize = 240;
 pub fn headline(report: &RunReport, found: &Risk) -> String {
     let subject = words::subject(report);
     match &found.probability {
-        Some(Probability { value: Some(value), .. }) => {
+        Some(Probability { value: Some(value), .. }) if found.without_verdict.ends.total() == 0 => {
             format!("{subject} violates its requirement with probability {}.", probability(*value))
         }
         _ => format!(
@@ -42,6 +42,15 @@ pub fn meaning(found: &Risk) -> Vec<String> {
         Some(Probability { low: Some(from), high: Some(to), assumption, source, .. }) => {
             let interval = format!("The 95 % interval is {} to {}", probability(*from), probability(*to));
             sentences.push(match assumption {
+                // The interval says nothing about a part of the space.
+                Some(assumption) if found.without_verdict.ends.total() > 0 => format!(
+                    "With 95 % confidence, the probability is from {low} to {high}, which assumes nothing. <strong>If {}</strong>, \
+                     the interval is {} to {} ({}).",
+                    text(assumption),
+                    probability(*from),
+                    probability(*to),
+                    part(source)
+                ),
                 None => format!("{interval} ({}). It assumes nothing.", part(source)),
                 Some(assumption) => format!(
                     "{interval} ({}), <strong>if {}</strong>. Without that assumption, it is {low} to {high}.",
@@ -67,14 +76,6 @@ pub fn meaning(found: &Risk) -> Vec<String> {
             plural(invalid, "simulation")
         ));
     }
-    let undecided = found.monte_carlo.without_verdict;
-    if undecided > 0 {
-        sentences.push(format!(
-            "{} of Monte Carlo have no verdict and count as passed; if they fail, the probability is at most {} (97.5 %).",
-            plural(undecided, "simulation"),
-            probability(found.monte_carlo.bound_with_undecided.map_or(1.0, |bound| bound.0))
-        ));
-    }
     sentences
 }
 
@@ -90,8 +91,10 @@ fn part(source: &str) -> &str {
 
 /// Returns the key numbers.
 pub fn tiles(found: &Risk) -> Vec<(String, String)> {
-    let value = found.probability.as_ref().and_then(|answer| answer.value);
-    let ends = match &found.probability {
+    let all_decided = found.without_verdict.ends.total() == 0;
+    let answer = found.probability.as_ref().filter(|_| all_decided);
+    let value = answer.and_then(|answer| answer.value);
+    let ends = match answer {
         Some(Probability { low: Some(low), high: Some(high), .. }) => [*low, *high],
         _ => found.bounds,
     };

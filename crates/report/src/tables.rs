@@ -156,7 +156,7 @@ pub fn rate_notes(report: &RunReport) -> Vec<String> {
             control.nominal.join(", "),
             match control.left_out {
                 0 => String::new(),
-                n => format!(" Left out: {} without two verdicts.", mishandle_text::plural(n, "pair")),
+                n => format!(" Left out: {}.", mishandle_text::plural(n, "pair")),
             }
         )
     });

@@ -1,6 +1,7 @@
 //! The verdict in sentences.
 
 use mishandle::results::{Answer, Evaluation, Falsification, Requirement};
+use mishandle::run::without_verdict_text;
 
 use crate::html::{number, percent, short, text};
 use crate::load::RunReport;
@@ -59,8 +60,14 @@ pub fn formula_label(report: &RunReport) -> String {
     }
 }
 
-/// Returns the verdict: one or two sentences of HTML.
+/// Returns the verdict: a sentence of HTML, and one about simulations without a verdict.
 pub fn headline(report: &RunReport) -> String {
+    let ends = report.answer.as_ref().map(|answer| answer.without_verdict().ends);
+    let without_verdict = ends.and_then(|ends| without_verdict_text(&ends));
+    verdict(report) + &without_verdict.map_or(String::new(), |text| format!(" {text}."))
+}
+
+fn verdict(report: &RunReport) -> String {
     match &report.answer {
         Some(Answer::Evaluation(found)) => evaluated(report, found),
         Some(Answer::Falsification(found)) => searched(report, found),
@@ -243,14 +250,6 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
         ));
     } else if !report.header.target.is_deterministic {
         sentences.push("The target is not deterministic: the same scenario can pass or fail.".to_string());
-    }
-    let undecided = report.counts.undecided;
-    if undecided > 0 {
-        sentences.push(format!(
-            "{} without a verdict (diverged, crashed or undecided) {} not counted as failures.",
-            mishandle_text::plural(undecided, "simulation"),
-            if undecided == 1 { "is" } else { "are" }
-        ));
     }
     sentences
 }

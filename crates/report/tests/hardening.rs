@@ -10,7 +10,7 @@ use mishandle::inspect::{FailureMode, failure_modes};
 use mishandle::plan::{AxisSetting, EvaluatePlan, FalsifyPlan, HardenPlan};
 use mishandle::results::{
     Estimate, HardenedMeasure, HardenedMode, HardenedSearch, Hardening, HardeningRound, ModeChange,
-    Seed as ResultSeed,
+    Seed as ResultSeed, WithoutVerdict,
 };
 use mishandle::run::{Engine, ask, create_run};
 use mishandle::store::RunFile;
@@ -99,6 +99,7 @@ fn hardening(folder: &Path, modes: Vec<HardenedMode>) -> Hardening {
         after: Some("better.safetensors".to_string()),
         folder: folder.to_string_lossy().into_owned(),
         commit: "0123abcd".to_string(),
+        without_verdict: WithoutVerdict::default(),
         verdict: "Better: fewer scenarios fail.".to_string(),
         worse: Vec::new(),
         measures: Vec::new(),

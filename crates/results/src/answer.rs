@@ -2,7 +2,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{Evaluation, Falsification, Hardening, Margin, Metamorphic, Requirement, Risk, Screening};
+use crate::{
+    Evaluation, Falsification, Hardening, Margin, Metamorphic, Requirement, Risk, Screening, WithoutVerdict,
+};
 
 /// The result of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -47,6 +49,25 @@ impl Answer {
             Answer::Risk(found) => found.monte_carlo.failure_rate.value.is_some(),
             Answer::Hardening(found) => found.failure_probability.iter().any(|rate| rate.value.is_some()),
         }
+    }
+
+    /// Returns the simulations of the question without a verdict.
+    pub fn without_verdict(&self) -> &WithoutVerdict {
+        match self {
+            Answer::Evaluation(found) => &found.without_verdict,
+            Answer::Falsification(found) => &found.without_verdict,
+            Answer::Margin(found) => &found.without_verdict,
+            Answer::Metamorphic(found) => &found.without_verdict,
+            Answer::Risk(found) => &found.without_verdict,
+            Answer::Hardening(found) => &found.without_verdict,
+        }
+    }
+
+    /// Returns whether the question concludes something, and too few of its simulations have a
+    /// verdict for that. An evaluation and a search say what they found.
+    pub fn is_inconclusive(&self) -> bool {
+        let concludes = !matches!(self, Answer::Evaluation(_) | Answer::Falsification(_));
+        concludes && !self.is_violated() && self.without_verdict().is_too_large()
     }
 
     /// Returns whether a violation was found; for a hardening, whether no round was accepted. An

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::word::words;
-use crate::{Estimate, Number, PhysicsCheck, Seed};
+use crate::{Estimate, Number, PhysicsCheck, Seed, WithoutVerdict};
 
 words! {
     /// Severity of the violation of a requirement, the worst first.
@@ -45,6 +45,9 @@ pub struct Check {
     pub seed: Seed,
     /// Search for counterexamples.
     pub search: String,
+    /// The simulations of all runs without a verdict.
+    #[serde(default)]
+    pub without_verdict: WithoutVerdict,
     /// Version of the program.
     pub program: String,
     /// The requirements, in the order of the file.
@@ -121,8 +124,8 @@ pub struct CheckCell {
     /// Name of the controller.
     pub controller: String,
     /// `violated`; `not violated` in the simulations that were run, which proves nothing about
-    /// others; `no verdict`: the simulations do not decide, or one of them has no verdict; or `not
-    /// applicable`: the target lacks signals of the formula.
+    /// others; `no verdict`: the simulations do not decide, or too many of them have no verdict; or
+    /// `not applicable`: the target lacks signals of the formula.
     pub verdict: CheckVerdict,
     /// The evidence in a sentence.
     pub evidence: String,
@@ -155,6 +158,14 @@ pub struct CheckCounts {
     pub violated: u64,
     /// Number of simulations without a verdict.
     pub without_verdict: u64,
+    /// Number of other simulations, from whose scenario the target cannot start; left out if there
+    /// are none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub invalid_starts: u64,
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// A violation as evidence.
@@ -235,13 +246,13 @@ impl Check {
         is_unchecked && self.counts(cell)
     }
 
-    /// Returns the exit code of the command: 2 if a requirement that counts was not checked, 1 if
-    /// one is violated, otherwise 0.
+    /// Returns the exit code of the command: 1 if a requirement that counts is violated, 2 if one
+    /// was not checked, otherwise 0.
     pub fn exit_code(&self) -> u8 {
-        if self.cells.iter().any(|cell| self.is_open(cell)) {
-            2
+        if self.cells.iter().any(|cell| self.fails(cell)) {
+            1
         } else {
-            u8::from(self.cells.iter().any(|cell| self.fails(cell)))
+            2 * u8::from(self.cells.iter().any(|cell| self.is_open(cell)))
         }
     }
 

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{AxisFacts, EndCounts, Estimate, GuardFacts, Number, Scenario, Seed, Sequential, optional};
+use crate::{AxisFacts, Estimate, GuardFacts, Number, Scenario, Seed, Sequential, WithoutVerdict, optional};
 
 /// Two evaluations on the same scenarios and seeds, A and B, compared pair by pair.
 ///
@@ -71,6 +71,14 @@ impl Comparison {
         self.success.first.value.is_some() && self.success.second.value.is_some()
     }
 
+    /// Returns whether B violates the requirement in a listed simulation in which A succeeds. Other
+    /// new failures have no verdict.
+    pub fn is_violated(&self) -> bool {
+        let is_violated =
+            |pair: &ComparedPair| pair.second_robustness.is_some_and(|rho| rho.0.is_sign_negative());
+        self.new_failures.iter().any(is_violated)
+    }
+
     /// Returns the numbers of new and of fixed failures.
     pub fn changes(&self) -> [u64; 2] {
         let all = |listed: &[ComparedPair], more: u64| listed.len() as u64 + more;
@@ -104,7 +112,7 @@ pub struct ComparedRun {
     pub commit: String,
     /// Random simulations without a verdict on success, of the pairs that count. They do not count
     /// as successes.
-    pub without_verdict: EndCounts,
+    pub without_verdict: WithoutVerdict,
 }
 
 /// A rate of both runs.

@@ -2,7 +2,8 @@ use serde::Serialize;
 
 use crate::word::words;
 use crate::{
-    AxisRates, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential, Subject,
+    AxisRates, EndCounts, EndReasons, Estimate, Number, Requirement, Scenario, Screening, Seed, Sequential,
+    Subject, WithoutVerdict,
 };
 
 /// Success rate, dangerous behavior rate and completion time of a controller.
@@ -24,6 +25,8 @@ pub struct Evaluation {
     /// Whether all simulations of the plan are finished; `false` after an interruption, exit
     /// code 130.
     pub is_complete: bool,
+    /// The random simulations without a verdict on success.
+    pub without_verdict: WithoutVerdict,
     /// The metrics.
     #[serde(flatten)]
     pub metrics: Metrics,
@@ -77,19 +80,21 @@ pub struct Control {
     pub nominal: Vec<String>,
     /// Number of simulations of the arm; 1 if all of them would be the same.
     pub simulations: u64,
-    /// Success rate of the arm over the pairs, with an interval as that of the space. A pair counts
-    /// if both of its simulations have a verdict.
+    /// Success rate of the arm over the pairs, with an interval as that of the space. As there, a
+    /// simulation without a verdict is no success. `null` if none has a verdict.
     pub success_rate: Estimate,
     /// Success rate in the space minus that of the arm, with Newcombe's interval for pairs; with a
     /// rule that ends the evaluation, with one that holds at any time.
     pub difference: Estimate,
-    /// Number of pairs that fail only in the space: the perturbation is what they fail of.
+    /// Number of pairs that fail only in the space, or have no verdict only there: the perturbation
+    /// is the cause.
     pub fails_only_in_space: u64,
-    /// Number of pairs that fail only in the arm.
+    /// Number of pairs that fail, or have no verdict, only in the arm.
     pub fails_only_in_control: u64,
     /// Two-sided p-value of "no difference": exact McNemar test, or one that holds at any time.
     pub p_value: f64,
-    /// Number of pairs that do not count, because one of their simulations has no verdict.
+    /// Number of pairs that do not count, because the target cannot start from a scenario, or no
+    /// simulation of the arm has a verdict.
     pub left_out: u64,
     /// Simulations of the arm without a verdict, by reason.
     pub without_verdict: EndCounts,
@@ -131,6 +136,8 @@ pub struct Metrics {
     pub invalid: u64,
     /// Number of these that could not start, crashed or took too long.
     pub failed: u64,
+    /// Number of these that could not start.
+    pub invalid_starts: u64,
     /// Number of others that left success undecided.
     pub undecided: u64,
     /// Number of others that left strict success undecided.
@@ -173,32 +180,18 @@ pub struct Metrics {
     pub task_completion_time: Option<Estimate>,
 }
 
-/// Numbers of simulations without a verdict on success, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct EndCounts {
-    /// Diverged.
-    pub diverged: u64,
-    /// Ended because the controller or the environment returned a value that is not finite.
-    pub invalid: u64,
-    /// Could not start, crashed or took too long.
-    pub failed: u64,
-    /// Left success undecided.
-    pub undecided: u64,
-}
-
-impl EndCounts {
-    /// Adds other counts.
-    pub fn add_all(&mut self, other: EndCounts) {
-        self.diverged += other.diverged;
-        self.invalid += other.invalid;
-        self.failed += other.failed;
-        self.undecided += other.undecided;
-    }
-
-    /// Returns the number of all these simulations.
-    pub fn total(&self) -> u64 {
-        self.diverged + self.invalid + self.failed + self.undecided
+impl Metrics {
+    /// Returns the simulations without a verdict on success.
+    pub fn ends(&self) -> EndCounts {
+        let Metrics { simulations, diverged, invalid, failed, invalid_starts, undecided, .. } = *self;
+        EndCounts {
+            simulations: simulations - invalid_starts,
+            diverged,
+            invalid,
+            failed: failed - invalid_starts,
+            undecided,
+            invalid_starts,
+        }
     }
 }
 

@@ -3,7 +3,7 @@ use serde::Serialize;
 use crate::word::words;
 use crate::{
     CheckedFailure, EndReasons, Estimate, Modes, Named, Number, PhysicsCheck, Repeats, Scenario, Screening,
-    Seed, Subject,
+    Seed, Subject, WithoutVerdict,
 };
 
 /// Counterexamples that the trials of a search found.
@@ -34,6 +34,8 @@ pub struct Falsification {
     pub early_stopping: bool,
     /// Number of simulations of all trials.
     pub simulations: u64,
+    /// The simulations without a verdict; with screening those of MuJoCo C.
+    pub without_verdict: WithoutVerdict,
     /// Number of control steps of all simulations; with screening of those of MuJoCo C.
     pub control_steps: u64,
     /// Number of simulations that belong to no trial: in their batch they follow the end of their

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{Estimate, Number, PairedRates, Seed, Subject};
+use crate::{Estimate, Number, PairedRates, Seed, Subject, WithoutVerdict};
 
 /// A guard whose threshold was chosen on training scenarios, measured on held-out ones.
 ///
@@ -20,6 +20,9 @@ pub struct GuardTuning {
     pub requirement: String,
     /// Largest allowed share of successful training scenarios with an alarm.
     pub false_alarm_limit: f64,
+    /// The simulations without a verdict: those of the training scenarios, and the held-out ones of
+    /// the controller alone and of the guarded controller.
+    pub without_verdict: WithoutVerdict,
     /// Conclusion from the held-out scenarios, in sentences.
     pub verdict: String,
     /// Alarms in the training scenarios, on which the threshold was chosen: they flatter the guard.

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 #[cfg(feature = "schema")]
 use crate::Number;
 use crate::word::words;
-use crate::{Estimate, GuardFacts, Seed, optional};
+use crate::{Estimate, GuardFacts, Seed, WithoutVerdict, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
 ///
@@ -33,6 +33,10 @@ pub struct Hardening {
     pub folder: String,
     /// Git commit of the program that began the final comparison.
     pub commit: String,
+    /// The random simulations in the space without a verdict: those of the final set that measure
+    /// the success rate and the failure probability, before and after.
+    #[serde(default)]
+    pub without_verdict: WithoutVerdict,
     /// The result in a sentence.
     pub verdict: String,
     /// Names of the measures that are worse after, at 5 % after Holm's correction, and `corners` if

@@ -17,6 +17,7 @@
 //! - [`Demonstrations`]: a data set of recorded episodes.
 //! - [`Task`], [`Listing`], [`Target`], [`Search`]: what can be named.
 //! - [`FormulaDescription`], [`RequirementPattern`], [`Mining`]: about formulas.
+//! - [`WithoutVerdict`]: the simulations of a question without a verdict.
 //! - [`ProtocolCheck`]: about a simulator that is a program.
 //! - [`Number`], [`Seed`], [`Named`]: values that JSON cannot hold as they are.
 //! - [`Remedy`]: what helps against an error, in no document.
@@ -43,6 +44,7 @@ mod controller;
 mod counterexamples;
 mod demonstrations;
 mod document;
+mod ends;
 mod estimate;
 mod evaluation;
 mod evidence;
@@ -90,9 +92,10 @@ pub use controller::{ActionInterface, Controller, ControllerExport, ControllerIm
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
 pub use demonstrations::Demonstrations;
 pub use document::{SCHEMA, Versioned};
+pub use ends::{EndCounts, WithoutVerdict};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{
-    BoxPoint, Control, CornerPoint, Corners, EndCounts, Evaluation, Metrics, ScreenedFailure, StartRegion,
+    BoxPoint, Control, CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure, StartRegion,
 };
 pub use evidence::{
     Evidence, EvidenceCheck, EvidenceRun, EvidenceSigner, EvidenceVerification, ReplayedSimulation,

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, optional};
+use crate::{EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, WithoutVerdict, optional};
 
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -20,6 +20,11 @@ pub struct Margin {
     pub is_random: bool,
     /// Whether the search and the repeats of the witness were not interrupted.
     pub is_complete: bool,
+    /// The simulations of the search without a verdict.
+    pub without_verdict: WithoutVerdict,
+    /// Smallest amplitude of a simulation without a verdict, from which on nothing is claimed; `null`
+    /// without one.
+    pub smallest_without_verdict: Option<f64>,
     /// Names of the categorical axes and the category at which each of them stays. A margin varies
     /// numbers only.
     pub categories: Named<String>,
@@ -28,8 +33,8 @@ pub struct Margin {
     pub each_category: Vec<CategoryMargin>,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
-    /// Largest amplitude below that of the witness at which a finished search found no violation
-    /// and most simulations have a verdict; `null` without one.
+    /// Largest amplitude below that of the witness at which a finished search found no violation,
+    /// and below `smallest_without_verdict`; `null` without one.
     pub no_violation_up_to: Option<f64>,
     /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without
     /// one.
@@ -97,8 +102,11 @@ pub struct Level {
     pub simulations: u64,
     /// Number of different seeds of these; 1 if the seed has no effect.
     pub seeds: u64,
-    /// Number of simulations without a verdict.
+    /// Number of simulations without a verdict, also those from whose scenario the target cannot
+    /// start.
     pub without_verdict: u64,
+    /// Number of these from whose scenario the target cannot start.
+    pub invalid_starts: u64,
     /// Minimum robustness; `null` if no simulation has one.
     #[serde(serialize_with = "optional::serialize")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
@@ -107,8 +115,8 @@ pub struct Level {
     pub is_violated: bool,
     /// Whether the search at this amplitude was not interrupted.
     pub is_complete: bool,
-    /// Whether all scenarios up to the amplitude were simulated and have a verdict, which is
-    /// possible if all axes are discrete.
+    /// Whether all scenarios up to the amplitude were simulated, and those from which the target can
+    /// start have a verdict. It is possible if all axes are discrete.
     pub is_exhaustive: bool,
 }
 
@@ -120,6 +128,7 @@ impl Level {
             simulations: 0,
             seeds: 0,
             without_verdict: 0,
+            invalid_starts: 0,
             minimum_robustness: None,
             is_violated: false,
             is_complete: false,

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{EndReasons, Estimate, Named, Number, Scenario, Seed, Subject, optional};
+use crate::{EndReasons, Estimate, Named, Number, Scenario, Seed, Subject, WithoutVerdict, optional};
 
 /// Relations between the results of pairs of scenarios: metamorphic relations.
 ///
@@ -23,6 +23,8 @@ pub struct Metamorphic {
     pub pairs: u64,
     /// Number of all simulations.
     pub simulations: u64,
+    /// The simulations without a verdict.
+    pub without_verdict: WithoutVerdict,
     /// Whether the seed has an effect. If so, each pair has its own seed.
     pub is_random: bool,
     /// Whether the test was not interrupted; otherwise the counts are those of the finished pairs.

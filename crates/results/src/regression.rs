@@ -7,7 +7,7 @@ words! {
     /// Result of the test of a counterexample.
     pub enum RegressionResult {
         Passes = "passes", Fixed = "fixed", Fails = "still fails", NewFailure = "new failure",
-        Error = "error",
+        NoVerdict = "no verdict", Error = "error",
     }
 }
 
@@ -26,6 +26,8 @@ pub struct Regression {
     pub passes: u64,
     /// Number of tests that fail, with the controller alone.
     pub fails: u64,
+    /// Number of tests with a simulation without a verdict: they neither pass nor fail.
+    pub without_verdict: u64,
     /// Number of tests that could not run.
     pub errors: u64,
     /// Number of tests that fail but pass with the baseline; `null` without `--baseline`.
@@ -47,7 +49,8 @@ pub struct RegressionTest {
     pub file: String,
     /// Target; `null` if the file is not a counterexample.
     pub target: Option<String>,
-    /// `passes`, `still fails` or `error`; with `--baseline` also `new failure` and `fixed`.
+    /// `passes`, `still fails`, `no verdict` or `error`; with `--baseline` also `new failure` and
+    /// `fixed`.
     pub result: RegressionResult,
     /// Robustness in the file.
     pub recorded_robustness: Option<Number>,

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{EndReasons, Estimate, Number, Scenario, Screening, Seed, Subject, number};
+use crate::{EndReasons, Estimate, Number, Scenario, Screening, Seed, Subject, WithoutVerdict, number};
 
 /// The probability of a violation under a distribution of scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,9 +25,12 @@ pub struct Risk {
     /// Whether the estimation was not interrupted; otherwise the answer is that of the finished
     /// parts.
     pub is_complete: bool,
+    /// The simulations of Monte Carlo without a verdict.
+    pub without_verdict: WithoutVerdict,
     /// The answer; `null` without an estimate.
     pub probability: Option<Probability>,
-    /// Lower and upper bound (95 %) without an assumption; `[0, 1]` without any verdict.
+    /// Lower and upper bound (95 %) without an assumption: for the upper one, simulations without a
+    /// verdict are failures. `[0, 1]` without any verdict.
     pub bounds: [f64; 2],
     /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is
     /// one of them.
@@ -99,7 +102,7 @@ pub struct MonteCarlo {
     /// missing if there are none.
     #[serde(skip_serializing_if = "is_zero")]
     pub invalid_starts: u64,
-    /// Number of others without a verdict, which count as passed.
+    /// Number of others without a verdict, which count as passed in the failure rate.
     pub without_verdict: u64,
     /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
     pub bound_with_undecided: Option<Number>,

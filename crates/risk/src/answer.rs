@@ -24,9 +24,11 @@ pub struct Answer {
     pub source: Option<Source>,
     /// Estimate with a 95 % interval; no value without an estimate.
     pub estimate: Estimate,
-    /// Whether the interval holds only under the assumption of its source.
+    /// Whether the interval holds only under the assumption of its source. Without it, too, the
+    /// interval counts simulations of Monte Carlo without a verdict as passed.
     pub has_assumption: bool,
-    /// Bounds (95 %) that hold without an assumption.
+    /// Bounds (95 %) that hold without an assumption. For the upper one, simulations without a
+    /// verdict are failures.
     pub bounds: [f64; 2],
     /// Why multilevel splitting has no estimate; `None` if it has one, or was not needed.
     pub splitting_refusal: Option<Refusal>,
@@ -35,7 +37,7 @@ pub struct Answer {
 /// The part of an estimation that an answer is from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
-    /// Monte Carlo: no assumption.
+    /// Monte Carlo: no assumption of its own.
     MonteCarlo,
     /// Importance sampling, plus the failures of Monte Carlo outside of its regions. Assumes that
     /// failures outside of the regions are negligible if Monte Carlo has none.
@@ -88,7 +90,7 @@ impl Answer {
         splitting: Option<&Splitting>,
         importance: Option<&Importance>,
     ) -> Answer {
-        let all_valid = monte_carlo.invalid_starts == 0;
+        let all_valid = monte_carlo.ends.invalid_starts == 0;
         // The regions have a probability among all scenarios, too.
         let importance = importance.filter(|_| all_valid);
         let bounds = bounds(monte_carlo, importance);
@@ -108,6 +110,7 @@ impl Answer {
         // Chains that agree on more than the regions contain have seen a mode that the regions
         // lack, or are wrong.
         let weighted = weighted.filter(|_| splitting_refusal != Some(Refusal::AboveImportance));
+        let all_decided = monte_carlo.ends.total() == 0;
         let plain = |failures: u64| (monte_carlo.failures >= failures).then(|| monte_carlo.estimate());
         let frequent = plain(FREQUENT).filter(|_| importance.is_none());
         let (source, estimate, has_assumption) = if let Some(estimate) = frequent {
@@ -121,9 +124,10 @@ impl Answer {
         } else {
             (None, Estimate::default(), false)
         };
-        // If Monte Carlo answers, its interval has no assumption, so it is the bounds, too.
+        // If Monte Carlo answers and has all verdicts, its interval has no assumption, so it is the
+        // bounds, too.
         let bounds = match (source, estimate.low, estimate.high) {
-            (Some(Source::MonteCarlo), Some(low), Some(high)) => [low, high],
+            (Some(Source::MonteCarlo), Some(low), Some(high)) if all_decided => [low, high],
             _ => bounds,
         };
         Answer { source, estimate, has_assumption, bounds, splitting_refusal }
@@ -131,13 +135,23 @@ impl Answer {
 }
 
 /// Returns bounds that hold without an assumption: those of Monte Carlo, or the sums of the bounds
-/// of the failures in the regions and outside of them, each with a confidence of 97.5 %.
+/// of the failures in the regions and outside of them, each with a confidence of 97.5 %. With
+/// simulations without a verdict, the upper one is that of Monte Carlo in which they fail: the
+/// weights of importance sampling do not know where they lie.
 fn bounds(monte_carlo: &MonteCarlo, importance: Option<&Importance>) -> [f64; 2] {
     let pair = |estimate: Estimate| [estimate.low.unwrap_or(0.0), estimate.high.unwrap_or(1.0)];
-    let Some(importance) = importance else { return pair(monte_carlo.estimate()) };
-    let inside = pair(importance.wide);
-    let outside = pair(outside(importance, monte_carlo, 0.5 + 0.5 * CONFIDENCE));
-    [inside[0] + outside[0], (inside[1] + outside[1]).min(1.0)]
+    let [low, high] = match importance {
+        None => pair(monte_carlo.estimate()),
+        Some(importance) => {
+            let inside = pair(importance.wide);
+            let outside = pair(outside(importance, monte_carlo, 0.5 + 0.5 * CONFIDENCE));
+            [inside[0] + outside[0], (inside[1] + outside[1]).min(1.0)]
+        }
+    };
+    let undecided = (monte_carlo.ends.total() > 0 && monte_carlo.has_verdict())
+        .then(|| monte_carlo.bound_with_undecided())
+        .flatten();
+    [low, undecided.unwrap_or(high)]
 }
 
 /// Returns the probability of failures outside of the regions, from Monte Carlo, to which they were
@@ -199,7 +213,7 @@ fn are_apart(a: &Estimate, b: &Estimate) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mishandle_results::Chain;
+    use mishandle_results::{Chain, EndCounts};
 
     fn chains(probabilities: [f64; 5]) -> Splitting {
         let chain =
@@ -299,6 +313,27 @@ mod tests {
         let outside = clopper_pearson(4, 5000, 0.975);
         assert_eq!(answer.estimate.low, Some(1e-3 / 1.12 + outside.low.unwrap()));
         assert_eq!(answer.bounds, [answer.estimate.low.unwrap(), answer.estimate.high.unwrap()]);
+    }
+
+    /// 35 % of the space has no verdict and nothing else fails: the probability is up to 0.35.
+    #[test]
+    fn bounds_without_an_assumption_count_simulations_without_a_verdict_as_failures() {
+        let ends = |diverged: u64| EndCounts { simulations: 5000, diverged, ..EndCounts::default() };
+        let undecided = |failures: u64| MonteCarlo { ends: ends(1750), ..monte_carlo(failures) };
+        let found = Answer::new(&undecided(0), None, None);
+        // Two-sided 97.5 %: 2.2414 standard errors above 0.35.
+        let expected = 0.35 + 2.2414 * (0.35_f64 * 0.65 / 5000.0).sqrt();
+        assert!((found.bounds[1] - expected).abs() < 2e-4 && found.bounds[0] == 0.0, "{:?}", found.bounds);
+        assert_eq!(found.source, None);
+        // Whatever part an estimate is from: it counts them as passed, the bounds do not.
+        for (failures, importance) in [(5, None), (500, None), (0, Some(regions(1e-3, 0)))] {
+            let found = Answer::new(&undecided(failures), None, importance.as_ref());
+            assert!(found.bounds[1] > 0.35, "{:?}", found.bounds);
+            assert!(found.estimate.high < Some(0.2), "{:?}", found.estimate);
+        }
+        // Nothing is known without a verdict.
+        let none = MonteCarlo { ends: ends(5000), ..monte_carlo(0) };
+        assert_eq!(Answer::new(&none, None, None).bounds, [0.0, 1.0]);
     }
 
     #[test]

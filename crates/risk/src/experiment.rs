@@ -1,9 +1,10 @@
 //! Runs simulations of draws and counts them.
 
-use mishandle_stl::is_violated;
 use std::ops::ControlFlow;
 
-use mishandle_rollout::{Episode, Request, Steerable, SteeredEpisode, Steering, System};
+use mishandle_evaluation::{EndCounts, count_end};
+use mishandle_rollout::{Episode, EpisodeEnd, Request, Steerable, SteeredEpisode, Steering, System};
+use mishandle_stl::is_violated;
 
 use crate::{Draw, RiskError, Scenarios};
 
@@ -29,9 +30,15 @@ const KEPT: usize = 1000;
 pub(crate) struct Outcome {
     /// Robustness; `None` without a verdict.
     pub robustness: Option<f64>,
-    /// Whether the target can start from the scenario. The probability is that among such
-    /// scenarios.
-    pub is_valid: bool,
+    /// End of the simulation.
+    pub end: EpisodeEnd,
+}
+
+impl Outcome {
+    /// Adds the simulation to the counts of ends.
+    pub(crate) fn count(&self, ends: &mut EndCounts) {
+        count_end(ends, self.end, self.robustness.is_some(), 1);
+    }
 }
 
 /// A simulation that violates the requirement.
@@ -95,10 +102,9 @@ impl<'a> Experiment<'a> {
                 return Err(RiskError::EpisodeCount { requested: requests.len(), returned: episodes.len() });
             }
             self.count(batch.iter().zip(&episodes));
-            outcomes.extend(episodes.iter().map(|episode| Outcome {
-                robustness: episode.robustness(),
-                is_valid: episode.end.counts_in_rates(),
-            }));
+            outcomes.extend(
+                episodes.iter().map(|episode| Outcome { robustness: episode.robustness(), end: episode.end }),
+            );
         }
         Ok(outcomes)
     }

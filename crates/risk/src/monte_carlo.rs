@@ -1,6 +1,6 @@
 //! Plain Monte Carlo: independent simulations under the distribution itself.
 
-use mishandle_evaluation::{Estimate, TwoStage, clopper_pearson, two_stage};
+use mishandle_evaluation::{EndCounts, Estimate, TwoStage, clopper_pearson, two_stage};
 use mishandle_random::Sequence;
 use mishandle_stl::is_violated;
 
@@ -14,11 +14,10 @@ pub struct MonteCarlo {
     pub simulations: u64,
     /// Number of those that violate the requirement.
     pub failures: u64,
-    /// Number of those from whose scenario the target cannot start. They leave the estimate, which
-    /// is that of the probability among valid scenarios: valid draws are a random sample of these.
-    pub invalid_starts: u64,
-    /// Number of others without a verdict. They count as passed in the estimate.
-    pub without_verdict: u64,
+    /// Those without a verdict, which count as passed in the estimate. Scenarios from which the
+    /// target cannot start leave the estimate, which is that of the probability among valid
+    /// scenarios: valid draws are a random sample of these.
+    pub ends: EndCounts,
     /// The draws that violate the requirement.
     pub(crate) failed: Vec<Draw>,
     /// The decision after the first part; `None` before it.
@@ -43,8 +42,7 @@ impl MonteCarlo {
             let outcomes = experiment.simulate(&draws)?;
             self.simulations += outcomes.len() as u64;
             for outcome in &outcomes {
-                self.invalid_starts += u64::from(!outcome.is_valid);
-                self.without_verdict += u64::from(outcome.is_valid && outcome.robustness.is_none());
+                outcome.count(&mut self.ends);
             }
             let is_failed = |outcome: &Outcome| outcome.robustness.is_some_and(is_violated);
             let failed = draws.into_iter().zip(&outcomes).filter(|(_, outcome)| is_failed(outcome));
@@ -67,12 +65,12 @@ impl MonteCarlo {
 
     /// Returns the number of simulations with a valid scenario, which the estimate counts.
     pub fn valid(&self) -> u64 {
-        self.simulations - self.invalid_starts
+        self.simulations - self.ends.invalid_starts
     }
 
     /// Returns whether any simulation has a verdict.
     pub fn has_verdict(&self) -> bool {
-        self.without_verdict < self.valid()
+        self.ends.total() < self.valid()
     }
 
     /// Returns the failure rate with its exact 95 % interval, which accounts for the decision after
@@ -90,11 +88,11 @@ impl MonteCarlo {
     }
 
     /// Returns an upper bound (97.5 %) of the failure rate in which every simulation without a
-    /// verdict counts as a failure.
+    /// verdict counts as a failure. It alone assumes nothing if there are such simulations.
     pub fn bound_with_undecided(&self) -> Option<f64> {
         // The decision was made from the failures alone. It has two outcomes, each with half of the
         // probability of a miss.
         let confidence = 0.5 + 0.5 * CONFIDENCE;
-        clopper_pearson(self.failures + self.without_verdict, self.valid(), confidence).high
+        clopper_pearson(self.failures + self.ends.total(), self.valid(), confidence).high
     }
 }

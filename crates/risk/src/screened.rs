@@ -4,7 +4,7 @@ use mishandle_stl::is_violated;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
-use mishandle_evaluation::{Estimate, SCREENED_CHUNK, ScreenedProgress, TwoPhase, screen};
+use mishandle_evaluation::{EndCounts, Estimate, SCREENED_CHUNK, ScreenedProgress, TwoPhase, screen};
 use mishandle_random::{Seed, Sequence};
 use mishandle_rollout::{Request, Screen, ScreenedEpisode, System};
 
@@ -40,8 +40,10 @@ pub struct ScreenedReport {
     /// Numbers of flagged and of sampled simulations from whose scenario the system cannot start.
     /// They leave the estimate. The other engine gives them no verdict either, so they are flagged.
     pub invalid_starts: [u64; 2],
-    /// Number of other simulations of the system without a verdict.
-    pub without_verdict: u64,
+    /// Numbers of flagged and of sampled simulations of the system without a verdict.
+    pub without_verdict: [u64; 2],
+    /// The simulations of the system without a verdict, by reason.
+    pub ends: EndCounts,
     /// Violations of the system, those nearest to the center of the distribution first.
     pub failures: Vec<Failure>,
     /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
@@ -53,11 +55,24 @@ impl ScreenedReport {
     pub fn estimate(&self) -> Estimate {
         let [flagged, sampled] = self.invalid_starts;
         let counts = self.counts.without(flagged, sampled);
-        if self.without_verdict < counts.flagged + counts.sampled {
+        if self.ends.total() < counts.flagged + counts.sampled {
             counts.estimate(CONFIDENCE)
         } else {
             Estimate { n: counts.trials, ..Estimate::default() }
         }
+    }
+
+    /// Returns an upper bound of the failure rate in which every simulation of the system without a
+    /// verdict counts as a failure; `None` without any verdict.
+    pub fn bound_with_undecided(&self) -> Option<f64> {
+        let [flagged, sampled] = self.without_verdict;
+        let counts = TwoPhase {
+            flagged_events: self.counts.flagged_events + flagged,
+            sampled_events: self.counts.sampled_events + sampled,
+            ..self.counts
+        };
+        let report = ScreenedReport { counts, failures: Vec::new(), ..*self };
+        report.estimate().high
     }
 
     /// Returns the number of simulations of the system.
@@ -88,7 +103,8 @@ pub fn screened_risk(
     let mut counts = TwoPhase::default();
     let mut screened_without_verdict = 0;
     let mut overflows = 0;
-    let mut without_verdict = 0;
+    let mut without_verdict = [0; 2];
+    let mut ends = EndCounts::default();
     let mut invalid_starts = [0; 2];
     // The stream of the draws is that of Monte Carlo.
     let mut random = Sequence::new(seed.child(0).0, 0);
@@ -130,21 +146,20 @@ pub fn screened_risk(
         let flagged = chosen(&selection.flagged);
         let sampled = chosen(&selection.sampled);
         screened.set(base + count);
-        let mut undecided_by_system = 0;
-        // The numbers of violations and of invalid starts.
-        let mut simulate = |draws: &[Draw]| -> Result<[u64; 2], RiskError> {
+        let mut chunk_ends = EndCounts::default();
+        // The numbers of violations, of invalid starts, and of others without a verdict.
+        let mut simulate = |draws: &[Draw]| -> Result<[u64; 3], RiskError> {
             let outcomes = experiment.simulate(draws)?;
             is_complete &= outcomes.len() == draws.len();
-            let count =
-                |is: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is(outcome)).count() as u64;
-            undecided_by_system += count(|outcome| outcome.is_valid && outcome.robustness.is_none());
-            Ok([
-                count(|outcome| outcome.robustness.is_some_and(is_violated)),
-                count(|outcome| !outcome.is_valid),
-            ])
+            let is_failed = |outcome: &&Outcome| outcome.robustness.is_some_and(is_violated);
+            let failed = outcomes.iter().filter(is_failed).count() as u64;
+            let mut own = EndCounts::default();
+            outcomes.iter().for_each(|outcome| outcome.count(&mut own));
+            chunk_ends.add_all(own);
+            Ok([failed, own.invalid_starts, own.total()])
         };
-        let [flagged_events, flagged_invalid] = simulate(&flagged)?;
-        let [sampled_events, sampled_invalid] = simulate(&sampled)?;
+        let [flagged_events, flagged_invalid, flagged_undecided] = simulate(&flagged)?;
+        let [sampled_events, sampled_invalid, sampled_undecided] = simulate(&sampled)?;
         // A part of a chunk would be biased: its flagged trials are repeated first.
         if !is_complete {
             break;
@@ -156,7 +171,9 @@ pub fn screened_risk(
         counts.sampled_events += sampled_events;
         screened_without_verdict += selection.without_verdict;
         overflows += selection.overflows;
-        without_verdict += undecided_by_system;
+        without_verdict[0] += flagged_undecided;
+        without_verdict[1] += sampled_undecided;
+        ends.add_all(chunk_ends);
         invalid_starts[0] += flagged_invalid;
         invalid_starts[1] += sampled_invalid;
         confirmed = counts.flagged + counts.sampled;
@@ -167,6 +184,7 @@ pub fn screened_risk(
         overflows,
         invalid_starts,
         without_verdict,
+        ends,
         failures: experiment.distinct_failures(SHOWN.0, SHOWN.1),
         is_complete,
     })

@@ -143,7 +143,7 @@ fn simulations_without_a_verdict_are_counted_apart() {
             risk(&mut system, &scenarios, &settings(40_800, method, 1), |_| ControlFlow::Continue(()))
                 .unwrap();
         let monte_carlo = &report.monte_carlo;
-        let share = monte_carlo.without_verdict as f64 / monte_carlo.simulations as f64;
+        let share = monte_carlo.ends.total() as f64 / monte_carlo.simulations as f64;
         assert!((share - 0.5).abs() < 0.025 && monte_carlo.failures == 0 && report.failures.is_empty());
         assert!(report.answer.source.is_none() && monte_carlo.bound_with_undecided() > Some(0.5));
     }
@@ -168,9 +168,9 @@ fn the_probability_is_that_among_the_scenarios_from_which_the_target_can_start()
         let found: Vec<Report> = (0..20).map(|seed| half_valid(0.01, method, seed)).collect();
         assert!(found.iter().filter(|report| covers(&report.answer.estimate, 0.02)).count() >= 16);
         for Report { monte_carlo, answer, .. } in &found {
-            assert_eq!(monte_carlo.estimate().n, monte_carlo.simulations - monte_carlo.invalid_starts);
-            assert!((monte_carlo.invalid_starts as f64 / 20_000.0 - 0.5).abs() < 0.02);
-            assert_eq!((monte_carlo.without_verdict, answer.source), (0, Some(Source::MonteCarlo)));
+            assert_eq!(monte_carlo.estimate().n, monte_carlo.simulations - monte_carlo.ends.invalid_starts);
+            assert!((monte_carlo.ends.invalid_starts as f64 / 20_000.0 - 0.5).abs() < 0.02);
+            assert_eq!((monte_carlo.ends.total(), answer.source), (0, Some(Source::MonteCarlo)));
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Reading of run files.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use rusqlite::{OptionalExtension, Row, params};
@@ -8,8 +9,8 @@ use crate::database::Database;
 use crate::digest::Digest;
 use crate::error::{InFile, StoreError};
 use crate::{
-    Counts, Result, RunHeader, ScreenedChunk, Simulation, StoredTrace, TrialRecord, TrialSummary, memory,
-    reason, row, schema, screened, trace_blob, version,
+    Counts, Result, RunHeader, ScreenedChunk, Simulation, SimulationEnd, StoredTrace, TrialRecord,
+    TrialSummary, memory, reason, row, schema, screened, trace_blob, version,
 };
 
 /// Largest number of simulations that [`Simulations`] reads at once.
@@ -152,6 +153,29 @@ impl RunFile {
     pub fn counts(&self) -> Result<Counts> {
         let sql = format!("SELECT {} FROM simulation WHERE trial <= ?1", row::COUNTS);
         self.database.sql().query_row(&sql, [MAX_TRIALS], |row| counts(row, 0)).in_file(&self.path)
+    }
+
+    /// Returns the ends of the simulations of some trials, each with the numbers of simulations
+    /// with and without a robustness. The step of an end is the first one of these simulations.
+    ///
+    /// # Errors
+    /// [`Damaged`](StoreError::Damaged), or another error of the file.
+    pub fn ends(&self, trials: RangeInclusive<u32>) -> Result<Vec<(SimulationEnd, [u64; 2])>> {
+        let sql =
+            "SELECT ended, min(end_step), min(end_index), count(robustness), count(*) - count(robustness)
+             FROM simulation WHERE trial BETWEEN ?1 AND ?2 GROUP BY ended ORDER BY ended";
+        let mut select = self.database.sql().prepare_cached(sql).in_file(&self.path)?;
+        let mut rows = select.query([trials.start(), trials.end()]).in_file(&self.path)?;
+        let mut ends = Vec::new();
+        while let Some(row) = rows.next().in_file(&self.path)? {
+            let count = |column: usize| row.get::<_, i64>(column).map(i64::cast_unsigned);
+            let name: String = row.get(0).in_file(&self.path)?;
+            let place = (row.get(1).in_file(&self.path)?, row.get(2).in_file(&self.path)?);
+            let end = row::end_from_columns(&name, place.0, place.1);
+            let end = end.ok_or_else(|| StoreError::damaged(&self.path, format!("unknown end {name:?}")))?;
+            ends.push((end, [count(3).in_file(&self.path)?, count(4).in_file(&self.path)?]));
+        }
+        Ok(ends)
     }
 
     /// Returns the number of the last simulation of a trial, or 0 if it has none. A resumed trial

@@ -274,6 +274,13 @@ class Test:
                     fails, key=lambda test: test.robustness if test.robustness is not None else 0.0
                 )
                 return Outcome(False, self._known_text(folder / worst.file, worst), simulations)
+            undecided = [test for test in found.tests if test.result == "no verdict"]
+            if undecided:
+                text = "\n".join(f"{test.file}: {test.reason}" for test in undecided)
+                return Outcome(
+                    False, f"a known counterexample has no verdict now, so it is not fixed\n{text}",
+                    simulations
+                )
             # The space or the formula is another one now.
             notes += [
                 f"{test.file}: {test.reason}" for test in found.tests if test.result == "error"
@@ -320,6 +327,14 @@ class Test:
             return Outcome(
                 False,
                 f"none of {found.simulations} simulations has a verdict about {self._formula()}",
+                found.simulations
+            )
+        without = found.without_verdict
+        if without.share is None or without.share > without.max_share:
+            return Outcome(
+                False,
+                f"no conclusion about {self._formula()}: {_without_verdict(found)}, more than "
+                f"{100 * without.max_share:g} % (max_without_verdict)",
                 found.simulations
             )
         least = min(
@@ -470,6 +485,10 @@ def _value(value: Any) -> str:
     return "random" if value is None else value if isinstance(value, str) else f"{value:.6g}"
 
 
+def _without_verdict(found: Falsification) -> str:
+    return _native.without_verdict_text(json.dumps(dataclasses.asdict(found.without_verdict)))
+
+
 def _caveats(found: Falsification) -> str:
     notes = []
     if found.largest_difference > 0:
@@ -477,9 +496,6 @@ def _caveats(found: Falsification) -> str:
             "the system is not deterministic (two simulations of the same scenario and seed "
             f"differ by {found.largest_difference:g}): this outcome can be another one next time"
         )
-    untested = sum(
-        trial.diverged + trial.invalid + trial.failed + trial.undecided for trial in found.trials
-    )
-    if untested:
-        notes.append(f"{untested} of {found.simulations} simulations have no verdict")
+    if found.without_verdict.share or found.without_verdict.invalid_starts:
+        notes.append(_without_verdict(found))
     return "".join(f"\nnote: {note}" for note in notes)

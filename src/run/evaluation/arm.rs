@@ -115,14 +115,14 @@ pub(crate) struct Outcome {
     counts: bool,
     succeeds: bool,
     decides: bool,
-    /// The end, if it left success undecided.
+    /// The end.
     without_verdict: EndCounts,
 }
 
 impl Outcome {
     pub(crate) fn of(episode: &Episode) -> Outcome {
         let mut without_verdict = EndCounts::default();
-        count_end(&mut without_verdict, episode);
+        count_end(&mut without_verdict, episode.end, decides_success(episode), 1);
         Outcome {
             without_verdict,
             counts: episode.end.counts_in_rates(),
@@ -151,12 +151,15 @@ impl Pairs {
         let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
         let mut counts = PairedCounts::default();
         let mut left_out = 0;
+        // An end without a verdict is no success, in the space as in the arm: what only one of a
+        // pair does is a difference. An arm without any verdict shows nothing.
+        let is_tested = self.control.iter().any(|control| control.decides);
         for (index, random) in self.random.iter().enumerate() {
             let Some(control) = paired(index) else { break };
-            if control.decides && random.decides {
+            if is_tested && control.counts && random.counts {
                 counts.add(control.succeeds, random.succeeds);
             } else {
-                left_out += u64::from(control.counts && random.counts);
+                left_out += 1;
             }
         }
         let mut without_verdict = EndCounts::default();
@@ -241,7 +244,8 @@ mod tests {
     use super::*;
 
     fn outcome(verdict: Option<bool>) -> Outcome {
-        let without_verdict = EndCounts { failed: u64::from(verdict.is_none()), ..EndCounts::default() };
+        let without_verdict =
+            EndCounts { simulations: 1, failed: u64::from(verdict.is_none()), ..EndCounts::default() };
         let succeeds = verdict == Some(true);
         Outcome { counts: true, succeeds, decides: verdict.is_some(), without_verdict }
     }
@@ -253,15 +257,41 @@ mod tests {
     }
 
     #[test]
-    fn a_control_simulation_that_fails_to_run_says_nothing_about_the_perturbation() {
+    fn an_end_that_only_one_simulation_of_a_pair_has_is_a_difference() {
         let space = [Some(true), Some(false), Some(true), None, Some(true)];
         let found = control(&space, &[Some(true), Some(true), None, Some(true), Some(true)]);
-        assert_eq!((found.left_out, found.without_verdict.failed), (2, 1));
+        assert_eq!((found.left_out, found.without_verdict.failed), (0, 1));
+        // Pairs 2 and 4 against pair 3.
+        assert_eq!((found.fails_only_in_space, found.fails_only_in_control), (2, 1));
+        assert_eq!((found.success_rate.value, found.success_rate.n), (Some(0.8), 5));
+        assert_eq!(found.difference.value, Some(-0.2));
+        // The same end in both is none: 2 of 5 fail, in one pair only.
+        let found = control(&[Some(true), None, None], &[Some(true), Some(true), None]);
         assert_eq!((found.fails_only_in_space, found.fails_only_in_control), (1, 0));
-        assert_eq!((found.success_rate.value, found.success_rate.n), (Some(1.0), 3));
+        assert_eq!(found.difference.n, 3);
+        // 35 of 100 have no verdict with the perturbation and nothing else fails: McNemar's test of
+        // 35 against 0.
+        let space: Vec<Option<bool>> = (0..100).map(|index| (index >= 35).then_some(true)).collect();
+        let found = control(&space, &[Some(true); 100]);
+        assert_eq!((found.difference.value, found.fails_only_in_space), (Some(-0.35), 35));
+        assert!((found.p_value - 2.0 * 0.5_f64.powi(35)).abs() < 1e-15);
+    }
 
-        let found = control(&space, &[None; 5]);
+    #[test]
+    fn an_arm_without_any_verdict_shows_nothing() {
+        let found = control(&[Some(true), Some(false), None, Some(true), Some(true)], &[None; 5]);
         assert_eq!((found.success_rate.value, found.difference.value, found.left_out), (None, None, 5));
+    }
+
+    #[test]
+    fn a_pair_whose_scenario_cannot_start_is_left_out() {
+        let start = Outcome { counts: false, ..outcome(None) };
+        let pairs = Pairs {
+            random: vec![outcome(Some(true)), start, outcome(Some(false))],
+            control: vec![outcome(Some(true)); 3],
+        };
+        let found = pairs.result(&[], false, false).expect("the arm has simulations");
+        assert_eq!((found.left_out, found.difference.n, found.fails_only_in_space), (1, 2, 1));
     }
 
     #[test]

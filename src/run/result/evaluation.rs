@@ -1,7 +1,9 @@
 use std::path::Path;
 
 use mishandle_evaluation::{CornerCounter, ScreenedEvaluation, TwoPhase, complement};
-use mishandle_results::{Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed};
+use mishandle_results::{
+    Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed, WithoutVerdict,
+};
 
 use crate::resolve::{ResolvedPlan, named_scenario};
 use crate::run::facts::Facts;
@@ -33,7 +35,8 @@ pub(in crate::run) fn screened_evaluation_result(
             simulations: report.failures.trials,
             diverged: report.ends.diverged,
             invalid: report.ends.invalid,
-            failed: report.ends.failed,
+            failed: report.ends.failed + report.ends.invalid_starts,
+            invalid_starts: report.ends.invalid_starts,
             undecided: report.ends.undecided,
             strict_undecided: 0,
             careful_undecided: None,
@@ -72,6 +75,7 @@ pub(in crate::run) fn evaluation_result(facts: &Facts, run: &Path, is_complete: 
         starts,
         leaves_out_starts: facts.leaves_out_starts,
         is_complete,
+        without_verdict: WithoutVerdict::default(),
         metrics: Metrics::default(),
         corners: None,
         axis_rates: None,

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use mishandle_falsification::{FalsificationOutcome, ScreenedCounts, TrialEnd, TrialOutcome, Unevaluated};
 use mishandle_results as results;
-use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial};
+use mishandle_results::{Falsification, Named, Screening, SearchValue, Seed, Trial, WithoutVerdict};
 use mishandle_search::OptionValue;
 
 use crate::plan::{FalsifyPlan, Plan};
@@ -34,6 +34,7 @@ pub(in crate::run) fn falsification_result(
         early_stopping: falsify.early_stopping,
         search: falsify.search,
         simulations: found.simulations,
+        without_verdict: WithoutVerdict::default(),
         control_steps: found.control_steps,
         surplus: found.surplus,
         falsified_trials: found.falsified_trials,

@@ -2,7 +2,7 @@ use std::path::Path;
 
 use mishandle_falsification::{Margin, Witness, category_axes};
 use mishandle_results as results;
-use mishandle_results::{CategoryMargin, Named, Repeats, Seed};
+use mishandle_results::{CategoryMargin, Named, Repeats, Seed, WithoutVerdict};
 use mishandle_rollout::{AxisValues, Space};
 
 use crate::resolve::{ResolvedPlan, named_scenario, space_depends_on_seed};
@@ -32,6 +32,8 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
         simulations: *simulations,
         is_random: space_depends_on_seed(resolved),
         is_complete: *is_complete,
+        without_verdict: WithoutVerdict::default(),
+        smallest_without_verdict: margin.smallest_without_verdict,
         categories: categories(&resolved.space, space_of(found).unwrap_or(&resolved.space)),
         each_category: each_category
             .iter()

@@ -3,7 +3,9 @@ use std::path::Path;
 use mishandle_evaluation::wilson;
 use mishandle_falsification::{Case, Metamorphic, Pair, Relation, RelationOutcome, SmallestChange};
 use mishandle_results as results;
-use mishandle_results::{BrokenPair, MetamorphicRelation, Named, PairCase, Seed, SourceRange};
+use mishandle_results::{
+    BrokenPair, MetamorphicRelation, Named, PairCase, Seed, SourceRange, WithoutVerdict,
+};
 use mishandle_rollout::Axis;
 use mishandle_stl::is_violated;
 
@@ -36,6 +38,7 @@ pub(crate) fn metamorphic_result(
         sources: resolved.space.axes().iter().map(range).collect(),
         pairs: settings.pairs,
         simulations: found.simulations,
+        without_verdict: WithoutVerdict::default(),
         is_random: space_depends_on_seed(resolved),
         is_complete: found.is_complete,
         relations: relations

@@ -3,7 +3,8 @@ use std::path::Path;
 use mishandle_evaluation::TwoPhase;
 use mishandle_results as results;
 use mishandle_results::{
-    AxisDistribution, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
+    AxisDistribution, EndCounts, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
+    WithoutVerdict,
 };
 use mishandle_risk::{
     Failure, Importance, Marginal, Method, Refusal, Report, Scenarios, ScreenedReport, Splitting,
@@ -13,6 +14,7 @@ use mishandle_rollout::Axis;
 use mishandle_text::probability_text;
 
 use crate::resolve::{ResolvedPlan, named_scenario};
+use crate::run::risk::ALL_PASS;
 use crate::run::{risk_assumption, risk_refusals};
 
 /// Returns the result of an estimation. `run` is the path of its run file.
@@ -32,16 +34,17 @@ pub(crate) fn risk_result(
             low: answer.estimate.low,
             high: answer.estimate.high,
             source: source.name().to_string(),
-            assumption: risk_assumption(report).map(str::to_string),
+            assumption: risk_assumption(report),
         }),
+        without_verdict: WithoutVerdict::new(monte_carlo.ends, resolved.plan.max_without_verdict),
         bounds: answer.bounds,
         refusals: risk_refusals(report),
         splitting_refusal: answer.splitting_refusal.as_ref().map(|refusal| refusal_name(refusal).to_string()),
         monte_carlo: MonteCarlo {
             simulations: monte_carlo.simulations,
             failures: monte_carlo.failures,
-            invalid_starts: monte_carlo.invalid_starts,
-            without_verdict: monte_carlo.without_verdict,
+            invalid_starts: monte_carlo.ends.invalid_starts,
+            without_verdict: monte_carlo.ends.total(),
             bound_with_undecided: monte_carlo.bound_with_undecided().map(Into::into),
             failure_rate: monte_carlo.estimate(),
         },
@@ -72,19 +75,23 @@ pub(crate) fn screened_risk_result(
             low: estimate.low,
             high: estimate.high,
             source: Method::MonteCarlo.name().to_string(),
-            assumption: None,
+            assumption: (report.ends.total() > 0).then(|| ALL_PASS.to_string()),
         }),
-        bounds: [estimate.low.unwrap_or(0.0), estimate.high.unwrap_or(1.0)],
+        without_verdict: WithoutVerdict::new(
+            EndCounts { simulations: counts.trials - report.ends.invalid_starts, ..report.ends },
+            resolved.plan.max_without_verdict,
+        ),
+        bounds: [estimate.low.unwrap_or(0.0), report.bound_with_undecided().unwrap_or(1.0)],
         monte_carlo: MonteCarlo {
             simulations: counts.trials,
             failures: counts.flagged_events + counts.sampled_events,
             invalid_starts: report.invalid_starts.iter().sum(),
-            without_verdict: report.without_verdict,
-            bound_with_undecided: None,
+            without_verdict: report.ends.total(),
+            bound_with_undecided: report.bound_with_undecided().map(Into::into),
             failure_rate: estimate,
         },
         screening: Some(Screening {
-            confirmed_without_verdict: report.without_verdict,
+            confirmed_without_verdict: report.ends.total(),
             findings: Some([("failure", finding)].into_iter().collect()),
             ..screening(&counts, report.screened_without_verdict, report.overflows, resolved)
         }),
@@ -119,6 +126,7 @@ fn shared(resolved: &ResolvedPlan, scenarios: &Scenarios, failures: &[Failure], 
         seed_is_random: scenarios.depends_on_seed(),
         simulations: 0,
         is_complete: false,
+        without_verdict: WithoutVerdict::default(),
         probability: None,
         bounds: [0.0, 1.0],
         refusals: Vec::new(),

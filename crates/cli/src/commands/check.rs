@@ -125,6 +125,9 @@ fn status(found: &Check) -> Result<ExitStatus> {
     } else {
         String::new()
     };
+    if found.exit_code() == 1 {
+        return Ok(ExitStatus::Violated);
+    }
     ensure!(open.is_empty(), "{} could not be checked{hint}", plural(open.len() as u64, "requirement"));
-    Ok(if found.exit_code() == 1 { ExitStatus::Violated } else { ExitStatus::Done })
+    Ok(ExitStatus::Done)
 }

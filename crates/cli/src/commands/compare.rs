@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::{EvaluatePlan, Until};
-use mishandle::run::Engine;
+use mishandle::run::{Engine, inconclusive_text};
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
@@ -142,6 +142,11 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         found.has_verdicts(),
         "the controllers were not compared: no random simulation of one of them has a verdict"
     );
+    for (name, run) in [("A", &found.first), ("B", &found.second)] {
+        if let (Some(text), false) = (inconclusive_text(&run.without_verdict), found.is_violated()) {
+            bail!("{name}: {text}");
+        }
+    }
     Ok(if !found.new_failures.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })
 }
 

@@ -78,5 +78,5 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     output::message(&format!("Guard with its threshold: {}", shell_quote(&found.guard_file)));
     output::message(&format!("Folder of all runs: {}", shell_path(&command.out)));
-    Ok(ExitStatus::Done)
+    run::answers::conclude(&found.without_verdict, false)
 }

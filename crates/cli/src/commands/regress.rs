@@ -44,8 +44,9 @@ const RATE: &str = "a number between 0 and 1, such as 0.95";
   mishandle regress --first-bad checkpoints --rate 0.95 -k target=point-reaching
 
 Each file *.json in the folder is one test. It passes if the scenario satisfies the formula. Exit
-code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run. With
---baseline, 1 means that at least one fails that passes with the baseline.
+code 0 means that all pass, 1 that at least one still fails, 2 that a test could not run, or that
+none fails and one has no verdict. With --baseline, 1 means that at least one fails that passes with
+the baseline.
 
 --add writes the representative of a failure mode, or of each one, as such a file.
 regress.minimize moves the scenario toward the nominal one while it still fails: as few axes as
@@ -222,6 +223,11 @@ fn test(command: &Arguments) -> Result<ExitStatus> {
     let errors = found.errors;
     ensure!(errors == 0, "{errors} of {} could not run", plural(found.tests.len(), "test"));
     // With a baseline, a test that fails with both controllers is not a failure of the new one.
-    let fails = found.new_failures.unwrap_or(found.fails) > 0;
-    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+    if found.new_failures.unwrap_or(found.fails) > 0 {
+        return Ok(ExitStatus::Violated);
+    }
+    // A counterexample without a verdict is not fixed.
+    let undecided = found.without_verdict;
+    ensure!(undecided == 0, "{undecided} of {} without a verdict", plural(found.tests.len(), "test"));
+    Ok(ExitStatus::Done)
 }

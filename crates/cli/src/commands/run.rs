@@ -214,8 +214,16 @@ fn run_all(
         found.runs.is_empty() || found.runs.iter().any(|run| run.result.has_verdict()),
         "no simulation has a verdict, so nothing was tested; the run files contain the end of each simulation"
     );
-    let has_failed = found.runs.iter().any(|run| run.result.is_violated());
-    Ok(if has_failed { ExitStatus::Violated } else { ExitStatus::Done })
+    if found.runs.iter().any(|run| run.result.is_violated()) {
+        return Ok(ExitStatus::Violated);
+    }
+    let open = found.runs.iter().filter(|run| run.result.is_inconclusive()).count() as u64;
+    ensure!(
+        open == 0,
+        "{} without a conclusion: too many simulations have no verdict (max-without-verdict)",
+        plural(open, "run")
+    );
+    Ok(ExitStatus::Done)
 }
 
 /// Program and module that simulate a campaign on Ray.

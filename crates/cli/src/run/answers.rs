@@ -1,10 +1,11 @@
 //! Answers for people, and the exit codes that they give.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use mishandle::inspect::FurtherPart;
 use mishandle::results::{
-    Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, StartRegion,
+    Answer, CornerPoint, Evaluation, Falsification, Margin, Metamorphic, Risk, StartRegion, WithoutVerdict,
 };
+use mishandle::run::inconclusive_text;
 use mishandle::store::RunKind;
 use mishandle_text::plural;
 
@@ -149,7 +150,19 @@ fn of_margin(asked: &Asked, found: &Margin, as_json: bool) -> Result<ExitStatus>
         return Ok(status);
     }
     ensure!(found.has_verdict(), "no simulation has a verdict, so the controller was not tested");
-    Ok(if found.witness.is_some() { ExitStatus::Violated } else { ExitStatus::Done })
+    conclude(&found.without_verdict, found.witness.is_some())
+}
+
+/// Returns the exit status of a question that concludes.
+///
+/// # Errors
+/// If too many simulations have no verdict, and no violation was found.
+pub fn conclude(without_verdict: &WithoutVerdict, is_violated: bool) -> Result<ExitStatus> {
+    match inconclusive_text(without_verdict) {
+        _ if is_violated => Ok(ExitStatus::Violated),
+        Some(text) => bail!(text),
+        None => Ok(ExitStatus::Done),
+    }
 }
 
 /// Prints the answer of `risk`.
@@ -182,7 +195,7 @@ fn of_risk(asked: &Asked, found: &Risk, as_json: bool) -> Result<ExitStatus> {
         found.monte_carlo.without_verdict + found.monte_carlo.invalid_starts < tested,
         "no simulation of Monte Carlo has a verdict, so the controller was not tested"
     );
-    Ok(if found.failures.is_empty() { ExitStatus::Done } else { ExitStatus::Violated })
+    conclude(&found.without_verdict, !found.failures.is_empty())
 }
 
 /// Prints the answer of relations.
@@ -197,5 +210,5 @@ fn of_relations(asked: &Asked, found: &Metamorphic, as_json: bool) -> Result<Exi
     }
     asked.report_file();
     ensure!(found.has_verdict(), "no simulation has a verdict, so nothing was tested");
-    Ok(if found.is_broken() { ExitStatus::Violated } else { ExitStatus::Done })
+    conclude(&found.without_verdict, found.is_broken())
 }

@@ -4,14 +4,15 @@ use mishandle::results::{Check, CheckCell};
 use mishandle_report::{check_summary, marked_verdict, off_nominal};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, physics};
+use super::{answer, escape, output, physics};
 
 /// Returns the matrix, the numbers of verdicts, and the evidence of each cell.
 pub fn text(found: &Check) -> String {
     let requirements = plural(found.requirements.len() as u64, "requirement");
     let mut parts = vec![
         format!(
-            "{}: {requirements} of {}",
+            "{}{}: {requirements} of {}",
+            answer::without_verdict(&found.without_verdict, "the bounds count them as failures"),
             escape::name(&found.target),
             escape::name(&found.requirements_file)
         ),

@@ -1,10 +1,11 @@
 //! The comparison of two evaluations, as text.
 
 use mishandle::evaluation::Corners;
-use mishandle::results::{ComparedPair, ComparedRun, Comparison, EndCounts, Estimate, Number, PairedRates};
+use mishandle::results::{ComparedPair, ComparedRun, Comparison, Estimate, Number, PairedRates};
+use mishandle::run::compared_without_verdict;
 use mishandle_text::{decimal, p_value_text, plural};
 
-use super::{escape, output, scenario, simulation};
+use super::{escape, output, scenario};
 
 /// Largest number of new or fixed failures in the text. The JSON document lists all.
 const MAX_LISTED: usize = 20;
@@ -22,7 +23,8 @@ pub fn text(found: &Comparison) -> String {
         format!("{controller}{guard}{}", escape::name(&run.run))
     };
     let mut parts = vec![format!(
-        "{}: {} on the same scenarios and seeds\nA: {}\nB: {}",
+        "{}{}: {} on the same scenarios and seeds\nA: {}\nB: {}",
+        without_verdict(found),
         escape::name(&found.target),
         plural(found.pairs, "pair"),
         name(&found.first),
@@ -35,7 +37,6 @@ pub fn text(found: &Comparison) -> String {
         parts.push(format!("A and B also differ in:\n  {}", listed.join("\n  ")));
     }
     parts.push(output::table(&table(found)));
-    parts.extend(without_verdict(found));
     parts.push(if found.at_any_time { format!(
             "{} All p-values and intervals hold at any time; those marked with * are for a number of pairs that is fixed \
              beforehand.",
@@ -55,19 +56,14 @@ pub fn text(found: &Comparison) -> String {
     parts.join("\n\n")
 }
 
-/// Says which simulations count as no success, and which pairs count nowhere.
-fn without_verdict(found: &Comparison) -> Option<String> {
-    let run = |name: &str, run: &ComparedRun| {
-        let EndCounts { diverged, invalid, failed, undecided } = run.without_verdict;
-        let counts = simulation::without_verdict(diverged, invalid, failed, undecided)?;
-        Some(format!("{name}: {counts}; they do not count as successes"))
-    };
+/// Says which simulations count as no success, and which pairs count nowhere: the first lines.
+fn without_verdict(found: &Comparison) -> String {
     let left_out = (found.left_out > 0).then(|| {
         format!("left out: {}, from whose scenario the target cannot start", plural(found.left_out, "pair"))
     });
-    let lines: Vec<String> =
-        run("A", &found.first).into_iter().chain(run("B", &found.second)).chain(left_out).collect();
-    (!lines.is_empty()).then(|| lines.join("\n"))
+    let runs = compared_without_verdict(found);
+    let runs = runs.into_iter().map(|text| format!("{text}; they do not count as successes"));
+    runs.chain(left_out).map(|line| line + "\n").collect()
 }
 
 fn table(found: &Comparison) -> Vec<Vec<String>> {

@@ -1,20 +1,22 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Control, EndCounts, Estimate, Evaluation, StartRegion};
+use mishandle::results::{Control, Estimate, Evaluation, StartRegion};
+use mishandle::run::without_verdict_text;
 use mishandle_text::{p_value_text, plural};
 
-use super::{corners, escape, output, reasons, requirements, screening, simulation, subject};
+use super::{answer, corners, escape, output, reasons, requirements, screening, subject};
 
 /// Largest number of axes of a control arm that the text names.
 const MAX_AXES: usize = 4;
 
-/// Returns the first line of the result.
+/// Returns the first lines of the result.
 fn heading(found: &Evaluation) -> String {
     let part = match found.starts {
         StartRegion::Reachable => ", initial states from the reachable part of the box",
         StartRegion::Whole => "",
     };
-    format!("{}{part}", subject::heading(&found.subject))
+    let without_verdict = answer::without_verdict(&found.without_verdict, "they do not count as successes");
+    format!("{without_verdict}{}{part}", subject::heading(&found.subject))
 }
 
 /// Returns the rates, and the corners; after a screening also the disagreements of the two engines.
@@ -80,18 +82,6 @@ fn direct_text(found: &Evaluation) -> String {
     if let Some(report) = &found.corners {
         text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
     }
-    if let Some(counts) =
-        simulation::without_verdict(report.diverged, report.invalid, report.failed, report.undecided)
-    {
-        text.push_str(&format!("\n\n{counts}; they do not count as successes"));
-        let left_out = report.simulations - report.success_rate.n;
-        if left_out > 0 {
-            text.push_str(&format!(
-                ". In no rate: {}, from whose scenario the target cannot start",
-                plural(left_out, "simulation")
-            ));
-        }
-    }
     text + &reasons::text(found.reasons.as_deref()) + &requirements::text(found.requirements.as_deref())
 }
 
@@ -119,16 +109,14 @@ fn control_text(control: &Control) -> String {
             fail(control.fails_only_in_space),
             fail(control.fails_only_in_control),
         ),
-        None => "no pair of space and control has two verdicts".to_string(),
+        None => "no simulation of the control has a verdict".to_string(),
     };
     let left_out = match control.left_out {
         0 => String::new(),
-        1 => "\nleft out: 1 pair without two verdicts".to_string(),
-        n => format!("\nleft out: {n} pairs without two verdicts"),
+        n => format!("\nleft out: {}", plural(n, "pair")),
     };
-    let EndCounts { diverged, invalid, failed, undecided } = control.without_verdict;
-    let ends = simulation::without_verdict(diverged, invalid, failed, undecided);
-    let ends = ends.map_or(String::new(), |ends| format!("; in the control: {ends}"));
+    let ends = without_verdict_text(&control.without_verdict);
+    let ends = ends.map_or(String::new(), |ends| format!("\nin the control: {ends}"));
     format!("{found}{left_out}{ends}\ncontrol: the same starts and seeds, and at nominal {axes}{once}")
 }
 

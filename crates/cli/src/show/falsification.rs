@@ -7,14 +7,24 @@ use mishandle::results::{
 use mishandle::search::OptionValue;
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, physics, reasons, requirements, scenario, screening, simulation, subject};
+use super::{answer, escape, output, physics, reasons, requirements, scenario, screening, subject};
 
 /// Returns the trials, what they say together, and the part of the space that cannot fail.
 pub fn text(found: &Falsification) -> String {
     let region = found.smooth_region.as_ref().map_or(String::new(), region_text);
     let requirements = requirements::text(found.requirements.as_deref());
     let reasons = reasons::text(found.reasons.as_deref());
-    format!("{}{region}{reasons}{requirements}{}", trials_text(found), screening::falsification_text(found))
+    let meaning = if found.falsified_trials > 0 {
+        "they do not count as counterexamples"
+    } else {
+        "whether the controller fails there is not known"
+    };
+    format!(
+        "{}{}{region}{reasons}{requirements}{}",
+        answer::without_verdict(&found.without_verdict, meaning),
+        trials_text(found),
+        screening::falsification_text(found)
+    )
 }
 
 fn region_text(region: &SmoothRegion) -> String {
@@ -156,15 +166,6 @@ fn trials_text(found: &Falsification) -> String {
             "\nwith other seeds, the counterexamples fail in {failures} of {}",
             plural(n, "repeat")
         ));
-    }
-    let counts = simulation::without_verdict(
-        total(found, |trial| trial.diverged),
-        total(found, |trial| trial.invalid),
-        total(found, |trial| trial.failed),
-        total(found, |trial| trial.undecided),
-    );
-    if let Some(counts) = counts {
-        text.push_str(&format!("\n{counts}; they do not count as counterexamples"));
     }
     text
 }

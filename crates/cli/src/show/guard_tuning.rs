@@ -3,12 +3,17 @@
 use mishandle::results::{AlarmLead, Estimate, GuardAlarms, GuardTuning, PairedRates};
 use mishandle_text::p_value_text;
 
-use super::{escape, output, subject};
+use super::{answer, escape, output, subject};
 
 /// Returns the verdict, the alarms and the success rates.
 pub fn text(found: &GuardTuning) -> String {
     let mut parts = vec![
-        format!("{}\nrequirement {}", subject::heading(&found.subject), escape::name(&found.requirement)),
+        format!(
+            "{}{}\nrequirement {}",
+            answer::without_verdict(&found.without_verdict, "they do not count as successes"),
+            subject::heading(&found.subject),
+            escape::name(&found.requirement)
+        ),
         found.verdict.clone(),
     ];
     if let Some(guard) = &found.subject.guard {

@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, CategoryMargin, Level, Margin, Named, Scenario, Witness};
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, reasons, scenario, subject};
+use super::{answer, escape, output, reasons, scenario, subject};
 
 /// Returns the amplitudes that were tried, and the witness.
 pub fn text(found: &Margin) -> String {
@@ -22,11 +22,18 @@ pub fn text(found: &Margin) -> String {
         (None, Some(level)) => {
             format!("no violation in {}, up to the largest disturbance of the space", evidence(found, level))
         }
-        (None, None) if found.is_complete => "no violation, but most simulations have no verdict".to_string(),
+        (None, None) if found.is_complete => format!(
+            "no violation was found, which says nothing about the space{}",
+            found.smallest_without_verdict.map_or(String::new(), |amplitude| format!(
+                ": simulations have no verdict from amplitude {} on",
+                decimal(amplitude, 4)
+            ))
+        ),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
     format!(
-        "{}\nformula {}\n{}\n{}\n\n{conclusion}{}",
+        "{}{}\nformula {}\n{}\n{}\n\n{conclusion}{}",
+        answer::without_verdict(&found.without_verdict, "nothing is claimed about disturbances as large"),
         subject::heading(&found.subject),
         found.formula,
         categories_text(found),
@@ -76,10 +83,15 @@ fn result(level: &Level, found: &Margin) -> String {
         Level { minimum_robustness: None, .. } => "no verdict",
         _ => "no violation",
     };
-    match level.without_verdict {
-        0 => result.to_string(),
-        n => format!("{result}, {n} without a verdict"),
-    }
+    let undecided = match level.without_verdict - level.invalid_starts {
+        0 => String::new(),
+        n => format!(", {n} without a verdict"),
+    };
+    let invalid_starts = match level.invalid_starts {
+        0 => String::new(),
+        n => format!(", {n} without a start"),
+    };
+    format!("{result}{undecided}{invalid_starts}")
 }
 
 /// Describes the simulations on which a claim that nothing fails rests.

@@ -5,7 +5,7 @@ use mishandle::results::{
 };
 use mishandle_text::{decimal, plural};
 
-use super::{escape, output, scenario};
+use super::{answer, escape, output, scenario};
 
 /// Largest number of broken pairs in the table of a relation.
 const MAX_PAIRS: usize = 5;
@@ -47,12 +47,22 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
     };
     let header = header.map(String::from).to_vec();
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(relations().map(row)).collect();
-    let mut text = output::table(&rows);
+    let mut text = String::new();
+    for (run, found) in runs {
+        let line = answer::without_verdict(&found.without_verdict, "their pairs do not count");
+        if !line.is_empty() {
+            text.push_str(&format!("{run}: {line}"));
+        }
+    }
+    text.push_str(&output::table(&rows));
     for (run, found, relation) in relations().filter(|(.., relation)| relation.broken > 0) {
         text.push_str(&format!("\n\n{run}, {}", details(found, relation)));
     }
     if relations().all(|(.., relation)| relation.broken == 0 && relation.broken_rate.n > 0) {
-        text.push_str("\n\nno pair breaks a relation; that is evidence, not a proof");
+        text.push_str(match relations().all(|(.., relation)| relation.without_verdict == 0) {
+            true => "\n\nno pair breaks a relation; that is evidence, not a proof",
+            false => "\n\nno pair with two verdicts breaks a relation, which says nothing about the others",
+        });
     }
     text
 }

@@ -9,7 +9,7 @@ use super::{escape, output};
 pub fn report_problems(found: &Regression) {
     for test in &found.tests {
         let file = escape::name(&test.file);
-        if test.result == RegressionResult::Error {
+        if [RegressionResult::Error, RegressionResult::NoVerdict].contains(&test.result) {
             output::message(&format!("error: {file}: {}", test.reason.as_deref().unwrap_or_default()));
         } else if test.same_target == Some(false) {
             output::message(&format!(
@@ -77,7 +77,11 @@ pub fn text(found: &Regression) -> String {
 fn summary(tests: &[RegressionTest], has_baseline: bool) -> String {
     let n = |results: &[RegressionResult]| tests.iter().filter(|test| results.contains(&test.result)).count();
     let head = plural(tests.len(), "counterexample");
-    let errors = plural(n(&[RegressionResult::Error]), "error");
+    let errors = format!(
+        "{} without a verdict, {}",
+        n(&[RegressionResult::NoVerdict]),
+        plural(n(&[RegressionResult::Error]), "error")
+    );
     if !has_baseline {
         return format!(
             "{head}: {} pass, {} still fail, {errors}",

@@ -6,7 +6,7 @@ use mishandle::results::{
 use mishandle::risk::{FREQUENT, Method};
 use mishandle_text::{decimal, number_text, plural, probability_text as probability};
 
-use super::{escape, output, reasons, scenario, screening, simulation, subject};
+use super::{answer as any_answer, escape, output, reasons, scenario, screening, simulation, subject};
 
 /// Largest number of axes with one distribution whose names are printed.
 const NAMED: usize = 3;
@@ -24,7 +24,8 @@ pub fn text(found: &Risk) -> String {
 /// Returns the lines above the answer.
 fn heading(found: &Risk) -> String {
     format!(
-        "{}\nformula {}\n{}\n\n{}",
+        "{}{}\nformula {}\n{}\n\n{}",
+        any_answer::without_verdict(&found.without_verdict, "the bounds count them as failures"),
         subject::heading(&found.subject),
         escape::name(&found.formula),
         distribution(found),
@@ -47,35 +48,19 @@ fn direct_text(found: &Risk) -> String {
     );
     text.truncate(text.trim_end().len());
     text.push_str(&left_out(found));
-    let undecided = found.monte_carlo.without_verdict;
-    if undecided > 0 {
-        text.push_str(&format!(
-            "\n\n{} of Monte Carlo have no verdict and count as passed; if they fail, the probability is at most {} (97.5 %)",
-            plural(undecided, "simulation"),
-            probability(found.monte_carlo.bound_with_undecided.map_or(1.0, |bound| bound.0)),
-        ));
-    }
     text.push_str(&failures_text(found));
     text
 }
 
 fn screened_text(found: &Risk, counts: &Screening) -> String {
-    let estimate = found.monte_carlo.failure_rate;
-    let bound = |bound: Option<f64>| bound.map_or("-".to_string(), probability);
     let mut text = format!(
-        "{}failure probability: {} [{}, {}] (95 %, from simulations of MuJoCo C; assumes nothing of MuJoCo Warp)\n\n{}",
+        "{}{}\nfrom simulations of MuJoCo C: it assumes nothing of MuJoCo Warp\n\n{}",
         heading(found),
-        bound(estimate.value),
-        bound(estimate.low),
-        bound(estimate.high),
+        answer(found),
         screening::engines(counts, &[("failure", "failures there")], ["violated or no verdict", "satisfied"]),
     );
     text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
     text.push_str(&left_out(found));
-    if counts.confirmed_without_verdict > 0 {
-        let undecided = plural(counts.confirmed_without_verdict, "simulation");
-        text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict count as passed"));
-    }
     text.push_str(&failures_text(found));
     text
 }
@@ -85,7 +70,7 @@ fn left_out(found: &Risk) -> String {
     match found.monte_carlo.invalid_starts {
         0 => String::new(),
         n => format!(
-            "\n\nleft out: {}, because the target cannot start from the scenario; the probability is that among all others",
+            "\n\nthe probability is that among scenarios from which the target can start, which leaves out {}",
             plural(n, "simulation")
         ),
     }
@@ -143,18 +128,25 @@ fn distribution(found: &Risk) -> String {
 fn answer(found: &Risk) -> String {
     let [low, high] = found.bounds;
     let bounds = format!("from {} to {}", probability(low), probability(high));
-    let Some(Probability { value, low, high, assumption, .. }) = &found.probability else {
+    let has_undecided = found.without_verdict.ends.total() > 0;
+    let Some(Probability { value: value_of, low, high, assumption, .. }) = &found.probability else {
         return format!(
             "probability of a violation: no estimate; {bounds} with 95 % confidence, which assumes nothing"
         );
     };
     let value = format!(
         "probability of a violation: {}, 95 % interval {}",
-        probability(value.unwrap_or(f64::NAN)),
+        probability(value_of.unwrap_or(f64::NAN)),
         interval(*low, *high)
     );
     match assumption {
         None => format!("{value}, which assumes nothing"),
+        // The estimate says nothing about a part of the space.
+        Some(assumption) if has_undecided => format!(
+            "probability of a violation: {bounds} with 95 % confidence, which assumes nothing\nif {assumption}: {}, 95 % interval {}",
+            probability(value_of.unwrap_or(f64::NAN)),
+            interval(*low, *high)
+        ),
         Some(assumption) => {
             format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)")
         }

@@ -1,7 +1,6 @@
 //! Screened results, as text: what the other engine flagged, and what MuJoCo C found.
 
 use mishandle::results::{Confirmed, Estimate, Evaluation, Falsification, Finding, Screening};
-use mishandle_text::plural;
 
 use super::{corners, output, simulation};
 
@@ -35,10 +34,6 @@ pub fn evaluation_text(found: &Evaluation, counts: &Screening) -> String {
         text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
     }
     text.push_str(&simulation::without_gpu_verdict(counts.without_verdict, counts.overflows));
-    if counts.confirmed_without_verdict > 0 {
-        let undecided = plural(counts.confirmed_without_verdict, "simulation");
-        text.push_str(&format!("\n\n{undecided} of MuJoCo C without a verdict do not count as successes"));
-    }
     text
 }
 

@@ -78,18 +78,6 @@ pub const FAILED: &str = "did not start, crashed or took too long";
 
 pub const UNDECIDED: &str = "left the formula undecided";
 
-/// Formats the numbers of simulations without a verdict, by reason. Returns `None` if there are
-/// none.
-pub fn without_verdict(diverged: u64, invalid: u64, failed: u64, undecided: u64) -> Option<String> {
-    let counts = [(diverged, DIVERGED), (invalid, INVALID), (failed, FAILED), (undecided, UNDECIDED)];
-    let shown: Vec<String> = counts
-        .iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, reason)| format!("{} {reason}", plural(*count, "simulation")))
-        .collect();
-    (!shown.is_empty()).then(|| shown.join(", "))
-}
-
 /// Returns a paragraph about the screened simulations without a verdict; empty if all have one.
 pub fn without_gpu_verdict(simulations: u64, overflows: u64) -> String {
     if simulations == 0 {

@@ -47,6 +47,8 @@ pub(super) struct Attempt<'a> {
     pub(super) levels: Vec<Level>,
     /// The violation with the smallest disturbance.
     pub(super) witness: Option<Episode>,
+    /// Smallest amplitude of a simulation that started and has no verdict; infinite without one.
+    pub(super) smallest_without_verdict: f64,
     /// Seeds of the last amplitude.
     seeds: BTreeSet<u64>,
     /// The scenarios with the lowest robustness at amplitude 1.
@@ -69,6 +71,7 @@ impl<'a> Attempt<'a> {
             is_interrupted: false,
             levels: Vec::new(),
             witness: None,
+            smallest_without_verdict: f64::INFINITY,
             seeds: BTreeSet::new(),
             lowest: Vec::new(),
         }
@@ -204,7 +207,7 @@ impl<'a> Attempt<'a> {
         let is_random = self.settings.is_random;
         let level = self.level_mut();
         let is_whole = level.simulations - before == all.len() as u64;
-        level.is_exhaustive = !is_random && is_whole && level.without_verdict == 0;
+        level.is_exhaustive = !is_random && is_whole && level.without_verdict == level.invalid_starts;
         Ok(has_found)
     }
 
@@ -303,8 +306,13 @@ impl<'a> Attempt<'a> {
         level.is_violated = level.minimum_robustness.is_some_and(is_violated);
         level.simulations += episodes.len() as u64;
         level.seeds = seeds;
-        level.without_verdict +=
-            episodes.iter().filter(|episode| episode.robustness().is_none()).count() as u64;
+        let is_undecided = |episode: &&Episode| episode.robustness().is_none();
+        let is_unstartable = |episode: &&Episode| !episode.end.counts_in_rates();
+        level.without_verdict += episodes.iter().filter(is_undecided).count() as u64;
+        level.invalid_starts += episodes.iter().filter(is_unstartable).count() as u64;
+        let started = episodes.iter().filter(is_undecided).filter(|episode| !is_unstartable(episode));
+        let amplitudes = started.map(|episode| norms(&self.space, &episode.request.scenario).amplitude);
+        self.smallest_without_verdict = amplitudes.fold(self.smallest_without_verdict, f64::min);
         self.simulations += episodes.len() as u64;
         self.is_interrupted |= (self.watch)(self.simulations).is_break();
         let values = episodes.iter().map(Episode::robustness).collect();

@@ -34,6 +34,8 @@ pub struct Margin {
     pub witness: Option<Witness>,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
+    /// Smallest amplitude of a simulation that started and has no verdict; `None` without one.
+    pub smallest_without_verdict: Option<f64>,
     /// Number of all simulations.
     pub simulations: u64,
     /// Whether it was not interrupted.
@@ -67,14 +69,14 @@ impl Margin {
     }
 
     /// Returns the largest amplitude below that of the witness at which a finished search found no
-    /// violation, and at which most simulations have a verdict. Their number is evidence, not a
-    /// proof, that smaller disturbances are harmless.
+    /// violation, and up to which every simulation that started has a verdict. Their number is
+    /// evidence, not a proof, that smaller disturbances are harmless.
     pub fn largest_without_violation(&self) -> Option<Level> {
         let amplitude = |level: &Level| level.amplitude;
         let below = self.witness.as_ref().map_or(f64::INFINITY, |witness| witness.norms.amplitude);
+        let below = below.min(self.smallest_without_verdict.unwrap_or(f64::INFINITY));
         let has_passed = |level: &&Level| {
-            let has_evidence = level.minimum_robustness.is_some_and(is_satisfied)
-                && level.verdicts() > level.without_verdict;
+            let has_evidence = level.minimum_robustness.is_some_and(is_satisfied);
             level.is_complete && has_evidence && level.amplitude < below
         };
         let passed = self.levels.iter().filter(has_passed);
@@ -135,10 +137,11 @@ pub fn margin(
     if attempt.smallest() < before {
         attempt.minimize(settings.budget)?;
     }
-    let Attempt { levels, witness, simulations, is_interrupted, .. } = attempt;
+    let Attempt { levels, witness, simulations, is_interrupted, smallest_without_verdict, .. } = attempt;
     Ok(Margin {
         witness: witness.map(|found| Witness::new(&space, found)),
         levels,
+        smallest_without_verdict: Some(smallest_without_verdict).filter(|amplitude| amplitude.is_finite()),
         simulations,
         is_complete: !is_interrupted,
     })

@@ -228,6 +228,31 @@ fn simulations_without_a_verdict_are_counted_and_are_no_evidence() {
     }
 }
 
+/// Nothing fails, and simulations beyond 0.6 of the way to a bound have no verdict: no claim reaches
+/// that far. Without them, the same search claims the whole space. Scenarios from which the system
+/// cannot start are no such region.
+#[test]
+fn nothing_is_claimed_about_a_region_without_a_verdict() {
+    let search = |end: SimulatedEnd| {
+        let outcome = move |request: &Request| match request.scenario.values()[0] {
+            Some(x) if x.abs() > 0.6 => end,
+            _ => SimulatedEnd::Robustness(1.0),
+        };
+        let mut system = FunctionSystem::new(Space::new("disturbance", inputs(2)).unwrap(), outcome);
+        margin(&mut system, settings(200), |_| ControlFlow::Continue(())).unwrap()
+    };
+    for end in [SimulatedEnd::Diverged, SimulatedEnd::Undecided] {
+        let found = search(end);
+        assert_eq!(found.largest_without_violation(), None, "{:?}", found.levels);
+        assert!(found.smallest_without_verdict > Some(0.6) && found.witness.is_none());
+    }
+    for end in [SimulatedEnd::Robustness(1.0), SimulatedEnd::InvalidStart] {
+        let found = search(end);
+        assert_eq!(found.largest_without_violation().map(|level| level.amplitude), Some(1.0));
+        assert_eq!(found.smallest_without_verdict, None);
+    }
+}
+
 /// An axis of one value is not searched: the margin is that of the other, 0.3 / 0.5.
 #[test]
 fn a_fixed_axis_is_not_searched() {

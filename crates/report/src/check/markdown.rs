@@ -1,7 +1,7 @@
 use mishandle::results::{Check, CheckCell, CheckVerdict, CheckedRequirement};
 use mishandle_text::plural;
 
-use super::{counts, formula, marked_verdict};
+use super::{counts, formula, marked_verdict, without_verdict};
 use crate::markdown::{code, escaped, table};
 
 /// Returns the numbers of verdicts in a sentence.
@@ -35,7 +35,8 @@ pub fn check_markdown(found: &Check) -> String {
         text += &format!("> {}\n\n", escaped(&notice.split_whitespace().collect::<Vec<_>>().join(" ")));
     }
     text += &format!(
-        "Target {}, requirements {}. {}.\n\n{}## Evidence\n\n{}## Runs\n\n{}",
+        "{}Target {}, requirements {}. {}.\n\n{}## Evidence\n\n{}## Runs\n\n{}",
+        without_verdict(found),
         code(&found.target),
         code(&found.requirements_file),
         summary(found),

@@ -4,7 +4,7 @@ use mishandle::falsification::physics_text;
 use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 
-use super::{CheckFigures, counts, marked_verdict, summary};
+use super::{CheckFigures, counts, marked_verdict, summary, without_verdict};
 use crate::html::{lines, number, percent, table, text};
 use crate::page::Document;
 
@@ -14,8 +14,9 @@ pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
     let mut body = format!("<section>\n<h2>{title}</h2>\n");
     body.extend(found.notice.as_ref().map(|notice| format!("<p><strong>{}</strong></p>\n", text(notice))));
     body += &format!(
-        "<p>{}. Simulations are evidence about what was simulated: a requirement that is not \
+        "<p>{}{}. Simulations are evidence about what was simulated: a requirement that is not \
          violated in them is not proved.</p>\n{}</section>\n",
+        without_verdict(found),
         summary(found),
         matrix(found)
     );

@@ -15,7 +15,7 @@ pub fn report(found: &Regression, times: &[Duration]) -> String {
     let counts = format!(
         "tests=\"{}\" failures=\"{failures}\" errors=\"{}\" skipped=\"{}\" time=\"{seconds:.3}\"",
         found.tests.len(),
-        found.errors,
+        found.errors + found.without_verdict,
         found.fails - failures,
     );
     let cases: String = found.tests.iter().zip(times).map(|(test, time)| case(test, *time)).collect();
@@ -36,7 +36,7 @@ fn case(test: &RegressionTest, time: Duration) -> String {
     );
     let Some(reason) = &test.reason else { return open + "/>\n" };
     let element = match test.result {
-        RegressionResult::Error => "error",
+        RegressionResult::Error | RegressionResult::NoVerdict => "error",
         // It fails with the baseline, too, so it is not a failure of the new controller.
         RegressionResult::Fails if test.baseline.is_some() => "skipped",
         _ => "failure",
