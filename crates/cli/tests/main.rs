@@ -6,6 +6,7 @@
 mod axes;
 mod bench;
 mod bisect;
+mod calls;
 #[path = "../../../tests/cart_pole/mod.rs"]
 mod cart_pole;
 mod check;
