@@ -1,10 +1,11 @@
 //! The runs of a check for one controller, and what they say.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use mishandle_results as results;
 use mishandle_results::{Answer, CheckRun, CheckRunKind};
-use mishandle_store::RunFile;
+use mishandle_store::{BuildRecord, RunFile};
 use mishandle_text::path_text;
 
 use super::checker::Checker;
@@ -19,6 +20,8 @@ use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 pub(super) struct Column {
     pub runs: Vec<CheckRun>,
     pub cells: Vec<results::CheckCell>,
+    /// The programs that made the runs.
+    pub programs: BTreeSet<String>,
 }
 
 impl Checker<'_> {
@@ -26,6 +29,7 @@ impl Checker<'_> {
     pub(super) fn run(&self, watch: Watch<'_>) -> Result<Option<Column>, MishandleError> {
         let mut rows: Vec<Row> = self.asked.iter().map(|asked| Row::new(&asked.written.name)).collect();
         let mut runs = Vec::new();
+        let mut programs = BTreeSet::new();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
             let done = self.ask(resolved, &path, "random scenarios", watch)?;
@@ -33,6 +37,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, true)?;
+            programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
         for (index, asked) in self.asked.iter().enumerate() {
@@ -48,11 +53,12 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, false)?;
+            programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
             self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
-        Ok(Some(Column { runs, cells: cells? }))
+        Ok(Some(Column { runs, cells: cells?, programs }))
     }
 
     /// Asks the question of a plan, or continues its run. Returns `None` if it was interrupted.
@@ -75,6 +81,11 @@ impl Checker<'_> {
         }
         Ok(Some((answer, RunFile::open_unchecked(path)?)))
     }
+}
+
+/// Returns version and commit of a program, as it prints them.
+pub(super) fn program(build: &BuildRecord) -> String {
+    format!("{} ({})", build.program_version, build.git_commit)
 }
 
 /// Describes a run.

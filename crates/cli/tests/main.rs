@@ -13,6 +13,7 @@ mod check;
 mod compare;
 mod counterexamples;
 mod evidence;
+mod evidence_law;
 mod evidence_limits;
 mod exact;
 mod explain;
