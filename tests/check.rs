@@ -263,7 +263,8 @@ fn a_result_is_what_follows_from_its_runs_and_its_requirements() {
     let files: Vec<RunFile> =
         found.controllers[0].runs.iter().map(|run| RunFile::open(&run.run).unwrap()).collect();
     let compare = |found: &Check, text: &str| {
-        differences(found, text, |run| files.iter().find(|file| file.path() == Path::new(run))).unwrap()
+        let run = |run: &str| files.iter().find(|file| file.path() == Path::new(run));
+        differences(found, text, run, |file| Path::new(file).to_path_buf()).unwrap().problems
     };
     assert_eq!(compare(&found, &text), Vec::<String>::new());
     let forged = |change: &dyn Fn(&mut Check)| {
@@ -280,6 +281,19 @@ fn a_result_is_what_follows_from_its_runs_and_its_requirements() {
     forged(&|check| check.controllers[0].runs[0].digest = "0".repeat(32));
     forged(&|check| drop(check.controllers[0].runs.pop()));
     forged(&|check| drop(check.cells.pop()));
+    // Each of these passed while the sentence stood beside what was compared.
+    forged(&|check| check.target_kind = "robot".to_string());
+    forged(&|check| check.search = "exhaustive proof".to_string());
+    forged(&|check| check.program = "certified".to_string());
+    forged(&|check| check.controllers[0].name = "certified".to_string());
+    forged(&|check| check.requirements[1].space = "everything".to_string());
+    forged(&|check| check.cells[0].evidence += ", certified");
+    forged(&|check| {
+        let (mut violated, other) = (check.cells[0].clone(), check.cells[2].clone());
+        (violated.verdict, violated.evidence) = (other.verdict, other.evidence);
+        (violated.missing_signals, violated.failure_rate) = (other.missing_signals, None);
+        check.cells[0] = violated;
+    });
     assert!(!compare(&found, &text.replace("0.5", "0.4")).is_empty());
     // The folder has another path now.
     let moved = tempfile::tempdir().unwrap();

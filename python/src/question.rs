@@ -64,7 +64,6 @@ pub fn ask(
     let plan = &target.plan;
     let is_auto = target.settings.engine.screening.is_some();
     let device = (plan.screening.is_some() || is_auto).then(gpu::device);
-    let repeats = Some(target.settings.report.repeats.into());
     let work = |resolved: &ResolvedPlan, run: RunWriter| {
         let is_new = run.file().counts()?.simulations == 0;
         let mut warnings = if is_new { run.file().header().preflight.clone() } else { Vec::new() };
@@ -77,7 +76,7 @@ pub fn ask(
         })?;
         // The progress is that of the question; its repeats can be interrupted, too.
         let watch = |_, _, _| -> ControlFlow<()> { report(target, None, 0, 0) };
-        mishandle::inspect::further(resolved, &mut answer, repeats, watch)?;
+        mishandle::inspect::further(resolved, &mut answer, &target.settings.report, watch)?;
         Ok((answer, warnings))
     };
     let ((answer, mut warnings), exception) = in_run(py, target, out, resume, work)?;

@@ -37,12 +37,14 @@ class Question:
 
 
 def falsify(
-    out: pathlib.Path, system: str, repeats: int = 100, keep_going: bool = False, **options: Any
+    out: pathlib.Path, system: str, repeats: int = 100, keep_going: bool = False,
+    smooth_region: bool = False, **options: Any
 ) -> mishandle.ask.Falsification:
     table = {"batch": 64, "keep_going": keep_going, "isolate": True}
+    report = {"repeats": repeats, "smooth_region": smooth_region}
     return mishandle.falsify(
         system, search="random", trials=2, budget=40, seed=3, out=out,
-        plan={"falsify": table, "report": {"repeats": repeats}}, **options
+        plan={"falsify": table, "report": report}, **options
     )
 
 
@@ -73,10 +75,15 @@ QUESTIONS = {
     ),
     "falsify a safe toy": Question(
         results.Falsification,
-        ["falsify", "toy/sphere-2d", *RANDOM, "--formula", "always(distance >= -1)"],
+        [
+            "falsify", "toy/sphere-2d", *RANDOM, "--formula", "always(distance >= -1)", "-k",
+            "report.smooth-region=true"
+        ],
         'target = "toy/sphere-2d"\nseed = 3\n[falsify]\nformula = "always(distance >= -1)"\n'
         f'{RANDOM_PLAN}',
-        lambda out: falsify(out, "toy/sphere-2d", formula="always(distance >= -1)"),
+        lambda out: falsify(
+            out, "toy/sphere-2d", formula="always(distance >= -1)", smooth_region=True
+        ),
     ),
     "falsify and keep going": Question(
         results.Falsification,
@@ -226,10 +233,11 @@ class Fronts(FolderCase):
             with self.subTest(name):
                 flags, plan = (self.folder / f"{number}-{front}" for front in ("flags", "plan"))
                 expected = bits(question.kind, self.command(*question.arguments, "--out", flags))
-                repeats = "report.repeats=10"
-                repeats = ["-k", repeats] if repeats in question.arguments else []
+                # No question contains what its answer simulates besides.
+                settings = [key for key in question.arguments if key.startswith("report.")]
                 planned = self.command(
-                    question.arguments[0], "--plan", self.plan(question), "--out", plan, *repeats
+                    question.arguments[0], "--plan", self.plan(question), "--out", plan,
+                    *(part for key in settings for part in ("-k", key))
                 )
                 self.assertEqual(bits(question.kind, planned), expected)
                 found = self.answer(name)

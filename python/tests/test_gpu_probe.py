@@ -13,7 +13,7 @@ except ImportError:
     batches = None
 
 FINGERS, ARM, OBJECT, GROUND, FIXTURE = range(5)
-FIXTURE_FORCE, GROUND_FORCE, SELF_FORCE, OBJECT_FORCE, ARM_OBJECT_FORCE = range(5)
+FIXTURE_FORCE, GROUND_FORCE, SELF_FORCE, OBJECT_FORCE, ARM_OBJECT_FORCE, TOUCH_FORCE = range(6)
 
 # A floor, a post, the stand of an arm of two links whose last one is a finger, and an object.
 SCENE = """<mujoco><compiler angle="radian"/>

@@ -2,7 +2,7 @@
 
 use mishandle_falsification::FalsificationError;
 use mishandle_results as results;
-use mishandle_results::{CheckCell, CheckCounterexample, CheckedValue, Command, Key, Number};
+use mishandle_results::{CheckCell, CheckCounterexample, CheckedValue, Number};
 use mishandle_rollout::{Request, Scenario, Seed};
 use mishandle_store::{AxisRecord, RunFile, Simulation};
 use mishandle_text::path_text;
@@ -10,12 +10,15 @@ use mishandle_text::path_text;
 use super::checker::{Asked, Checker};
 use super::folder::{counterexample_file, create_folder, write};
 use super::row::Row;
+use super::violation::{moved_files, replay};
 use crate::counterexample::Counterexample;
 use crate::error::MishandleError;
-use crate::plan::Plan;
 use crate::portable::copy_target;
-use crate::replay::replay_command;
 use crate::resolve::{ResolvedPlan, is_python};
+
+/// End of the evidence of a violation that was not found again.
+pub(super) const NOT_REPRODUCED: &str =
+    "; simulated again, the counterexample satisfies it: the system is not deterministic";
 
 impl Checker<'_> {
     /// Returns the cell of a requirement, and writes its counterexample.
@@ -29,8 +32,7 @@ impl Checker<'_> {
             let (counterexample, is_reproduced) =
                 self.counterexample(asked, alone, &run, &recorded, cell.minimum_robustness)?;
             if !is_reproduced {
-                cell.evidence +=
-                    "; simulated again, the counterexample satisfies it: the system is not deterministic";
+                cell.evidence += NOT_REPRODUCED;
             }
             cell.counterexample = Some(counterexample);
         }
@@ -64,8 +66,9 @@ impl Checker<'_> {
             robustness: robustness.unwrap_or_default(),
             file: None,
             physics: None,
-            replay: (self.words)(&replay_command(&header.target.kind, run.path(), trial, number)),
+            replay: String::new(),
         };
+        found.replay = (self.words)(&replay(&header.target.kind, &found, Vec::new()));
         let scenario = Scenario::new(recorded.scenario.clone());
         let request = Request { trial, number, ..Request::new(scenario, Seed(recorded.seed)) };
         let mut counterexample = match Counterexample::simulate(alone, request) {
@@ -79,20 +82,14 @@ impl Checker<'_> {
         let path = counterexample_file(self.folder, &self.label, &asked.written.name);
         create_folder(path.parent().unwrap_or(self.folder))?;
         write(&path, counterexample.to_json().as_bytes())?;
-        if !is_python(&header.target.kind) {
-            // A target file is looked up beside the counterexample, with its files.
-            let copied = copy_target(&alone.plan, path.parent().unwrap_or(self.folder));
-            let is_there = copied.is_ok_and(|files| !files.is_empty());
-            let Plan { controller, target, .. } = &counterexample.plan;
-            let now = [
-                (Key::MOVED_CONTROLLER, controller, &self.plan.controller),
-                (Key::MOVED_TARGET, target, &self.plan.target),
-            ];
-            let moved = now.into_iter().filter(|(_, name, _)| name.starts_with("./") && !is_there);
-            let moved = moved.map(|(key, _, path)| (key, path.clone())).collect();
-            found.replay = (self.words)(&Command::ReplayFile { file: path_text(&path), moved });
-        }
         found.file = Some(path_text(&path));
+        if !is_python(&header.target.kind) {
+            // A target file is looked up beside the counterexample, with its files. If they cannot
+            // be there, the command names their places.
+            let _ = copy_target(&alone.plan, path.parent().unwrap_or(self.folder));
+            let moved = moved_files(&path, &counterexample.plan, header)?;
+            found.replay = (self.words)(&replay(&header.target.kind, &found, moved));
+        }
         Ok((found, true))
     }
 }

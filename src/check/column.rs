@@ -1,10 +1,11 @@
 //! The runs of a check for one controller, and what they say.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use mishandle_results as results;
 use mishandle_results::{Answer, CheckRun, CheckRunKind, EndCounts};
-use mishandle_store::RunFile;
+use mishandle_store::{BuildRecord, RunFile};
 use mishandle_text::path_text;
 
 use super::checker::Checker;
@@ -21,6 +22,8 @@ pub(super) struct Column {
     pub cells: Vec<results::CheckCell>,
     /// How the simulations of the runs ended.
     pub ends: EndCounts,
+    /// The programs that made the runs.
+    pub programs: BTreeSet<String>,
 }
 
 impl Checker<'_> {
@@ -29,6 +32,7 @@ impl Checker<'_> {
         let mut rows: Vec<Row> = self.asked.iter().map(|asked| Row::new(&asked.written.name)).collect();
         let mut runs = Vec::new();
         let mut ends = EndCounts::default();
+        let mut programs = BTreeSet::new();
         for resolved in &self.random {
             let path = run_file(self.folder, &self.label, "random", &resolved.plan.space);
             let done = self.ask(resolved, &path, "random scenarios", watch)?;
@@ -37,6 +41,7 @@ impl Checker<'_> {
             };
             row::add(&mut rows, answer.requirements(), &run, true)?;
             ends.add_all(answer.without_verdict().ends);
+            programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
         for (index, asked) in self.asked.iter().enumerate() {
@@ -53,11 +58,12 @@ impl Checker<'_> {
             };
             row::add(&mut rows, answer.requirements(), &run, false)?;
             ends.add_all(answer.without_verdict().ends);
+            programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }
         let cells: Result<Vec<_>, MishandleError> =
             self.asked.iter().zip(&rows).map(|(asked, row)| self.cell(asked, row)).collect();
-        Ok(Some(Column { runs, cells: cells?, ends }))
+        Ok(Some(Column { runs, cells: cells?, ends, programs }))
     }
 
     /// Asks the question of a plan, or continues its run. Returns `None` if it was interrupted.
@@ -80,6 +86,11 @@ impl Checker<'_> {
         }
         Ok(Some((answer, RunFile::open_unchecked(path)?)))
     }
+}
+
+/// Returns version and commit of a program, as it prints them.
+pub(super) fn program(build: &BuildRecord) -> String {
+    format!("{} ({})", build.program_version, build.git_commit)
 }
 
 /// Describes a run.

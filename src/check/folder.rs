@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use mishandle_files::{FileLock, limits, read_text_bounded, write_atomically};
-use mishandle_results::{Check, CheckCounterexample, Command, Key, Versioned, Words};
+use mishandle_results::{Check, Key, Versioned};
 use mishandle_text::path_text;
 use sha2::{Digest, Sha256};
 
 use super::CheckSubject;
 use crate::error::{MishandleError, foreign_folder};
-use crate::replay::replay_command;
-use crate::resolve::controller_name;
+use crate::resolve::{controller_name, is_path};
 
 /// File of the result.
 pub const RESULT: &str = "check.json";
@@ -128,13 +127,13 @@ pub fn to_json(found: &Check) -> std::io::Result<String> {
 ///
 /// # Errors
 /// If the file of the result cannot be read.
-pub(super) fn finished(folder: &Path, words: Words) -> Result<Option<Check>, MishandleError> {
+pub(super) fn finished(folder: &Path) -> Result<Option<Check>, MishandleError> {
     let Some(found) = recorded(folder)? else { return Ok(None) };
     let path = |then: &str| match Path::new(then).strip_prefix(&found.folder) {
         Ok(rest) => path_text(&folder.join(rest)),
         Err(_) => then.to_string(),
     };
-    Ok(Some(moved(&found, &path_text(folder), path, words)))
+    Ok(Some(moved(&found, &path_text(folder), path)))
 }
 
 fn recorded(folder: &Path) -> Result<Option<Check>, MishandleError> {
@@ -148,24 +147,21 @@ fn recorded(folder: &Path) -> Result<Option<Check>, MishandleError> {
 }
 
 /// Returns the result of a check whose folder has another path now. `path` is the present one of a
-/// run file or a counterexample.
-pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String, words: Words) -> Check {
+/// run file or a counterexample. The commands of replays stay as they are.
+pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String) -> Check {
     let mut found = Check { folder: folder.to_string(), ..found.clone() };
     for run in found.controllers.iter_mut().flat_map(|controller| &mut controller.runs) {
         run.run = path(&run.run);
     }
     for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
         violation.run = path(&violation.run);
-        let command = |file: &str| words(&Command::ReplayFile { file: file.to_string(), moved: Vec::new() });
-        let file = violation.file.as_ref().map(|file| (command(file), path(file)));
-        let replay = file.as_ref().and_then(|(then, now)| {
-            Some(format!("{}{}", command(now), violation.replay.strip_prefix(then)?))
-        });
-        violation.replay = replay.unwrap_or_else(|| {
-            let CheckCounterexample { trial, simulation, .. } = *violation;
-            words(&replay_command(&found.target_kind, violation.run.as_ref(), trial, simulation))
-        });
-        violation.file = file.map(|(_, now)| now);
+        violation.file = violation.file.as_deref().map(&path);
     }
     found
+}
+
+/// Returns whether a controller of a result is the one of a run's plan, where a path is absolute.
+pub(super) fn is_path_of(name: &str, recorded: &str) -> bool {
+    let plain = name.strip_prefix("./").unwrap_or(name);
+    name == recorded || (is_path(name) && is_path(recorded) && Path::new(recorded).ends_with(plain))
 }

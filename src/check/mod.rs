@@ -7,7 +7,9 @@ mod column;
 mod folder;
 mod row;
 mod verify;
+mod violation;
 
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -16,7 +18,9 @@ use column::Column;
 use folder::labels;
 use mishandle_requirements::RequirementFile;
 use mishandle_results as results;
-use mishandle_results::{Check, CheckedController, CheckedRequirement, EndCounts, WithoutVerdict, Words};
+use mishandle_results::{
+    Check, CheckRunKind, CheckedController, CheckedRequirement, EndCounts, WithoutVerdict, Words,
+};
 use mishandle_rollout::Target;
 use mishandle_text::path_text;
 
@@ -24,7 +28,8 @@ use crate::error::MishandleError;
 use crate::plan::{CheckSettings, Plan};
 
 pub use folder::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, file_digest, moved, to_json};
-pub use verify::{differences, verified};
+pub use verify::{CheckDifferences, differences, verified};
+pub use violation::replay;
 
 /// A controller whose target is checked: target, controller, space and seed of the plan count.
 #[derive(Clone, Debug)]
@@ -110,6 +115,13 @@ fn result(
         let mut known = first.iter().flat_map(|first| &first.target.formulas);
         known.find(|known| known.name == formula).map(|known| known.text.clone())
     };
+    // A requirement that no target can have is in no space, unless the file names one.
+    let is_run = |asked: &Asked<'_>| {
+        let name = &asked.written.name;
+        let mut same = checkers.iter().flat_map(|checker| &checker.asked);
+        asked.written.check.space.is_some()
+            || same.any(|other| other.written.name == *name && other.missing.is_empty())
+    };
     let requirement = |asked: &Asked<'_>| CheckedRequirement {
         name: asked.written.name.clone(),
         text: asked.written.text.clone(),
@@ -118,12 +130,13 @@ fn result(
         severity: asked.written.severity,
         clauses: asked.written.clauses.clone(),
         source: asked.written.source.clone(),
-        space: asked.space.clone(),
+        space: if is_run(asked) { asked.space.clone() } else { String::new() },
         max_failure_rate: asked.written.check.max_failure_rate,
     };
     let mut controllers = Vec::new();
     let mut by_controller = Vec::new();
     let mut ends = EndCounts::default();
+    let mut programs = BTreeSet::new();
     for (checker, column) in checkers.iter().zip(columns) {
         let hash = checker.target.components.iter().find(|component| component.role == "controller");
         controllers.push(CheckedController {
@@ -134,11 +147,14 @@ fn result(
         });
         ends.add_all(column.ends);
         by_controller.push(column.cells.into_iter());
+        programs.extend(column.programs);
     }
     let count = requirements.file.requirements.len();
     let cells =
         (0..count).flat_map(|_| by_controller.iter_mut().filter_map(Iterator::next).collect::<Vec<_>>());
     let cells = cells.collect();
+    let mut runs = controllers.iter().flat_map(|controller| &controller.runs);
+    let has_searched = runs.any(|run| run.kind == CheckRunKind::Search);
     Check {
         folder: path_text(folder),
         requirements_file: path_text(requirements.path),
@@ -150,12 +166,16 @@ fn result(
         fail_on: settings.fail_on,
         allows_inapplicable: settings.allow_inapplicable,
         seed: results::Seed(first.map_or(0, |first| first.plan.seed)),
-        search: settings.search.clone(),
+        search: if has_searched { settings.search.clone() } else { String::new() },
         without_verdict: WithoutVerdict::new(
             ends,
             first.map_or(Plan::MAX_WITHOUT_VERDICT, |first| first.plan.max_without_verdict),
         ),
-        program: crate::build::VERSION_AND_COMMIT.to_string(),
+        program: if programs.is_empty() {
+            crate::build::VERSION_AND_COMMIT.to_string()
+        } else {
+            Vec::from_iter(programs).join(", ")
+        },
         requirements: first.map_or(Vec::new(), |first| first.asked.iter().map(requirement).collect()),
         controllers,
         cells,

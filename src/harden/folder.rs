@@ -4,7 +4,9 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use mishandle_files::{limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically};
+use mishandle_files::{
+    AtomicFolder, NewFolders, limits, read_text_bounded, refuse_link, refuse_links_in, write_atomically,
+};
 use mishandle_results::{Answer, Hardening, Key, Remedy, Versioned};
 use mishandle_store::RunFile;
 use mishandle_text::path_text;
@@ -60,7 +62,8 @@ impl Folder {
     }
 
     /// Creates the folder of a plan with all that the hardening reads: it then depends on no other
-    /// file but those of a trainer. `settings` are those of training by this program.
+    /// file but those of a trainer. `settings` are those of training by this program. The folder
+    /// appears when it is complete, so a process that is killed leaves none without a plan.
     ///
     /// # Errors
     /// If it exists, or a file cannot be written.
@@ -70,16 +73,23 @@ impl Folder {
         before: &ControllerFiles,
         settings: Option<&str>,
     ) -> Result<(), MishandleError> {
-        let folder = Folder::with_extension(path, before.extension);
         if path.exists() {
             return Err(exists(path, Key::OUT));
         }
+        let write = MishandleError::write("folder", path);
+        // Removes them again if the hardening cannot be created.
+        let mut folders = NewFolders::default();
+        if let Some(parent) = path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+            folders.create(parent).map_err(write)?;
+        }
+        let created = AtomicFolder::create_new(path).map_err(write)?;
+        let folder = Folder::with_extension(created.path(), before.extension);
         before.write(&folder, &folder.before())?;
         if let Some(settings) = settings {
             folder.write(&folder.settings(), settings.as_bytes())?;
         }
-        // The last one: a folder without it is not that of a hardening.
-        folder.write(&path.join(PLAN), plan.to_toml().as_bytes())
+        folder.write(&folder.path.join(PLAN), plan.to_toml().as_bytes())?;
+        created.persist().map_err(write)
     }
 
     /// Opens the folder of a hardening, and reads its plan. The folder may be untrusted.

@@ -106,6 +106,10 @@ plan_table! {
         /// Simulations of each counterexample of a random target with other seeds, which measure
         /// how often it fails; at most as many in total as the run has. 0 skips this.
         pub repeats: u32 = 100, "an integer from 0 to 10000000" => Within<0, 10_000_000>;
+        /// Whether up to 1,000 samples of a random search without a failure are simulated again:
+        /// with their traces, the answer says which part of the space cannot fail if the
+        /// requirement is smooth.
+        pub smooth_region: bool = false, keys::BOOLEAN;
         /// Axes with which an explained failure is simulated again, each alone at its nominal
         /// value: those farthest from nominal. 0 leaves it out.
         pub axes: u64 = 30, "an integer of at least 0";

@@ -156,6 +156,17 @@ pub fn copy_files(plan: &Plan, folder: &Path) -> Result<Vec<PathBuf>, MishandleE
     write(folder, copies)
 }
 
+/// Returns the files that [`copy_files`] writes for a plan whose files are in such a folder, as paths
+/// in it.
+///
+/// # Errors
+/// If a file is outside the folder of the target file or cannot be read.
+pub fn needed_files(plan: &Plan) -> Result<Vec<PathBuf>, MishandleError> {
+    let mut copies = target_files(plan)?.unwrap_or_default();
+    copies.extend(controller_files(plan)?);
+    Ok(copies.into_iter().map(|(name, _)| name).collect())
+}
+
 /// A file to write: its place in the folder, and its content.
 type Copied = (PathBuf, Cow<'static, [u8]>);
 

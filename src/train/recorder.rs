@@ -47,6 +47,10 @@ pub(super) struct TrainingRecorder<'a> {
     /// Time of the last attempt to write a checkpoint after the first success; `None` before. A
     /// failure to write the first checkpoint ends the run, later failures do not.
     checkpoint_time: Option<Instant>,
+    /// The iterations of a new training run that wait for its first checkpoint: a run that is killed
+    /// before it leaves curve and event file without data, which the next start replaces.
+    waiting: Vec<TrainingProgress>,
+    is_resumed: bool,
 }
 
 /// Curve and event file, written after each iteration. A failed write is repeated after the next
@@ -115,6 +119,8 @@ impl<'a> TrainingRecorder<'a> {
             error: None,
             write_failures: WriteFailures::default(),
             checkpoint_time: None,
+            waiting: Vec::new(),
+            is_resumed: resumed.is_some(),
         })
     }
 
@@ -141,9 +147,20 @@ impl<'a> TrainingRecorder<'a> {
     }
 
     fn finish_records(&mut self) {
+        for progress in std::mem::take(&mut self.waiting) {
+            self.write(&progress);
+        }
         let curve = self.records.curve.as_mut().map_or(Ok(()), CurveWriter::finish);
         self.record_write("curve", curve);
         let events = self.records.events.as_mut().map_or(Ok(()), EventFile::finish);
+        self.record_write("events", events);
+    }
+
+    /// Writes an iteration to curve and event file.
+    fn write(&mut self, progress: &TrainingProgress) {
+        let curve = self.records.curve.as_mut().map_or(Ok(()), |curve| curve.write(progress));
+        self.record_write("curve", curve);
+        let events = self.records.events.as_mut().map_or(Ok(()), |events| events.write(progress));
         self.record_write("events", events);
     }
 
@@ -213,10 +230,11 @@ impl Observer for TrainingRecorder<'_> {
     }
 
     fn iteration_finished(&mut self, progress: &TrainingProgress) -> TrainingControl {
-        let curve = self.records.curve.as_mut().map_or(Ok(()), |curve| curve.write(progress));
-        self.record_write("curve", curve);
-        let events = self.records.events.as_mut().map_or(Ok(()), |events| events.write(progress));
-        self.record_write("events", events);
+        if self.is_resumed || self.checkpoint_time.is_some() {
+            self.write(progress);
+        } else {
+            self.waiting.push(progress.clone());
+        }
         match self.observer.iteration_finished(progress) {
             _ if self.error.is_some() => TrainingControl::Stop,
             TrainingControl::Continue
@@ -232,14 +250,18 @@ impl Observer for TrainingRecorder<'_> {
         if self.error.is_some() {
             return;
         }
-        // A resumed run expects curve and event file to contain the iteration of the checkpoint.
-        self.finish_records();
+        // A resumed run expects curve and event file to contain the iteration of the checkpoint, or
+        // no iteration at all.
+        if self.waiting.is_empty() {
+            self.finish_records();
+        }
         let written = checkpoint.save(&self.checkpoint).map_err(MishandleError::from);
         match written {
             Err(error) if self.checkpoint_time.is_none() => self.error = Some(error),
             written => {
                 self.record_write("checkpoint", written);
                 self.checkpoint_time = Some(Instant::now());
+                self.finish_records();
             }
         }
     }

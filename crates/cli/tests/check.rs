@@ -1,5 +1,8 @@
 //! `mishandle check`: exit codes, files, and one file of requirements for targets and logs.
 
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
 use crate::bench::Bench;
 
 /// The point (0.3, -0.4) must be avoided by 0.1: `x` and `y` of a scenario give the signal.
@@ -204,9 +207,8 @@ fn a_check_is_evidence_that_others_verify() {
     bench.refuses("evidence ev --out other", &["without a finished check"]);
 }
 
-#[test]
-fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
-    let bench = Bench::new();
+/// Writes a target file with its model to the folder `own`.
+pub fn pole(bench: &Bench) {
     let model = "<mujoco><worldbody><body><joint name='hinge' axis='0 1 0'/>\
                  <geom type='capsule' fromto='0 0 0 0 0 0.6' size='0.02'/></body></worldbody>\
                  <actuator><motor joint='hinge'/></actuator></mujoco>";
@@ -220,6 +222,12 @@ fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
          signals = { lean = { value = \"abs(qpos('hinge'))\", unit = 'rad' } }\n\
          axes = { tilt = { range = [-0.3, 0.3], unit = 'rad' } }\nformulas = { upright = 'always(lean <= 1)' }\n",
     );
+}
+
+#[test]
+fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
+    let bench = Bench::new();
+    pole(&bench);
     bench.write("requirements.toml", "[[requirement]]\nname = \"R-1\"\nformula = \"always(lean <= 0.01)\"\n");
     let command =
         "check own/pole.toml --requirements requirements.toml --episodes 4 --budget 4 --out checked --json";
@@ -239,6 +247,52 @@ fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
     let text = std::fs::read_to_string(bench.path("ev/checks/checked/check.json")).unwrap();
     let command = replay(&serde_json::from_str(&text).unwrap()).replace("checks/", "ev/checks/");
     bench.check(&command.replace("files/", "ev/files/"), 0);
+}
+
+/// Returns the files of a folder and of those in it, but no run: SQLite may order its pages otherwise.
+fn texts(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(texts(&path));
+        } else if path.extension().is_none_or(|end| end != "sqlite") {
+            found.insert(path.clone(), std::fs::read(path).unwrap());
+        }
+    }
+    found
+}
+
+/// A kill can come after each file of a check.
+#[test]
+fn a_check_that_was_killed_writes_the_files_of_one_that_was_not() {
+    let bench = Bench::new();
+    pole(&bench);
+    let two = ["R-1", "R-2"]
+        .map(|name| format!("[[requirement]]\nname = \"{name}\"\nformula = \"always(lean <= 0.01)\"\n"));
+    bench.write("requirements.toml", &two.concat());
+    let command =
+        "check own/pole.toml --requirements requirements.toml --episodes 4 --budget 4 --out checked --json";
+    let whole = bench.json(command, 1);
+    for cell in whole["cells"].as_array().unwrap() {
+        let replay = cell["counterexample"]["replay"].as_str().unwrap();
+        assert!(!replay.contains("engine."), "the target stands beside each counterexample: {replay}");
+    }
+    let before = texts(&bench.path("checked"));
+    for lost in [
+        &["report.html"][..],
+        &["report.html", "report.md", "junit.xml"],
+        &["report.html", "report.md", "junit.xml", "check.json"],
+        &["report.html", "report.md", "junit.xml", "check.json", "requirements.toml"],
+        &["report.html", "report.md", "junit.xml", "check.json", "counterexamples/R-2@system.json"],
+        &["report.html", "report.md", "junit.xml", "check.json", "counterexamples/pole.xml"],
+    ] {
+        for name in lost {
+            std::fs::remove_file(bench.path("checked").join(name)).unwrap();
+        }
+        assert_eq!(bench.json(command, 1), whole, "{lost:?}");
+        assert!(texts(&bench.path("checked")) == before, "{lost:?}");
+    }
 }
 
 #[test]

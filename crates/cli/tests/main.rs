@@ -6,12 +6,14 @@
 mod axes;
 mod bench;
 mod bisect;
+mod calls;
 #[path = "../../../tests/cart_pole/mod.rs"]
 mod cart_pole;
 mod check;
 mod compare;
 mod counterexamples;
 mod evidence;
+mod evidence_law;
 mod evidence_limits;
 mod exact;
 mod explain;

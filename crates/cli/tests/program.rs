@@ -208,6 +208,9 @@ fn without_a_failure_a_random_sample_bounds_the_failure_rate() {
 fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples() {
     let bench = Bench::new();
     let safe = "falsify toy/sphere-2d --formula always(distance>=-1) --trials 2 --budget 149 --search random";
+    // It takes further simulations, so nobody gets it unasked.
+    assert!(bench.json(&format!("{safe} --json"), 0)["smooth_region"].is_null());
+    let safe = &format!("{safe} -k report.smooth-region=true");
     let region = bench.json(&format!("{safe} --json"), 0)["smooth_region"].clone();
     let slope = region["slope"].as_f64().unwrap();
     assert!(slope > 1.9 && slope < 3.0 && region["covered"].as_f64().unwrap() > 0.99, "{region}");
@@ -220,8 +223,9 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
     // The second predicate decides only within 0.05 m of the center, where few samples are. It is
     // 20 times as steep as the first one: 40 per width.
     let steep = "always((0.3*distance+0.5>=0)&(20*distance-0.5>=0))";
-    let safe =
-        format!("falsify toy/sphere-2d --formula {steep} --trials 1 --budget 60 --search random --json");
+    let safe = format!(
+        "falsify toy/sphere-2d --formula {steep} --trials 1 --budget 60 --search random --json -k report.smooth-region=true"
+    );
     let mut bounded = 0;
     for seed in 0..10 {
         let region = bench.json(&format!("{safe} --seed {seed}"), 0)["smooth_region"].clone();
@@ -239,7 +243,8 @@ fn without_a_failure_a_smooth_robustness_excludes_failures_between_the_samples()
             "whole numbers",
         ),
     ] {
-        let said = bench.json(&format!("falsify {target} --trials 1 --budget 60 --search random --json"), 0);
+        let asked = "--trials 1 --budget 60 --search random --json -k report.smooth-region=true";
+        let said = bench.json(&format!("falsify {target} {asked}"), 0);
         assert!(said["smooth_region"]["refusal"].as_str().unwrap().contains(reason), "{target}: {said}");
     }
 }

@@ -134,6 +134,42 @@ fn the_best_and_the_last_controller_can_be_evaluated() {
     assert!(load("b.last.safetensors").validation.is_none());
 }
 
+/// Curve and event file get their first data after the first checkpoint.
+#[test]
+fn a_training_that_was_killed_in_its_first_iteration_starts_or_continues() {
+    let bench = bench();
+    let train = format!("{TRAIN} --steps 256");
+    let files = |name: &str| format!("--out {name}.safetensors --csv {name}.csv --tensorboard {name}");
+    bench.check(&format!("{train} {}", files("whole")), 0);
+    let [events] = ["whole"].map(|folder| {
+        let entry = std::fs::read_dir(bench.path(folder)).unwrap().next().unwrap().unwrap();
+        (entry.file_name(), std::fs::read(entry.path()).unwrap())
+    });
+    let text = std::fs::read_to_string(bench.path("whole.csv")).unwrap();
+    let head = text.find('\n').unwrap() + 1;
+    // Before the first checkpoint: each file has a part of its first record.
+    for (number, (csv, event)) in
+        [(0, 0), (1, 5), (40, 20), (head - 1, 40), (head, 40)].into_iter().enumerate()
+    {
+        let name = format!("killed-{number}");
+        bench.write(&format!("{name}.csv"), &text[..csv]);
+        std::fs::create_dir(bench.path(&name)).unwrap();
+        std::fs::write(bench.path(&name).join(&events.0), &events.1[..event]).unwrap();
+        bench.check(&format!("{train} {}", files(&name)), 0);
+        assert_eq!(curve(&bench, &format!("{name}.csv")).rows.len(), 1);
+        assert_eq!(std::fs::read_dir(bench.path(&name)).unwrap().count(), 1);
+    }
+    // After it, and before the row of its iteration.
+    bench.write("whole.csv", &text[..head]);
+    for name in ["whole.safetensors", "whole.last.safetensors"] {
+        std::fs::remove_file(bench.path(name)).unwrap();
+    }
+    bench.check(&format!("{TRAIN} --steps 512 {} --resume", files("whole")), 0);
+    // Data of others stay.
+    bench.write("mine.csv", "a,b");
+    bench.refuses(&format!("{train} --out mine.safetensors --csv mine.csv"), &["mine.csv exists already"]);
+}
+
 #[test]
 fn existing_files_are_never_overwritten() {
     let bench = bench();

@@ -4,16 +4,17 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use mishandle::Plan;
-use mishandle::check::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, differences, moved, to_json};
+use mishandle::MishandleError;
+use mishandle::check::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, differences, moved, replay, to_json};
 use mishandle::counterexample::Counterexample;
 use mishandle::files::{limits, read_text_bounded};
-use mishandle::results::{Check, Command, Key, VerifiedCheck, Words};
+use mishandle::results::{Check, EvidenceVerification, Key, Severity, VerifiedCheck, Words};
 use mishandle::store::RunFile;
 use mishandle_report::{CHECK_REPORTS, CheckFigures, check_reports, check_summary};
+use mishandle_text::plural;
 
 use crate::error::EvidenceError;
-use crate::layout::CHECKS;
+use crate::layout::{CHECKS, MANIFEST};
 use crate::manifest::{ManifestCheck, ManifestRun};
 use crate::write::{reason, unique, write_file};
 
@@ -40,16 +41,8 @@ pub(crate) fn write(
         Some(index) => runs.get(index).map(|run| run.file.clone()),
         None => files.iter().find(|(file, _)| file == path).map(|(_, place)| place.clone()),
     };
-    let found = moved(found, &place, |path| now(path).unwrap_or_default(), words);
-    let mut found = Check { requirements_file: format!("{place}/{REQUIREMENTS}"), ..found };
-    for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
-        let Some(file) = &violation.file else { continue };
-        let then = files.iter().find(|(_, place)| place == file).map(|(then, _)| Path::new(then));
-        let run = runs.iter().find(|run| run.file == violation.run);
-        if let (Some(then), Some(own)) = (then, run.and_then(|run| run.files.as_ref())) {
-            violation.replay = words(&replay(file, &Counterexample::read(then)?.plan, own));
-        }
-    }
+    let found = moved(found, &place, |path| now(path).unwrap_or_default());
+    let mut found = strict(Check { requirements_file: format!("{place}/{REQUIREMENTS}"), ..found });
     let create = |path: &Path| fs::create_dir_all(path).map_err(EvidenceError::file(path));
     create(&home.join(&place))?;
     if !files.is_empty() {
@@ -60,6 +53,7 @@ pub(crate) fn write(
     for (from, to) in std::iter::once(requirements).chain(copies) {
         fs::copy(&from, to).map_err(EvidenceError::file(&from))?;
     }
+    name_replays(&mut found, home, |name| runs.iter().find(|run| run.file == name)?.files.as_deref(), words)?;
     let result = home.join(&place).join(RESULT);
     let json = to_json(&found).map_err(EvidenceError::file(&result))?;
     write_file(&result, json.as_bytes())?;
@@ -75,11 +69,32 @@ pub(crate) fn write(
     })
 }
 
-/// Returns what replays a counterexample with the files of its run in the folder `own`.
-fn replay(file: &str, plan: &Plan, own: &str) -> Command {
-    let keys = [(Key::MOVED_CONTROLLER, &plan.controller), (Key::MOVED_TARGET, &plan.target)];
-    let place = |(key, name): (Key, &String)| Some((key, format!("{own}/{}", name.strip_prefix("./")?)));
-    Command::ReplayFile { file: file.to_string(), moved: keys.into_iter().filter_map(place).collect() }
+/// Returns a check in which every violation and every requirement that was not checked counts: no
+/// run shows what its maker accepted.
+fn strict(found: Check) -> Check {
+    Check { fail_on: Severity::Warning, allows_inapplicable: false, ..found }
+}
+
+/// Names what replays each violation with the files of its run: `files` returns their folder.
+fn name_replays<'f>(
+    found: &mut Check,
+    home: &Path,
+    files: impl Fn(&str) -> Option<&'f str>,
+    words: Words,
+) -> Result<(), MishandleError> {
+    let kind = found.target_kind.clone();
+    for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
+        let mut moved = Vec::new();
+        if let (Some(file), Some(own)) = (&violation.file, files(&violation.run)) {
+            let plan = Counterexample::read(&home.join(file))?.plan;
+            let keys = [(Key::MOVED_CONTROLLER, plan.controller), (Key::MOVED_TARGET, plan.target)];
+            let place =
+                |(key, name): (Key, String)| Some((key, format!("{own}/{}", name.strip_prefix("./")?)));
+            moved.extend(keys.into_iter().filter_map(place));
+        }
+        violation.replay = words(&replay(&kind, violation, moved));
+    }
+    Ok(())
 }
 
 /// Returns the files of a check, without its runs.
@@ -89,88 +104,123 @@ pub(crate) fn files(check: &ManifestCheck) -> Vec<String> {
     own.chain(check.counterexamples.iter().cloned()).collect()
 }
 
+/// How a check is verified.
+#[derive(Clone, Copy)]
+pub(crate) struct Manner {
+    /// Whether this program made the folder, so that it writes the same texts.
+    pub is_of_this_build: bool,
+    /// Whether the counterexamples are replayed.
+    pub replays: bool,
+    /// How the folder names commands.
+    pub words: Words,
+}
+
 /// Verifies a check: its requirements, its verdicts, which follow from the runs, its reports and
-/// its counterexamples, which are replayed if `replays`. Returns what was done and the problems.
+/// its counterexamples. Adds the problems and what cannot be verified, and returns what was done.
 pub(crate) fn verify<'r>(
     home: &Path,
     check: &ManifestCheck,
-    is_of_this_build: bool,
-    replays: bool,
+    manner: Manner,
     run: impl Fn(&str) -> Option<&'r RunFile>,
     files: impl Fn(&str) -> Option<&'r str>,
-) -> (VerifiedCheck, Vec<String>) {
+    result: &mut EvidenceVerification,
+) -> VerifiedCheck {
     let mut verified = VerifiedCheck { folder: check.folder.clone(), verdicts: 0, replayed: 0 };
     let of = |problem: &dyn std::fmt::Display| format!("{}: {problem}", check.folder);
     let read = |name: &str, limit: u64| {
         let text = read_text_bounded(&home.join(&check.folder).join(name), limit);
         text.map_err(|error| of(&format!("{name}: {error}")))
     };
-    let texts = read(RESULT, limits::RESULT)
-        .and_then(|result| serde_json::from_str(&result).map_err(|error| of(&format!("{RESULT}: {error}"))))
-        .and_then(|found: Check| Ok((found, read(REQUIREMENTS, limits::PLAN)?)));
-    let (found, requirements) = match texts {
+    let texts = read(RESULT, limits::RESULT).and_then(|text| {
+        let found: Check = serde_json::from_str(&text).map_err(|error| of(&format!("{RESULT}: {error}")))?;
+        Ok((found, text, read(REQUIREMENTS, limits::PLAN)?))
+    });
+    let (found, text, requirements) = match texts {
         Ok(texts) => texts,
-        Err(problem) => return (verified, vec![problem]),
+        Err(problem) => {
+            result.problems.push(problem);
+            return verified;
+        }
     };
     verified.verdicts = found.cells.len() as u64;
-    let mut problems: Vec<String> = match differences(&found, &requirements, &run) {
-        Ok(found) => found.iter().map(|problem| of(problem)).collect(),
-        Err(error) => vec![of(&reason(&error))],
-    };
+    let violations = found.cells.iter().filter_map(|cell| cell.counterexample.as_ref());
+    let places: Vec<(&str, &str)> =
+        violations.filter_map(|violation| Some((violation.file.as_deref()?, &*violation.run))).collect();
+    // Only files of the manifest are opened: it names none outside of the folder.
+    if !places.iter().map(|(file, _)| *file).eq(check.counterexamples.iter().map(String::as_str)) {
+        result.problems.push(of(&"the manifest names other counterexamples"));
+        return verified;
+    }
+    match differences(&found, &requirements, &run, |file| home.join(file)) {
+        Ok(differences) => {
+            result.problems.extend(differences.problems.iter().map(|problem| of(problem)));
+            result.unverified.extend(differences.unverified.iter().map(|statement| of(statement)));
+        }
+        Err(error) => result.problems.push(of(&reason(&error))),
+    }
     let named: Vec<&str> =
         found.controllers.iter().flat_map(|own| &own.runs).map(|run| run.run.as_str()).collect();
-    if found.folder != check.folder || found.target != check.target || named != check.runs {
-        problems.push(of(&format!("{RESULT} is about another folder, target or runs than the manifest")));
+    let is_here =
+        found.folder == check.folder && found.requirements_file == format!("{}/{REQUIREMENTS}", check.folder);
+    if !is_here || found.target != check.target || named != check.runs {
+        result
+            .problems
+            .push(of(&format!("{RESULT} is about another folder, target or runs than {MANIFEST}")));
     }
-    if is_of_this_build {
-        for (name, content) in check_reports(&found, &CheckFigures::default()) {
-            if read(name, limits::RESULT).as_deref() != Ok(&content) {
-                problems.push(of(&format!("{name} is not what follows from {RESULT}")));
-            }
-        }
-        if check_summary(&found) != check.verdicts {
-            problems.push(of(&"the manifest has another number of verdicts"));
-        }
+    if strict(found.clone()) != found {
+        result.unverified.push(of(&format!("{RESULT} says that not every violation or open cell counts")));
     }
-    let mut places = Vec::new();
-    for cell in &found.cells {
-        let Some((violation, file)) =
-            cell.counterexample.as_ref().and_then(|violation| Some((violation, violation.file.as_ref()?)))
-        else {
-            continue;
-        };
-        places.push(file.as_str());
-        if !check.counterexamples.contains(file) {
-            problems.push(of(&format!("{file} is no counterexample of the manifest")));
-            continue;
-        }
-        let counterexample = match Counterexample::read(&home.join(file)) {
-            Ok(counterexample) => counterexample,
-            Err(error) => {
-                problems.push(format!("{file}: {}", reason(&error)));
-                continue;
-            }
-        };
-        let values = counterexample.scenario.iter().map(|value| (value.axis.as_str(), value.value));
-        let is_same = values.eq(violation.scenario.iter().map(|value| (value.axis.as_str(), value.value)))
-            && counterexample.seed == violation.seed.0
-            && counterexample.expected.robustness == violation.robustness.0;
-        if !is_same {
-            problems.push(format!("{file}: it is not the counterexample of {RESULT}"));
-        }
-        // Runs that cannot be replayed are reported as such.
-        let place = home.join(files(&violation.run).unwrap_or(""));
-        if let (true, Ok(resolved)) = (replays, counterexample.resolve_in(&place)) {
-            verified.replayed += 1;
-            match counterexample.replay(&resolved) {
-                Ok(again) if again.differences.is_empty() => {}
-                Ok(again) => problems.push(format!("{file}: {}", again.differences.join("; "))),
-                Err(error) => problems.push(format!("{file}: {}", reason(&error))),
-            }
+    if manner.is_of_this_build {
+        result.problems.extend(text_problems(&found, &text, check, &read));
+        let mut again = found.clone();
+        match name_replays(&mut again, home, &files, manner.words) {
+            Ok(()) if again == found => {}
+            Ok(()) => result.problems.push(of(&"other commands replay its counterexamples")),
+            Err(error) => result.problems.push(of(&reason(&error))),
         }
     }
-    if places != check.counterexamples.iter().map(String::as_str).collect::<Vec<_>>() {
-        problems.push(of(&"the manifest names other counterexamples"));
+    if !manner.replays && !places.is_empty() {
+        let count = plural(places.len() as u64, "counterexample");
+        result.unverified.push(of(&format!("the physics and the end of its {count}, without a replay")));
     }
-    (verified, problems)
+    for (file, run) in places.into_iter().filter(|_| manner.replays) {
+        replay_one(home, file, files(run).unwrap_or(""), &mut verified, &mut result.problems);
+    }
+    verified
+}
+
+/// Lists which texts of a check are not those that this program writes.
+fn text_problems(
+    found: &Check,
+    text: &str,
+    check: &ManifestCheck,
+    read: &dyn Fn(&str, u64) -> Result<String, String>,
+) -> Vec<String> {
+    let mut problems = Vec::new();
+    if to_json(found).ok().as_deref() != Some(text) {
+        problems.push(format!("{}: {RESULT} has something that no check writes", check.folder));
+    }
+    for (name, content) in check_reports(found, &CheckFigures::default()) {
+        if read(name, limits::RESULT).as_deref() != Ok(&content) {
+            problems.push(format!("{}: {name} is not what follows from {RESULT}", check.folder));
+        }
+    }
+    if check_summary(found) != check.verdicts {
+        problems.push(format!("{}: the manifest has another number of verdicts", check.folder));
+    }
+    problems
+}
+
+/// Replays a counterexample with the files in the folder `own`, whose absence is reported for its
+/// run.
+fn replay_one(home: &Path, file: &str, own: &str, verified: &mut VerifiedCheck, problems: &mut Vec<String>) {
+    // A file that cannot be read is a difference already.
+    let Ok(counterexample) = Counterexample::read(&home.join(file)) else { return };
+    let Ok(resolved) = counterexample.resolve_in(&home.join(own)) else { return };
+    verified.replayed += 1;
+    match counterexample.replay(&resolved) {
+        Ok(again) if again.differences.is_empty() => {}
+        Ok(again) => problems.push(format!("{file}: {}", again.differences.join("; "))),
+        Err(error) => problems.push(format!("{file}: {}", reason(&error))),
+    }
 }

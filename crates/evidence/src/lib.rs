@@ -9,7 +9,7 @@
 //! README.md           what the folder is, and how to verify it with and without this program
 //! SHA256SUMS          hashes of all files but the signature, as `sha256sum -c` reads them
 //! SHA256SUMS.sig      signature of SHA256SUMS, as `ssh-keygen -Y verify` reads it
-//! manifest.json       program, environment, plans, identities and sizes
+//! manifest.json       program, plans, identities and sizes
 //! runs/NAME.sqlite    the run files, byte for byte
 //! pages/NAME.html     their reports
 //! checks/NAME/        requirements that were checked: their file, the matrix, counterexamples

@@ -1,4 +1,4 @@
-//! `manifest.json`: what the folder holds, and which program on which machine made it.
+//! `manifest.json`: what the folder holds, and which program made it.
 
 use mishandle::Plan;
 use mishandle::build::build;
@@ -11,24 +11,28 @@ use serde::{Deserialize, Serialize};
 use crate::error::EvidenceError;
 
 /// Version of the format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// Largest size of a manifest, in bytes.
 pub const MAX_SIZE: u64 = 64 << 20;
 
-/// The manifest. It contains no time and no path of the machine, so that the same runs give the
-/// same bytes.
+/// The version of the format of a manifest, whatever else it has.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Format {
+    pub evidence_format: u32,
+}
+
+/// The manifest. Everything in it follows from the runs, the files and the program that made it. It
+/// contains no time and no path of the machine, so that the same runs give the same bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// Version of the format: 1.
+    /// Version of the format: 2.
     pub evidence_format: u32,
     /// The program that made the folder.
     pub program: Program,
     /// Version of its physics engine.
     pub mujoco: String,
-    /// The machine that made the folder.
-    pub environment: Environment,
     /// The runs.
     pub runs: Vec<ManifestRun>,
     /// The checks of requirements, whose runs are among them.
@@ -52,17 +56,6 @@ pub struct Program {
     pub rustc: String,
     /// Architecture and instruction set.
     pub architecture: String,
-}
-
-/// A machine.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Environment {
-    /// Operating system.
-    pub os: String,
-    /// Instruction sets of the CPU on which the bits of a result can depend, if the program or a
-    /// library uses them.
-    pub cpu_features: Vec<String>,
 }
 
 /// A run.
@@ -133,13 +126,12 @@ pub struct ManifestFile {
 }
 
 impl Manifest {
-    /// Describes this program and this machine.
+    /// Describes this program.
     pub(crate) fn new(runs: Vec<ManifestRun>, checks: Vec<ManifestCheck>) -> Manifest {
         Manifest {
             evidence_format: FORMAT,
             program: Program::from(&build()),
             mujoco: mishandle::world::mujoco_version(),
-            environment: Environment { os: os(), cpu_features: cpu_features() },
             runs,
             checks,
             files: Vec::new(),
@@ -154,7 +146,11 @@ impl Manifest {
 
 impl ManifestRun {
     /// Lists the facts that differ from those of the run file.
-    pub(crate) fn differences(&self, run: &RunFile) -> Result<Vec<&'static str>, EvidenceError> {
+    pub(crate) fn differences(
+        &self,
+        run: &RunFile,
+        is_of_this_build: bool,
+    ) -> Result<Vec<&'static str>, EvidenceError> {
         let again = ManifestRun::new(
             run,
             [self.file.clone(), self.page.clone()],
@@ -163,10 +159,11 @@ impl ManifestRun {
         )?;
         // Another version of the program can write the same plan in other words, or not read it.
         let is_same_plan = again.plan == self.plan
-            || match Plan::from_toml(&self.plan) {
-                Ok(plan) => plan == portable_plan(run.header())?,
-                Err(_) => again.program != Program::from(&build()),
-            };
+            || (!is_of_this_build
+                && match Plan::from_toml(&self.plan) {
+                    Ok(plan) => plan == portable_plan(run.header())?,
+                    Err(_) => again.program != Program::from(&build()),
+                });
         let facts = [
             ("kind", again.kind == self.kind),
             ("target", again.target == self.target),
@@ -243,29 +240,4 @@ impl From<&BuildRecord> for Program {
             architecture: build.architecture.clone(),
         }
     }
-}
-
-/// Names the operating system, by os-release(5) on Linux.
-fn os() -> String {
-    let release = std::fs::read_to_string("/etc/os-release").unwrap_or_default();
-    let name = release.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="));
-    match name {
-        Some(name) => format!("{}, {}", std::env::consts::OS, name.trim_matches('"')),
-        None => std::env::consts::OS.to_string(),
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-fn cpu_features() -> Vec<String> {
-    let found = [
-        ("avx2", std::arch::is_x86_feature_detected!("avx2")),
-        ("fma", std::arch::is_x86_feature_detected!("fma")),
-        ("avx512f", std::arch::is_x86_feature_detected!("avx512f")),
-    ];
-    found.into_iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name.to_string()).collect()
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-fn cpu_features() -> Vec<String> {
-    Vec::new()
 }

@@ -2,9 +2,10 @@
 
 use std::fmt::Display;
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use mishandle::ResolvedPlan;
-use mishandle::portable::{portable_plan, resolve_in};
+use mishandle::portable::{needed_files, portable_plan, resolve_in};
 use mishandle::random::Sequence;
 use mishandle::replay::{build_differences, replay_with};
 use mishandle::resolve::{command, is_built_in, is_python, is_target_file};
@@ -15,11 +16,11 @@ use mishandle::store::{RunFile, RunHeader, SimulationEnd};
 use crate::checks;
 use crate::closed::needs_log;
 use crate::error::EvidenceError;
-use crate::layout::MANIFEST;
+use crate::layout::{self, MANIFEST};
 use crate::manifest::{Manifest, ManifestRun};
 use crate::page;
 use crate::verify::Verification;
-use crate::write::reason;
+use crate::write::{PYTHON, reason};
 
 /// Largest number of simulations that a sentence names.
 const MAX_NAMED: usize = 10;
@@ -51,7 +52,7 @@ pub(crate) fn check(
         let of = |problem: &dyn Display| format!("{}: {problem}", run.file);
         // Each run has its own numbers, so that another run changes none of them.
         let random = Sequence::new(request.seed, index as u64);
-        let read = open(request, run).and_then(|file| {
+        let read = open(request, run, manifest.is_of_this_build()).and_then(|file| {
             let chosen = Chosen::new(&file, request.share, random).map_err(|error| of(&error))?;
             Ok((file, chosen))
         });
@@ -60,8 +61,9 @@ pub(crate) fn check(
                 let resolved = resolve(request, run, &file);
                 let next = Opened { run, file, resolved, chosen };
                 next.state(request, found);
+                found.problems.extend(next.unused_files(request));
                 if manifest.is_of_this_build() {
-                    found.problems.extend(next.page_problem(request));
+                    next.compare_page(request, found);
                 }
                 opened.push(next);
             }
@@ -70,14 +72,15 @@ pub(crate) fn check(
     }
     for check in &manifest.checks {
         let run = |name: &str| opened.iter().find(|next| next.run.file == name);
-        let is_of_this_build = manifest.is_of_this_build();
-        let replays = request.share > 0.0;
+        let manner = checks::Manner {
+            is_of_this_build: manifest.is_of_this_build(),
+            replays: request.share > 0.0,
+            words: request.words,
+        };
         let file = |name: &str| run(name).map(|next| &next.file);
         let files = |name: &str| run(name).and_then(|next| next.run.files.as_deref());
-        let (verified, problems) =
-            checks::verify(request.folder, check, is_of_this_build, replays, file, files);
+        let verified = checks::verify(request.folder, check, manner, file, files, found);
         found.checks.push(verified);
-        found.problems.extend(problems);
     }
     let total = opened.iter().map(|next| next.chosen.to_replay().count() as u64).sum();
     let mut done = 0;
@@ -90,7 +93,7 @@ pub(crate) fn check(
 }
 
 /// Opens a run of the folder with all checks of its records, and compares it with the manifest.
-fn open(request: &Verification<'_>, run: &ManifestRun) -> Result<RunFile, String> {
+fn open(request: &Verification<'_>, run: &ManifestRun, is_of_this_build: bool) -> Result<RunFile, String> {
     let of = |problem: &dyn Display| format!("{}: {problem}", run.file);
     let path = request.folder.join(&run.file);
     if needs_log(&path).map_err(|error| of(&error))? {
@@ -100,7 +103,7 @@ fn open(request: &Verification<'_>, run: &ManifestRun) -> Result<RunFile, String
     }
     let file = RunFile::open(&path).map_err(|error| of(&error))?;
     file.check().map_err(|error| of(&error))?;
-    match run.differences(&file).map_err(|error| of(&error))?.as_slice() {
+    match run.differences(&file, is_of_this_build).map_err(|error| of(&error))?.as_slice() {
         [] => Ok(file),
         facts => Err(of(&format!("{MANIFEST} describes another run: {}", facts.join(", ")))),
     }
@@ -109,8 +112,7 @@ fn open(request: &Verification<'_>, run: &ManifestRun) -> Result<RunFile, String
 /// Resolves the plan of a run with the files of the folder alone.
 fn resolve(request: &Verification<'_>, run: &ManifestRun, file: &RunFile) -> Result<ResolvedPlan, String> {
     if is_python(&file.header().target.kind) {
-        return Err("its system is Python code, which is not part of the folder: replay it with your code"
-            .to_string());
+        return Err(PYTHON.to_string());
     }
     let place = request.folder.join(run.files.as_deref().unwrap_or(""));
     resolve_in(file.header(), &place).map_err(|error| reason(&error))
@@ -144,8 +146,13 @@ impl Opened<'_> {
                 )));
             }
             (Err(why), Some(_)) if names_built_in(header) => found.problems.push(cannot(why)),
-            (Err(why), None) if is_asked => found.problems.push(cannot(why)),
+            (Err(why), None) => found.problems.push(cannot(why)),
             (Err(why), Some(_)) if is_asked => found.unverified.push(cannot(why)),
+            // The page and the README show the reason of the manifest.
+            (Err(why), Some(stated)) if why != stated => {
+                let stated = format!("{MANIFEST} says why its simulations cannot be replayed: {stated}");
+                found.unverified.push(of(&stated));
+            }
             (Ok(_), Some(_)) => {
                 let problem =
                     format!("{MANIFEST} says that its simulations cannot be replayed, but they can");
@@ -174,22 +181,35 @@ impl Opened<'_> {
     }
 
     /// Makes the page again and compares it.
-    fn page_problem(&self, request: &Verification<'_>) -> Option<String> {
+    fn compare_page(&self, request: &Verification<'_>, found: &mut EvidenceVerification) {
         let page = &self.run.page;
         let resolved = match (&self.run.not_replayable, &self.resolved) {
             (Some(why), _) => Err(why.as_str()),
             (None, Ok(resolved)) => Ok(resolved),
-            // Then the folder differs already.
-            (None, Err(_)) => return None,
+            // That is a problem of the run.
+            (None, Err(_)) => return found.pages_compared = false,
         };
-        match page::text(&self.file, &self.run.file, resolved, request.words) {
+        let problem = match page::text(&self.file, &self.run.file, resolved, request.words) {
             Ok(text) => match std::fs::read(request.folder.join(page)) {
-                Ok(bytes) if bytes == text.as_bytes() => None,
-                Ok(_) => Some(format!("{page}: it is not the page that follows from {}", self.run.file)),
-                Err(error) => Some(format!("{page}: {error}")),
+                Ok(bytes) if bytes == text.as_bytes() => return,
+                Ok(_) => format!("{page}: it is not the page that follows from {}", self.run.file),
+                Err(error) => format!("{page}: {error}"),
             },
-            Err(error) => Some(format!("{page}: it cannot be made again: {error}")),
-        }
+            Err(error) => format!("{page}: it cannot be made again: {error}"),
+        };
+        found.problems.push(problem);
+    }
+
+    /// Lists the files in the folder of the run that its simulations do not need.
+    fn unused_files(&self, request: &Verification<'_>) -> Vec<String> {
+        let (Some(folder), Ok(resolved)) = (&self.run.files, &self.resolved) else { return Vec::new() };
+        let there = layout::list(&request.folder.join(folder));
+        let (Ok(needed), Ok(there)) = (needed_files(&resolved.plan), there) else {
+            return vec![format!("{folder}: it is not the folder of the files of {}", self.run.file)];
+        };
+        let is_unused = |name: &String| !needed.iter().any(|needed| needed == Path::new(name));
+        let unused = there.files.into_iter().filter(is_unused);
+        unused.map(|name| format!("{folder}/{name}: {} does not need this file", self.run.file)).collect()
     }
 
     /// Replays the chosen simulations, unless the verification was interrupted before.

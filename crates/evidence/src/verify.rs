@@ -13,7 +13,7 @@ use mishandle_text::path_text;
 use crate::checks;
 use crate::error::EvidenceError;
 use crate::layout::{self, CHECKS, FILES, MANIFEST, PAGES, README, RUNS, SIGNATURE, SUMS, is_name};
-use crate::manifest::{self, FORMAT, Manifest};
+use crate::manifest::{self, FORMAT, Format, Manifest, Program};
 use crate::readme;
 use crate::replays;
 use crate::signature::{self, Checked, MISSING, Signers, UNCHECKED, WRONG};
@@ -182,19 +182,22 @@ fn check_files(
     let Some(text) = read(folder, MANIFEST, manifest::MAX_SIZE, &mut found.problems) else {
         return Ok(None);
     };
-    let manifest: Manifest = match serde_json::from_str(&text) {
+    let manifest = match serde_json::from_str(&text) {
+        Ok(Format { evidence_format: FORMAT }) => {
+            serde_json::from_str(&text).map_err(|error| error.to_string())
+        }
+        Ok(Format { evidence_format }) => {
+            Err(format!("format {evidence_format}; this program reads format {FORMAT}"))
+        }
+        Err(error) => Err(error.to_string()),
+    };
+    let manifest: Manifest = match manifest {
         Ok(manifest) => manifest,
-        Err(error) => {
-            found.problems.push(format!("{MANIFEST}: {error}"));
+        Err(problem) => {
+            found.problems.push(format!("{MANIFEST}: {problem}"));
             return Ok(None);
         }
     };
-    if manifest.evidence_format != FORMAT {
-        let problem =
-            format!("{MANIFEST}: format {}; this program reads format {FORMAT}", manifest.evidence_format);
-        found.problems.push(problem);
-        return Ok(None);
-    }
     sizes.retain(|(name, _)| name != MANIFEST);
     let is_same = sizes.len() == manifest.files.len()
         && sizes.iter().zip(&manifest.files).all(|((name, hashed), file)| {
@@ -212,6 +215,14 @@ fn check_files(
     }
     // Another version of the program writes other words.
     found.pages_compared = manifest.is_of_this_build();
+    if !found.pages_compared {
+        let Program { version, commit, .. } = &manifest.program;
+        found.unverified.push(format!(
+            "{MANIFEST}: it says that Mishandle {version} ({commit}) made the folder, with MuJoCo {}; only that program makes \
+             README, pages and reports again",
+            manifest.mujoco
+        ));
+    }
     if found.pages_compared
         && let Some(text) = read(folder, README, manifest::MAX_SIZE, &mut found.problems)
         && text != readme::text(&manifest, request.words)

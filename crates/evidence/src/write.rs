@@ -26,6 +26,10 @@ use crate::readme;
 use crate::signature::Key;
 use crate::sums::{self, Hashed, Watch};
 
+/// Why no system in Python is replayed.
+pub(crate) const PYTHON: &str =
+    "its system is Python code, which is not part of the folder: replay it with your code";
+
 /// The parts of a folder of evidence.
 #[derive(Debug)]
 pub struct Collection<'a> {
@@ -191,8 +195,7 @@ fn files(
 ) -> Result<(Option<String>, Result<ResolvedPlan, String>), EvidenceError> {
     let header = run.header();
     if is_python(&header.target.kind) {
-        let why = "its system is Python code, which is not part of the folder".to_string();
-        return Ok((None, Err(why)));
+        return Ok((None, Err(PYTHON.to_string())));
     }
     let (number, place) = (1..)
         .map(|number: u32| (number, home.join(FILES).join(number.to_string())))

@@ -43,12 +43,12 @@ pub struct Check {
     pub allows_inapplicable: bool,
     /// Seed of all runs.
     pub seed: Seed,
-    /// Search for counterexamples.
+    /// Search for counterexamples; empty if none was needed.
     pub search: String,
     /// The simulations of all runs without a verdict.
     #[serde(default)]
     pub without_verdict: WithoutVerdict,
-    /// Version of the program.
+    /// Version of the program that made the runs.
     pub program: String,
     /// The requirements, in the order of the file.
     pub requirements: Vec<CheckedRequirement>,
@@ -77,7 +77,7 @@ pub struct CheckedRequirement {
     pub clauses: Vec<String>,
     /// Where the numbers of the formula come from; `null` if the file does not say it.
     pub source: Option<String>,
-    /// Scenario space.
+    /// Scenario space; empty if the target lacks signals of the formula and the file names no space.
     pub space: String,
     /// Largest failure rate that is allowed; `null`: no violation is.
     pub max_failure_rate: Option<f64>,

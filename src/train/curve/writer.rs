@@ -7,7 +7,7 @@ use mishandle_training::{AlgorithmSettings, Checkpoint, TrainingProgress};
 use super::row::{COLUMNS, CURRICULUM_COLUMNS, CurveRow, REWARD, SCENARIO_COLUMNS, secs_cell};
 use super::{Curve, read};
 use crate::error::{CurveProblem, MishandleError};
-use mishandle_files::GrowingFile;
+use mishandle_files::{GrowingFile, limits, read_bounded};
 
 /// Writes a curve; each row is written after its iteration.
 #[derive(Debug)]
@@ -39,10 +39,14 @@ impl<'a> CurveColumns<'a> {
     }
 }
 
-/// Returns whether a file is a curve without rows.
+/// Returns whether a file is a curve without rows, or the start of its first line.
 pub(crate) fn has_no_rows(path: &Path) -> bool {
-    let is_empty = std::fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == 0);
-    is_empty || Curve::load(path).is_ok_and(|curve| curve.rows.is_empty())
+    let is_start = |bytes: Vec<u8>| {
+        let columns = COLUMNS.join(",").into_bytes();
+        !bytes.contains(&b'\n') && (columns.starts_with(&bytes) || bytes.starts_with(&columns))
+    };
+    read_bounded(path, limits::CURVE).is_ok_and(is_start)
+        || Curve::load(path).is_ok_and(|curve| curve.rows.is_empty())
 }
 
 impl CurveWriter {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use encoding::{put_bytes, put_double, put_float, put_integer, record};
-use mishandle_files::{GrowingFile, NewFolders};
+use mishandle_files::{GrowingFile, NewFolders, read_bounded};
 use mishandle_results::Key;
 use mishandle_training::{Rates, TrainingProgress, Validation};
 
@@ -19,6 +19,10 @@ use crate::error::{MishandleError, exists};
 
 /// TensorBoard recognizes event files by this part of the name.
 const MARK: &str = "tfevents";
+
+/// Length of the record of the version: 16 bytes besides the message, which is a number of 9 bytes
+/// and a text of 15.
+const FIRST_RECORD: u64 = 40;
 
 /// Writes the event file of a training run.
 #[derive(Debug)]
@@ -45,6 +49,9 @@ impl EventFile {
         let mut folders = NewFolders::default();
         folders.create(folder).map_err(failed)?;
         EventFile::check(folder, resumes)?;
+        if !resumes {
+            remove_empty(folder).map_err(failed)?;
+        }
         let mut event = Vec::new();
         put_double(&mut event, event::WALL_TIME, now_secs());
         put_bytes(&mut event, event::FILE_VERSION, b"brain.Event:2");
@@ -95,15 +102,32 @@ fn write_error(path: &Path, source: io::Error) -> MishandleError {
     MishandleError::Write { what: "event file", path: path.to_path_buf(), source }
 }
 
-/// Returns an event file of a folder, if there is one.
+/// Returns an event file of a folder, if there is one with data.
 fn event_file(folder: &Path) -> io::Result<Option<PathBuf>> {
+    Ok(event_files(folder)?.into_iter().find(|path| !has_no_data(path)))
+}
+
+fn event_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         if entry.file_name().to_string_lossy().contains(MARK) {
-            return Ok(Some(entry.path()));
+            found.push(entry.path());
         }
     }
-    Ok(None)
+    Ok(found)
+}
+
+/// Returns whether an event file has nothing but the record with which each begins, or a part of it:
+/// a run left it that was killed before its first checkpoint.
+fn has_no_data(path: &Path) -> bool {
+    let length = (FIRST_RECORD - 16).to_le_bytes();
+    read_bounded(path, FIRST_RECORD).is_ok_and(|bytes| bytes.iter().zip(length).all(|(a, b)| *a == b))
+}
+
+/// Removes the event files without data, which a run that was killed left.
+fn remove_empty(folder: &Path) -> io::Result<()> {
+    event_files(folder)?.iter().filter(|path| has_no_data(path)).try_for_each(std::fs::remove_file)
 }
 
 /// Creates a file with a unique name. TensorBoard reads the files of a folder in the order of their

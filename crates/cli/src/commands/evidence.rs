@@ -32,9 +32,9 @@ ssh-keygen. docs/guide/evidence.md says how to verify a folder with and without 
 key, as for ssh-keygen -Y verify. The check needs no network, writes nothing, and starts no program
 but ssh-keygen, for the signature. A replay takes the time of the simulation. Exit code 0 means that
 all agrees, 1 that something differs, that the signature does not count, or that not all can be
-verified (systems in Python, programs, time limits, runs that are not finished, a signature without
-ssh-keygen), 2 that the folder or FILE cannot be read. -k evidence.replay=0 asks for no replay, so
-none can be missing.")]
+verified (systems in Python, programs, time limits, runs that are not finished, pages of another
+build, a signature without ssh-keygen), 2 that the folder or FILE cannot be read. -k
+evidence.replay=0 asks for no replay of runs, so none can be missing.")]
 pub struct Arguments {
     /// Run files, and folders of `mishandle check`
     #[arg(value_name = "RUN", required_unless_present = "verify")]

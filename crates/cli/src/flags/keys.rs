@@ -18,7 +18,20 @@ const TOP: &str = "";
 /// Tables and single keys of plans that a command reads.
 const TABLES: [(&str, &[&str]); 24] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
-    ("falsify", &[TOP, "axes", "requirements", "guard", "falsify", "screening", "report.repeats", "engine"]),
+    (
+        "falsify",
+        &[
+            TOP,
+            "axes",
+            "requirements",
+            "guard",
+            "falsify",
+            "screening",
+            "report.repeats",
+            "report.smooth-region",
+            "engine",
+        ],
+    ),
     ("margin", &[TOP, "axes", "requirements", "guard", "margin", "engine"]),
     ("metamorphic", &[TOP, "axes", "requirements", "guard", "metamorphic", "engine"]),
     ("risk", &[TOP, "axes", "requirements", "guard", "risk", "screening", "engine"]),
@@ -46,6 +59,7 @@ const TABLES: [(&str, &[&str]); 24] = [
             "harden",
             "screening",
             "report.repeats",
+            "report.smooth-region",
             "engine",
         ],
     ),

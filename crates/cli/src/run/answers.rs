@@ -33,10 +33,10 @@ fn add_further(asked: &mut Asked) -> Result<()> {
     if asked.kind != RunKind::Falsify {
         return Ok(());
     }
-    let repeats = Some(asked.settings.report.repeats.into());
     let physics = Bar::new(0, "simulations that check the physics");
     let others = Bar::new(0, "repeats");
-    mishandle::inspect::further(&asked.resolved, &mut asked.answer, repeats, |part, done, all| {
+    let settings = &asked.settings.report;
+    mishandle::inspect::further(&asked.resolved, &mut asked.answer, settings, |part, done, all| {
         let bar = if part == FurtherPart::Physics { &physics } else { &others };
         if part == FurtherPart::Physics && done == 0 {
             output::message(&format!(

@@ -54,7 +54,7 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         if found.pages_compared {
             "README and pages: made again and compared"
         } else {
-            "README and pages: not compared, because another build made them"
+            "README and pages: not all compared"
         }
         .to_string()
     }));
@@ -95,7 +95,6 @@ pub fn verification_text(found: &EvidenceVerification) -> String {
         () if is_different => "NOT VERIFIED.",
         () if !found.is_complete => "INTERRUPTED: nothing differs so far, but not all was verified.",
         () if !found.unverified.is_empty() => "NOT VERIFIED: nothing differs, but not all can be verified.",
-        () if !found.pages_compared => "All that was compared agrees.",
         () => "All agrees.",
     };
     let replayed = match chosen {

@@ -1,0 +1,98 @@
+//! How often a question calls the system: for each simulation of its run file, for the probes before
+//! the first one, and never unasked besides.
+
+use std::path::Path;
+
+use mishandle::store::RunFile;
+
+use crate::bench::Bench;
+
+/// A system of two axes whose robustness is smooth; it writes a line for each simulation.
+const SYSTEM: &str = r#"
+import json, sys
+HELLO = {"protocol": 1, "name": "counted", "control_dt": 1.0, "steps": 1,
+  "axes": [{"name": name, "low": -1, "high": 1, "nominal": 0.0, "kind": "model"} for name in ("a", "b")],
+  "signals": [{"name": "x"}], "formulas": [{"name": "success", "text": "always(x >= 0)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    if q["type"] == "hello": answer = HELLO
+    else:
+        open("calls", "a").write("1\n")
+        x = 0.6 - 0.3 * q["scenario"]["a"] + 0.1 * q["scenario"]["b"]
+        answer = {"trace": {"x": [x, x]}}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+/// Simulations before the first one: the nominal one, and each axis at its two bounds.
+const PROBES: u64 = 5;
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("counted.py", SYSTEM);
+    bench
+}
+
+/// Returns the number of calls, and forgets them.
+fn calls(bench: &Bench) -> u64 {
+    let lines = std::fs::read_to_string(bench.path("calls")).unwrap_or_default().lines().count();
+    let _ = std::fs::remove_file(bench.path("calls"));
+    lines as u64
+}
+
+/// Returns the number of simulations in a run file, those that answer no question of the user too.
+fn rows(path: &Path) -> u64 {
+    let run = RunFile::open(path).unwrap();
+    let trials = run.trials().unwrap().into_iter().chain(run.derived_trials().unwrap());
+    trials.map(|found| run.trial_simulations(found.trial.number).count() as u64).sum()
+}
+
+#[test]
+fn a_question_calls_the_system_for_its_rows_and_its_probes() {
+    let bench = bench();
+    let safe = "always(x >= -9)";
+    let fails = "always(x >= 0.4)";
+    for (number, (question, budget, code)) in [
+        (format!("falsify --search random --formula '{safe}' --trials 1 --budget 100"), 100, 0),
+        (format!("falsify --search random --formula '{safe}' --trials 2 --budget 150"), 300, 0),
+        (format!("falsify --formula '{safe}' --trials 1 --budget 60"), 60, 0),
+        (format!("falsify --search random --formula '{fails}' --trials 1 --budget 100"), 100, 1),
+        ("evaluate --episodes 40".to_string(), 40, 0),
+        (format!("margin --formula '{safe}' --budget 60"), 60, 0),
+        (format!("risk --formula '{safe}' -k risk.method=monte-carlo -k risk.simulations=100"), 100, 0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let run = format!("{number}.sqlite");
+        bench.check(&format!("{question} --command 'python3 counted.py' --out {run}"), code);
+        let (calls, rows) = (calls(&bench), rows(&bench.path(&run)));
+        assert_eq!(calls, rows + PROBES, "{question}");
+        assert!(code == 1 || calls <= budget + PROBES, "{question}: {calls}");
+    }
+}
+
+#[test]
+fn only_who_asks_for_the_smooth_region_gets_further_simulations() {
+    let bench = bench();
+    let question = "falsify --search random --formula 'always(x >= -9)' --trials 1 --budget 100 --json";
+    let region = "-k report.smooth-region=true --command 'python3 counted.py' --out run.sqlite";
+    let found = bench.json(&format!("{question} {region}"), 0);
+    assert!(found["smooth_region"]["covered"].as_f64().unwrap() > 0.9, "{found}");
+    assert_eq!(calls(&bench), 2 * 100 + PROBES);
+}
+
+#[test]
+fn a_check_calls_the_system_for_its_runs_and_its_counterexamples() {
+    let bench = bench();
+    bench.write(
+        "requirements.toml",
+        "[[requirement]]\nname = 'R-1'\nformula = 'always(x >= -9)'\n\
+         [[requirement]]\nname = 'R-2'\nformula = 'always(x >= 0.4)'\n",
+    );
+    let check = "check --requirements requirements.toml --episodes 30 --budget 20 --out checked --json";
+    let found = bench.json(&format!("{check} --command 'python3 counted.py'"), 1);
+    let runs = found["controllers"][0]["runs"].as_array().unwrap();
+    let rows: u64 = runs.iter().map(|run| rows(&bench.path(run["run"].as_str().unwrap()))).sum();
+    // The random run and the search for R-1, each with its probes, and the counterexample of R-2.
+    assert_eq!((runs.len(), calls(&bench)), (2, rows + 2 * PROBES + 1));
+}
