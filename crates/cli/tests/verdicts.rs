@@ -327,13 +327,15 @@ fn a_counterexample_without_a_verdict_is_not_fixed() {
     let bench = bench("False", "None");
     let (code, _, err) = ask(&bench, &format!("falsify --trials 1 --budget 60 {COMMAND} --out f.sqlite"));
     assert_eq!(code, Some(1), "{err}");
+    // The file of the target is copied, without what it imports.
     ask(&bench, "regress failures --add f.sqlite");
+    bench.write("failures/end.py", "def end(a): return {'trace': {'x': [a] * 6}}\n");
     assert_eq!(ask(&bench, "regress failures").0, Some(1));
-    bench.write("end.py", "def end(a): return {'end': 'diverged'}\n");
+    bench.write("failures/end.py", "def end(a): return {'end': 'diverged'}\n");
     let (code, found, err) = ask(&bench, "regress failures");
     assert_eq!((code, &found["without_verdict"]), (Some(2), &1.into()), "{err}");
     assert_eq!((&found["tests"][0]["result"], &found["passes"]), (&"no verdict".into(), &0.into()));
-    bench.write("end.py", "def end(a): return {'trace': {'x': [0.0] * 6}}\n");
+    bench.write("failures/end.py", "def end(a): return {'trace': {'x': [0.0] * 6}}\n");
     assert_eq!(ask(&bench, "regress failures").0, Some(0));
 }
 

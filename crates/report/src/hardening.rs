@@ -2,7 +2,6 @@
 
 use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening, ModeChange, Words};
 use mishandle::rollout::Axis;
-use mishandle::run::without_verdict_text;
 use mishandle_text::{p_value_text, plural};
 
 use crate::hardened_modes::{HardenedModes, ordered};
@@ -39,8 +38,6 @@ impl HardeningSummary {
             estimated(found.failure_probability.get(1)),
             worse,
             text(&found.verdict),
-            without_verdict_text(&found.without_verdict.ends)
-                .map_or(String::new(), |text| format!(" {text}.")),
         ]
     }
 }
@@ -70,7 +67,7 @@ pub fn hardening_page(
         "<section>\n<h2>{target}: {}{}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
          <b>Space:</b> <code>{}</code>{}.{}</p>\n",
         text(&found.verdict),
-        without_verdict_text(&found.without_verdict.ends).map_or(String::new(), |text| format!(" {text}.")),
+        words::without_verdict(&found.without_verdict.ends),
         text(&short(&found.before, 80)),
         found.after.as_ref().map_or("no round was accepted".to_string(), |path| format!(
             "<code>{}</code>",

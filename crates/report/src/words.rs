@@ -1,6 +1,6 @@
 //! The verdict in sentences.
 
-use mishandle::results::{Answer, Evaluation, Falsification, Requirement};
+use mishandle::results::{Answer, EndCounts, Evaluation, Falsification, Requirement};
 use mishandle::run::without_verdict_text;
 
 use crate::html::{number, percent, short, text};
@@ -63,8 +63,14 @@ pub fn formula_label(report: &RunReport) -> String {
 /// Returns the verdict: a sentence of HTML, and one about simulations without a verdict.
 pub fn headline(report: &RunReport) -> String {
     let ends = report.answer.as_ref().map(|answer| answer.without_verdict().ends);
-    let without_verdict = ends.and_then(|ends| without_verdict_text(&ends));
-    verdict(report) + &without_verdict.map_or(String::new(), |text| format!(" {text}."))
+    verdict(report) + &ends.map_or(String::new(), |ends| without_verdict(&ends))
+}
+
+/// Returns the sentence about simulations without a verdict after a space; empty if all have one.
+pub fn without_verdict(ends: &EndCounts) -> String {
+    let Some(text) = without_verdict_text(ends) else { return String::new() };
+    let (first, rest) = text.split_at(1);
+    format!(" {}{rest}.", first.to_uppercase())
 }
 
 fn verdict(report: &RunReport) -> String {
@@ -88,7 +94,7 @@ fn evaluated(report: &RunReport, found: &Evaluation) -> String {
     let what = formula_name(report);
     let rate = &found.metrics.violation_rate;
     let decided = rate.n;
-    let all = found.metrics.simulations;
+    let all = found.metrics.ends().simulations;
     match (found.metrics.violations, rate.value) {
         (_, None) => format!("No simulation of {subject} has a verdict."),
         (0, _) if decided < all => format!(

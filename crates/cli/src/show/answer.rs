@@ -1,6 +1,6 @@
 //! The answer of a run, as text.
 
-use mishandle::results::{Answer, WithoutVerdict};
+use mishandle::results::{Answer, EndCounts, WithoutVerdict};
 use mishandle::run::without_verdict_text;
 
 use super::{evaluation, falsification, hardening, margin, metamorphic, risk};
@@ -8,11 +8,12 @@ use super::{evaluation, falsification, hardening, margin, metamorphic, risk};
 /// Returns the first line of an answer with simulations without a verdict; empty if all have one.
 /// `meaning` says what they count as.
 pub fn without_verdict(found: &WithoutVerdict, meaning: &str) -> String {
-    match without_verdict_text(&found.ends) {
-        Some(text) if found.ends.total() > 0 => format!("{text}; {meaning}\n"),
-        Some(text) => format!("{text}\n"),
-        None => String::new(),
-    }
+    let EndCounts { invalid_starts, .. } = found.ends;
+    let undecided = without_verdict_text(&EndCounts { invalid_starts: 0, ..found.ends });
+    let left_out = without_verdict_text(&EndCounts { invalid_starts, ..EndCounts::default() });
+    let parts: Vec<String> =
+        undecided.map(|text| format!("{text}; {meaning}")).into_iter().chain(left_out).collect();
+    if parts.is_empty() { String::new() } else { format!("{}\n", parts.join("; ")) }
 }
 
 /// Returns the answer as the command of its question prints it.

@@ -59,9 +59,11 @@ pub fn text(runs: &[(&str, &Metamorphic)]) -> String {
         text.push_str(&format!("\n\n{run}, {}", details(found, relation)));
     }
     if relations().all(|(.., relation)| relation.broken == 0 && relation.broken_rate.n > 0) {
-        text.push_str(match relations().all(|(.., relation)| relation.without_verdict == 0) {
-            true => "\n\nno pair breaks a relation; that is evidence, not a proof",
-            false => "\n\nno pair with two verdicts breaks a relation, which says nothing about the others",
+        let is_decided = relations().all(|(.., relation)| relation.without_verdict == 0);
+        text.push_str(if is_decided {
+            "\n\nno pair breaks a relation; that is evidence, not a proof"
+        } else {
+            "\n\nno pair with two verdicts breaks a relation, which says nothing about the others"
         });
     }
     text

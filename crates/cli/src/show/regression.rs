@@ -77,11 +77,11 @@ pub fn text(found: &Regression) -> String {
 fn summary(tests: &[RegressionTest], has_baseline: bool) -> String {
     let n = |results: &[RegressionResult]| tests.iter().filter(|test| results.contains(&test.result)).count();
     let head = plural(tests.len(), "counterexample");
-    let errors = format!(
-        "{} without a verdict, {}",
-        n(&[RegressionResult::NoVerdict]),
-        plural(n(&[RegressionResult::Error]), "error")
-    );
+    let errors = plural(n(&[RegressionResult::Error]), "error");
+    let errors = match n(&[RegressionResult::NoVerdict]) {
+        0 => errors,
+        undecided => format!("{undecided} without a verdict, {errors}"),
+    };
     if !has_baseline {
         return format!(
             "{head}: {} pass, {} still fail, {errors}",

@@ -1,8 +1,9 @@
 use mishandle::results::{Check, CheckCell, CheckVerdict, CheckedRequirement};
 use mishandle_text::plural;
 
-use super::{counts, formula, marked_verdict, without_verdict};
+use super::{counts, formula, marked_verdict};
 use crate::markdown::{code, escaped, table};
+use crate::words::without_verdict;
 
 /// Returns the numbers of verdicts in a sentence.
 pub fn summary(found: &Check) -> String {
@@ -35,11 +36,11 @@ pub fn check_markdown(found: &Check) -> String {
         text += &format!("> {}\n\n", escaped(&notice.split_whitespace().collect::<Vec<_>>().join(" ")));
     }
     text += &format!(
-        "{}Target {}, requirements {}. {}.\n\n{}## Evidence\n\n{}## Runs\n\n{}",
-        without_verdict(found),
+        "Target {}, requirements {}. {}.{}\n\n{}## Evidence\n\n{}## Runs\n\n{}",
         code(&found.target),
         code(&found.requirements_file),
         summary(found),
+        without_verdict(&found.without_verdict.ends),
         matrix(found),
         evidence(found),
         runs(found)

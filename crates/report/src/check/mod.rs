@@ -8,7 +8,6 @@ mod page;
 use mishandle::results::{
     Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement, CheckedValue,
 };
-use mishandle::run::without_verdict_text;
 use mishandle_text::{decimal, visible};
 
 pub use figures::CheckFigures;
@@ -27,11 +26,6 @@ const UNTESTED: &str = "constant signal, nothing tested";
 pub fn check_reports(found: &Check, figures: &CheckFigures) -> [(&'static str, String); 3] {
     let [page, markdown, junit] = CHECK_REPORTS;
     [(page, check_page(found, figures)), (markdown, check_markdown(found)), (junit, check_junit(found))]
-}
-
-/// Returns the sentence about simulations without a verdict; empty if all have one.
-fn without_verdict(found: &Check) -> String {
-    without_verdict_text(&found.without_verdict.ends).map_or(String::new(), |text| format!("{text}. "))
 }
 
 /// Returns the verdict of a cell with its mark: the severity of a violation that does not count, or

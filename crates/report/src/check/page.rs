@@ -4,9 +4,10 @@ use mishandle::falsification::physics_text;
 use mishandle::results::{Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement};
 use mishandle::stl::{Clock, EvaluationTime, Formula};
 
-use super::{CheckFigures, counts, marked_verdict, summary, without_verdict};
+use super::{CheckFigures, counts, marked_verdict, summary};
 use crate::html::{lines, number, percent, table, text};
 use crate::page::Document;
+use crate::words::without_verdict;
 
 /// Returns the page about a check: one HTML file without scripts, which loads nothing.
 pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
@@ -14,10 +15,10 @@ pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
     let mut body = format!("<section>\n<h2>{title}</h2>\n");
     body.extend(found.notice.as_ref().map(|notice| format!("<p><strong>{}</strong></p>\n", text(notice))));
     body += &format!(
-        "<p>{}{}. Simulations are evidence about what was simulated: a requirement that is not \
+        "<p>{}.{} Simulations are evidence about what was simulated: a requirement that is not \
          violated in them is not proved.</p>\n{}</section>\n",
-        without_verdict(found),
         summary(found),
+        without_verdict(&found.without_verdict.ends),
         matrix(found)
     );
     let requirements = (1..).zip(&found.requirements);
