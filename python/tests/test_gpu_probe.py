@@ -14,6 +14,7 @@ except ImportError:
 
 FINGERS, ARM, OBJECT, GROUND, FIXTURE = range(5)
 FIXTURE_FORCE, GROUND_FORCE, SELF_FORCE, OBJECT_FORCE, ARM_OBJECT_FORCE, TOUCH_FORCE = range(6)
+FORCES = 6
 
 # A floor, a post, the stand of an arm of two links whose last one is a finger, and an object.
 SCENE = """<mujoco><compiler angle="radian"/>
@@ -62,6 +63,8 @@ def pairs():
                     bits[first, second] |= 1 << OBJECT_FORCE
                 if pair == {ARM, OBJECT}:
                     bits[first, second] |= 1 << ARM_OBJECT_FORCE
+                if pair & set(robot) and not (holds and OBJECT in pair):
+                    bits[first, second] |= 1 << TOUCH_FORCE
         held.append(bits.ravel().tolist())
     return held
 
@@ -96,11 +99,11 @@ class Readings(unittest.TestCase):
                     # The second control step starts again at 0.
                     batch.step()
                     readings = batch.arrays()["outputs"][:, -probes.READINGS - 1 : -1]
-                    expected = np.zeros(10)
-                    expected[[OBJECT_FORCE, ARM_OBJECT_FORCE]] = 2 * 9.81
-                    expected[5:] = 5 * expected[:5]
+                    expected = np.zeros(2 * FORCES)
+                    expected[[OBJECT_FORCE, ARM_OBJECT_FORCE, TOUCH_FORCE]] = 2 * 9.81
+                    expected[FORCES:] = 5 * expected[:FORCES]
                     np.testing.assert_allclose(
-                        readings[:, :10], np.tile(expected, (3, 1)), rtol=1e-4,
+                        readings[:, : 2 * FORCES], np.tile(expected, (3, 1)), rtol=1e-4,
                         err_msg=f"{cone} {condim}"
                     )
 
@@ -164,13 +167,13 @@ class Readings(unittest.TestCase):
             for substeps in (1, 4):
                 found, expected = self.readings(cone, substeps, 400)
                 # Every force occurs.
-                touches = (expected[:, :5] > 1).sum(axis=0)
+                touches = (expected[:, :FORCES] > 1).sum(axis=0)
                 self.assertGreaterEqual(touches.min(), 10, touches)
                 difference = np.abs(found - expected) / (1 + np.abs(expected))
                 # About five times those of these states, and 32-bit numbers have 6e-8.
-                self.assertLess(np.quantile(difference[:, :10], 0.99), 3e-4)
-                self.assertLess(difference[:, :10].max(), 5e-3)
-                self.assertLess(difference[:, 10:].max(), 3e-4)
+                self.assertLess(np.quantile(difference[:, : 2 * FORCES], 0.99), 3e-4)
+                self.assertLess(difference[:, : 2 * FORCES].max(), 5e-3)
+                self.assertLess(difference[:, 2 * FORCES :].max(), 3e-4)
 
     def test_a_probe_changes_no_bit_of_the_rest_of_an_output_row(self):
         document = SCENE.format(cone="elliptic")

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mishandle_results as results;
 use mishandle_results::{Answer, CheckRun, CheckRunKind, EndCounts};
-use mishandle_store::{BuildRecord, RunFile};
+use mishandle_store::{BuildRecord, MAX_TRIALS, RunFile};
 use mishandle_text::path_text;
 
 use super::checker::Checker;
@@ -14,7 +14,7 @@ use super::row::{self, Row};
 use super::{CheckProgress, Watch};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder, recorded_ends};
 
 /// The runs and the cells of one controller.
 pub(super) struct Column {
@@ -40,7 +40,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, true)?;
-            ends.add_all(answer.without_verdict().ends);
+            ends.add_all(recorded_ends(&run, MAX_TRIALS)?);
             programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
@@ -57,7 +57,7 @@ impl Checker<'_> {
                 return Ok(None);
             };
             row::add(&mut rows, answer.requirements(), &run, false)?;
-            ends.add_all(answer.without_verdict().ends);
+            ends.add_all(recorded_ends(&run, MAX_TRIALS)?);
             programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }

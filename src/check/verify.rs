@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use mishandle_files::{limits, read_text_bounded};
 use mishandle_requirements::{RequirementFile, WrittenRequirement};
 use mishandle_results::{
-    Check, CheckCell, CheckRun, CheckRunKind, CheckedController, CheckedRequirement, Words,
+    Check, CheckCell, CheckRun, CheckRunKind, CheckedController, CheckedRequirement, EndCounts,
+    WithoutVerdict, Words,
 };
 use mishandle_stl::Formula;
-use mishandle_store::{RunFile, RunKind};
+use mishandle_store::{MAX_TRIALS, RunFile, RunKind};
 
 use super::cell::NOT_REPRODUCED;
 use super::column::program;
@@ -19,6 +20,7 @@ use super::row::{self, Row};
 use super::violation;
 use crate::error::{MishandleError, problem};
 use crate::plan::Plan;
+use crate::run::recorded_ends;
 use crate::run::rows::REQUIREMENT;
 
 /// What is wrong with the result of a check.
@@ -82,6 +84,7 @@ pub fn differences<'r>(
     }
     let mut programs = BTreeSet::new();
     let mut searched = "";
+    let (mut ends, mut max_share) = (EndCounts::default(), Plan::MAX_WITHOUT_VERDICT);
     for (index, controller) in found.controllers.iter().enumerate() {
         let mut files = Vec::new();
         for named in &controller.runs {
@@ -94,6 +97,8 @@ pub fn differences<'r>(
             let facts = facts(found, controller, named, file, plan)?;
             all.problems.extend(facts.into_iter().map(|fact| format!("{}: another {fact}", named.run)));
             programs.insert(program(&file.header().build));
+            ends.add_all(recorded_ends(file, MAX_TRIALS)?);
+            max_share = plan.max_without_verdict;
             if named.kind == CheckRunKind::Search {
                 searched = &found.search;
             }
@@ -137,6 +142,9 @@ pub fn differences<'r>(
     let programs = Vec::from_iter(programs).join(", ");
     if found.search != searched || (!programs.is_empty() && found.program != programs) {
         all.problems.push("it names another search or program than its runs".to_string());
+    }
+    if found.without_verdict != WithoutVerdict::new(ends, max_share) {
+        all.problems.push("its runs have other numbers of simulations without a verdict".to_string());
     }
     Ok(all)
 }
