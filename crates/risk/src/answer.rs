@@ -321,9 +321,10 @@ mod tests {
         let ends = |diverged: u64| EndCounts { simulations: 5000, diverged, ..EndCounts::default() };
         let undecided = |failures: u64| MonteCarlo { ends: ends(1750), ..monte_carlo(failures) };
         let found = Answer::new(&undecided(0), None, None);
-        // Two-sided 97.5 %: 2.2414 standard errors above 0.35.
-        let expected = 0.35 + 2.2414 * (0.35_f64 * 0.65 / 5000.0).sqrt();
-        assert!((found.bounds[1] - expected).abs() < 2e-4 && found.bounds[0] == 0.0, "{:?}", found.bounds);
+        // Two-sided 97.5 %: the p at which 1,750 or fewer of 5,000 have the probability 0.0125, from
+        // the sum of the binomial distribution in Python.
+        let expected = 0.365_326_124_338;
+        assert!((found.bounds[1] - expected).abs() < 1e-9 && found.bounds[0] == 0.0, "{:?}", found.bounds);
         assert_eq!(found.source, None);
         // Whatever part an estimate is from: it counts them as passed, the bounds do not.
         for (failures, importance) in [(5, None), (500, None), (0, Some(regions(1e-3, 0)))] {
