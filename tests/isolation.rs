@@ -3,7 +3,7 @@
 
 use std::ops::ControlFlow;
 
-use mishandle::plan::FalsifyPlan;
+use mishandle::plan::{FalsifyPlan, ReportSettings};
 use mishandle::results::Answer;
 use mishandle::run::Engine;
 use mishandle::store::{MAX_TRIALS, RunFile};
@@ -20,7 +20,10 @@ fn falsified(isolate: Option<bool>) -> (Answer, RunFile, ResolvedPlan, tempfile:
     let run = mishandle::run::create_run(&resolved, Some(&path)).unwrap();
     let go = |_: &_| ControlFlow::Continue(());
     let mut answer = mishandle::run::ask(&resolved, run, Engine::Direct, &mut { go }).unwrap();
-    mishandle::inspect::further(&resolved, &mut answer, None, |_, _, _| ControlFlow::Continue(())).unwrap();
+    mishandle::inspect::further(&resolved, &mut answer, &ReportSettings::default(), |_, _, _| {
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     (answer, RunFile::open(&path).unwrap(), resolved, folder)
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use mishandle::counterexample::{Chosen, Counterexample, Preparation, export};
 use mishandle::falsification::FalsificationError;
 use mishandle::inspect::{FurtherPart, further};
-use mishandle::plan::FalsifyPlan;
+use mishandle::plan::{FalsifyPlan, ReportSettings};
 use mishandle::results::{Answer, Cause, Falsification, PhysicsCheck, SolverChange as Change, Trial};
 use mishandle::rollout::{
     Episode, Request, RolloutError, SolverChange, SolverVariant, Space, Specification, System,
@@ -62,7 +62,7 @@ fn falsify(resolved: &ResolvedPlan, path: &Path) -> (Falsification, [u64; 2]) {
     let mut answer =
         mishandle::run::ask(resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
     let mut simulations = [0; 2];
-    further(resolved, &mut answer, None, |part, done, most| {
+    further(resolved, &mut answer, &ReportSettings::default(), |part, done, most| {
         if part == FurtherPart::Physics {
             assert!(done > 0 || simulations == [0, 0], "announced before the first simulation");
             simulations = [most, done];

@@ -165,12 +165,11 @@ impl Call {
         Ok(Call { plan, settings, stated })
     }
 
-    /// Checks that the call states no key outside of tables but these and the seed.
+    /// Checks that the call states no key outside of tables but these and [`EVERYWHERE`].
     pub(crate) fn check_keys(&self, known: &[&str]) -> PyResult<()> {
-        let other = self
-            .stated
-            .iter()
-            .find(|key| !key.contains('.') && *key != "seed" && !known.contains(&key.as_str()));
+        let other = self.stated.iter().find(|key| {
+            !key.contains('.') && !EVERYWHERE.contains(&key.as_str()) && !known.contains(&key.as_str())
+        });
         match other {
             None => Ok(()),
             Some(key) => {
@@ -180,6 +179,9 @@ impl Call {
         }
     }
 }
+
+/// Keys outside of tables that mean something for every system.
+const EVERYWHERE: [&str; 2] = ["seed", "max-without-verdict"];
 
 /// Returns a table of TOML. `null` is a key that is left out.
 fn toml_table(given: Map<String, Json>) -> Table {

@@ -101,7 +101,7 @@ class Violation(unittest.TestCase):
 class DataFrames(unittest.TestCase):
     def test_pandas_and_polars_give_the_robustness_of_a_dictionary(self):
         columns = {
-            "time": ["0 s", "1 s", "2 s"], "x": [0.0, 2.0, 5.0], "flag": [True, False, True],
+            "label": ["a", "b", "c"], "x": [0.0, 2.0, 5.0], "flag": [True, False, True],
             "n": [1, 2, 3]
         }
         formula = Formula("always(x <= 4 and n <= 2) or flag >= 1")
@@ -111,10 +111,13 @@ class DataFrames(unittest.TestCase):
             frame = __import__(library).DataFrame(columns)
             np.testing.assert_array_equal(formula.robustness_signal(frame), expected)
             self.assertEqual(mishandle.robustness("eventually(x >= 6)", frame), -1.0)
-            with self.assertRaisesRegex(ValueError, "lacks the signals y; it has time, x, flag, n"):
+            with self.assertRaisesRegex(ValueError, "lacks the signals y; it has label, x, flag, n"):
                 mishandle.robustness("y <= 1", frame)
-            with self.assertRaisesRegex(ValueError, "`time` is not an array of numbers"):
-                mishandle.robustness("time <= 1", frame)
+            with self.assertRaisesRegex(ValueError, "`label` is not an array of numbers"):
+                mishandle.robustness("label <= 1", frame)
+            texts = __import__(library).DataFrame({**columns, "time": ["0 s", "1 s", "2 s"]})
+            with self.assertRaisesRegex(ValueError, "`time` is `0 s`; a time must be a number"):
+                mishandle.robustness("eventually(x >= 6)", texts)
 
     def test_a_simulation_is_a_trace(self):
         system = lambda scenario: {"x": [0.0, scenario["x"]]}

@@ -220,7 +220,8 @@ class Choices(Logs):
             ),
             (
                 {"time": [0.0, 0.2, 0.1], "x": [1, 1, 1]}, {},
-                f'row 3; pass {stated("sort", "True")}$'
+                'row 3; if its clock starts again there, cut the log into two; pass '
+                f'{stated("sort", "True")} if its rows are in the wrong order$'
             ),
             (
                 {"time": [0.0, 0.1, 0.1], "x": [1, 1, 1]}, {},

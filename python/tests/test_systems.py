@@ -13,6 +13,7 @@ import gymnasium
 import mishandle
 import numpy as np
 from mishandle import Attribute, Axis, InvalidScenario, MishandleError
+from mishandle.errors import InvalidStateError
 
 SQUARE = [Axis("x", -1.0, 1.0, "m"), Axis("y", -1.0, 1.0, "m")]
 
@@ -487,11 +488,8 @@ class Environments(FolderCase):
                 [one.end for one in found], ["invalid action 1 in control step 1"], repr(action)
             )
         self.assertEqual(Recording.actions, [])
-        # Finite actions, also those whose squares overflow, and those that are not numbers.
-        for action in [
-            np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0]), 3, np.int64(3), 10**400,
-            {"gear": 1}, "left"
-        ]:
+        # Finite actions, also those whose squares overflow.
+        for action in [np.array([1e30, -1e30], np.float32), np.array([1e300, 0.0])]:
             Recording.actions.clear()
             [found] = mishandle.simulate(
                 Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action,
@@ -501,6 +499,13 @@ class Environments(FolderCase):
             self.assertTrue(
                 all(each is action for each in Recording.actions) and len(Recording.actions) >= 3
             )
+        # Another number of numbers than the action space has.
+        for action in [3, np.int64(3), 10**400, [1.0], np.zeros(3), {"gear": 1}, "left"]:
+            with self.assertRaisesRegex(InvalidStateError, "the policy returned an action of"):
+                mishandle.simulate(
+                    Recording(), "always(x <= 1)", [Axis("x", 0, 1)], policy=lambda o: action,
+                    signals={"x": "obs[0]"}, steps=3
+                )
 
     def test_models_with_predict_are_policies(self):
         class Model:

@@ -411,7 +411,7 @@ mod tests {
             (
                 "\nbatch = 1",
                 "batch",
-                "seed, careful, requirements, guard, evaluate, compare, falsify",
+                "seed, careful, max-without-verdict, requirements, guard, evaluate, compare, falsify",
                 "did you mean `evaluate.batch` or `falsify.batch` or `metamorphic.batch` or `risk.batch`?",
             ),
             (

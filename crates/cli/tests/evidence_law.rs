@@ -52,7 +52,7 @@ fn changes(document: &Value) -> Vec<(String, Value)> {
                     .for_each(|(i, value)| places(value, &format!("{place}/{i}"), found));
             }
             Value::Object(values) => values.iter().for_each(|(key, value)| {
-                places(value, &format!("{place}/{}", key.replace('/', "~1")), found)
+                places(value, &format!("{place}/{}", key.replace('/', "~1")), found);
             }),
             _ => found.push(place.to_string()),
         }

@@ -106,7 +106,10 @@ fn a_campaign_without_any_verdict_is_an_error() {
     let out = text(&output.stdout);
     let err = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{err}");
-    assert!(out.contains("6 simulations ended in a value that is not finite"), "{out}");
+    assert!(
+        out.starts_with("none of 6 simulations has a verdict: 6 ended in a value that is not finite"),
+        "{out}"
+    );
     assert!(err.contains("no simulation has a verdict"), "{err}");
     let evaluate = "evaluate point-reaching --controller bad.safetensors --episodes 2 --out b.sqlite";
     let output = bench.run(evaluate);

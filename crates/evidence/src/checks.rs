@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use mishandle::MishandleError;
 use mishandle::check::{COUNTEREXAMPLES, REQUIREMENTS, RESULT, differences, moved, replay, to_json};
 use mishandle::counterexample::Counterexample;
 use mishandle::files::{limits, read_text_bounded};
@@ -81,7 +80,7 @@ fn name_replays<'f>(
     home: &Path,
     files: impl Fn(&str) -> Option<&'f str>,
     words: Words,
-) -> Result<(), MishandleError> {
+) -> Result<(), EvidenceError> {
     let kind = found.target_kind.clone();
     for violation in found.cells.iter_mut().filter_map(|cell| cell.counterexample.as_mut()) {
         let mut moved = Vec::new();

@@ -12,7 +12,7 @@ use mishandle::portable::{copy_files, resolve_in};
 use mishandle::resolve::{Moved, is_python};
 use mishandle::results::{Evidence, EvidenceCheck, EvidenceRun, Words};
 use mishandle::store::RunFile;
-use mishandle::{MishandleError, Plan, ResolvedPlan};
+use mishandle::{Plan, ResolvedPlan};
 use mishandle_text::path_text;
 
 use crate::checks;
@@ -239,7 +239,7 @@ fn files(
 }
 
 /// Returns an error with its causes on one line.
-pub(crate) fn reason(error: &MishandleError) -> String {
+pub(crate) fn reason(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut cause = std::error::Error::source(error);
     while let Some(next) = cause {

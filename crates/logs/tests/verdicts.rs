@@ -11,8 +11,10 @@ fn formula(text: &str) -> Formula {
 
 fn samples(csv: &str, text: &str) -> Result<Samples> {
     let options = Options::default();
-    OpenLog::open_csv(Box::new(Cursor::new(csv.as_bytes().to_vec())), &options)?
-        .samples([&formula(text)], &options)
+    let log = OpenLog::open_csv(Box::new(Cursor::new(csv.as_bytes().to_vec())), &options)?;
+    let mut runs = log.samples_of_runs([&formula(text)], &options)?;
+    assert_eq!(runs.len(), 1);
+    Ok(runs.remove(0))
 }
 
 /// Returns the robustness with whole windows.

@@ -180,7 +180,8 @@ fn a_resumed_run_writes_a_session_start() {
 fn a_folder_contains_event_files_of_one_training_run() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("a/b");
-    let first = EventFile::create(&inside, &[], false).unwrap();
+    let mut first = EventFile::create(&inside, &[], false).unwrap();
+    first.write(&progress(300)).unwrap();
     let error = EventFile::create(&inside, &[], false).unwrap_err();
     assert!(error.to_string().contains("a/b"), "{error}");
     assert_eq!(error.remedies().first(), Some(&Remedy::Another(Key::EVENTS)));
@@ -189,4 +190,9 @@ fn a_folder_contains_event_files_of_one_training_run() {
     assert!(second.file.path() > first.file.path(), "{second:?}");
     let name = first.file.path().file_name().unwrap().to_string_lossy().into_owned();
     assert!(name.starts_with("events.out.tfevents.") && name.ends_with(".0"), "{name}");
+    // A run that was killed before its first checkpoint left a file without data.
+    let killed = folder.path().join("killed");
+    drop(EventFile::create(&killed, &[], false).unwrap());
+    EventFile::create(&killed, &[], false).unwrap();
+    assert_eq!(std::fs::read_dir(&killed).unwrap().count(), 1);
 }
