@@ -276,7 +276,11 @@ class Fronts(FolderCase):
                     field.name for field in dataclasses.fields(results.Falsification)
                     if field.default is None
                 }
-                for trial in expected.get("trials", ()):
+                trials = zip(expected.get("trials", ()), found.get("trials", ()))
+                for trial, of_campaign in trials:
+                    # The checks of the physics move a cause back.
+                    if trial["physics"] is not None:
+                        trial["cause"] = of_campaign["cause"] = None
                     trial["repeats"] = trial["physics"] = None
                 for key in set(expected) - left_out:
                     self.assertEqual(repr(found[key]), repr(expected[key]), key)
