@@ -111,7 +111,8 @@ class DataFrames(unittest.TestCase):
             frame = __import__(library).DataFrame(columns)
             np.testing.assert_array_equal(formula.robustness_signal(frame), expected)
             self.assertEqual(mishandle.robustness("eventually(x >= 6)", frame), -1.0)
-            with self.assertRaisesRegex(ValueError, "lacks the signals y; it has label, x, flag, n"):
+            lacks = "lacks the signals y; it has label, x, flag, n"
+            with self.assertRaisesRegex(ValueError, lacks):
                 mishandle.robustness("y <= 1", frame)
             with self.assertRaisesRegex(ValueError, "`label` is not an array of numbers"):
                 mishandle.robustness("label <= 1", frame)

@@ -66,7 +66,8 @@ class Runs(Logs):
                 values = [verdict.robustness for verdict in found.verdicts]
                 self.assertEqual(values, [-7.0, 1.0], repr(log))
                 names = [verdict.log for verdict in found.verdicts]
-                self.assertRegex(names[0], "run 2 of 2, (line 5 to line 7|line 4 to line 6|row 4 to row 6)")
+                places = "(line 5 to line 7|line 4 to line 6|row 4 to row 6)"
+                self.assertRegex(names[0], f"run 2 of 2, {places}")
                 with self.assertRaisesRegex(InvalidValueError, "the times start again in"):
                     mishandle.robustness("always(d <= 2)", log, plan=plan)
         found = command("--formula", "always(d <= 2)", str(self.files(columns)[0]))

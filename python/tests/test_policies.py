@@ -164,7 +164,8 @@ class Actions(unittest.TestCase):
         self.assertEqual(end(lambda observation: np.array([0.5, 0.5])), "completed")
         self.assertEqual(end(lambda observation: [0.5, 0.5]), "completed")
         for given in (np.array([0.5]), 0.5, [0.5], np.zeros(3), np.zeros((2, 2))):
-            with self.assertRaisesRegex(RuntimeError, "the policy returned an action of .*expected 2"):
+            refused = "the policy returned an action of .*expected 2"
+            with self.assertRaisesRegex(RuntimeError, refused):
                 end(lambda observation: given)
 
     def test_rewards_and_signals_of_one_element_are_numbers(self):

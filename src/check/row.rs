@@ -320,8 +320,8 @@ mod tests {
         let unclear = row([900, 0, 100], [0; 3]);
         assert_eq!(clean.verdict(Some(0.05)).0, CheckVerdict::NotViolated);
         assert_eq!(unclear.verdict(Some(0.05)).0, CheckVerdict::NoVerdict);
-        // Without a limit on the rate, too many are no conclusion, also of a search, and fewer widen
-        // the bound as violations do. A plan can allow none.
+        // Without a limit on the rate, too many prevent a conclusion, also of a search, and fewer
+        // widen the bound as violations do. A plan can allow none.
         assert_eq!(clean.verdict(None).0, CheckVerdict::NotViolated);
         for found in [row([940, 0, 60], [0; 3]), row([100, 0, 0], [90, 0, 11])] {
             let (verdict, evidence) = found.verdict(None);

@@ -23,7 +23,7 @@ use crate::plan::Plan;
 use crate::run::recorded_ends;
 use crate::run::rows::REQUIREMENT;
 
-/// What is wrong with the result of a check.
+/// The problems of the result of a check.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CheckDifferences {
     /// Statements that differ from what the files of the check say.

@@ -89,8 +89,8 @@ fn is_of(
         && formula.is_some_and(|formula| text(formula) == text(requirement.formula_text()))
 }
 
-/// Names the command of each violation anew, with the files beside its counterexample, or where the
-/// run found them. `run` returns the file of a run.
+/// Names the command of each violation again, with the files beside its counterexample, or where
+/// the run found them. `run` returns the file of a run.
 ///
 /// # Errors
 /// If a counterexample or the plan of a run cannot be read.

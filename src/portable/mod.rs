@@ -156,8 +156,8 @@ pub fn copy_files(plan: &Plan, folder: &Path) -> Result<Vec<PathBuf>, MishandleE
     write(folder, copies)
 }
 
-/// Returns the files that [`copy_files`] writes for a plan whose files are in such a folder, as paths
-/// in it.
+/// Returns the files that [`copy_files`] writes for a plan whose files are in such a folder, as
+/// paths in it.
 ///
 /// # Errors
 /// If a file is outside the folder of the target file or cannot be read.

@@ -74,7 +74,7 @@ fn table(resolved: &ResolvedPlan) -> Result<&RiskPlan, MishandleError> {
     resolved.plan.risk.as_ref().ok_or(MishandleError::MissingPlanTable { table: "risk" })
 }
 
-/// What an estimate assumes that counts simulations without a verdict as passed.
+/// The assumption of an estimate that counts simulations without a verdict as passed.
 pub(super) const ALL_PASS: &str = "simulations without a verdict satisfy the requirement";
 
 /// Describes what the interval of an estimate assumes; `None` if nothing.

@@ -1,5 +1,5 @@
-//! Simulations without a verdict: their share of the simulations of a question, and the one sentence
-//! about them.
+//! Simulations without a verdict: their share of the simulations of a question, and the one
+//! sentence about them.
 
 use mishandle_evaluation::count_end;
 use mishandle_results::{Answer, Comparison, EndCounts, WithoutVerdict};

@@ -47,8 +47,8 @@ pub(super) struct TrainingRecorder<'a> {
     /// Time of the last attempt to write a checkpoint after the first success; `None` before. A
     /// failure to write the first checkpoint ends the run, later failures do not.
     checkpoint_time: Option<Instant>,
-    /// The iterations of a new training run that wait for its first checkpoint: a run that is killed
-    /// before it leaves curve and event file without data, which the next start replaces.
+    /// The iterations of a new training run that wait for its first checkpoint: a run that is
+    /// killed before it leaves curve and event file without data, which the next start replaces.
     waiting: Vec<TrainingProgress>,
     is_resumed: bool,
 }

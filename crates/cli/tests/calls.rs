@@ -1,5 +1,5 @@
-//! How often a question calls the system: for each simulation of its run file, for the probes before
-//! the first one, and never unasked besides.
+//! How often a question calls the system: for each simulation of its run file, for the probes
+//! before the first one, and never unasked besides.
 
 use std::path::Path;
 

@@ -249,7 +249,8 @@ fn a_counterexample_of_a_target_file_replays_and_is_drawn() {
     bench.check(&command.replace("files/", "ev/files/"), 0);
 }
 
-/// Returns the files of a folder and of those in it, but no run: SQLite may order its pages otherwise.
+/// Returns the files of a folder and of those in it, but no run: SQLite may order its pages
+/// otherwise.
 fn texts(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {

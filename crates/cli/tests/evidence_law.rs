@@ -1,5 +1,5 @@
-//! A forger changes each statement of a folder of evidence, makes every hash and report fit again, and
-//! is found: by a problem, or by what is listed as not verified.
+//! A forger changes each statement of a folder of evidence, makes every hash and report fit again,
+//! and is found: by a problem, or by what is listed as not verified.
 
 use std::fs;
 use std::ops::ControlFlow;
@@ -97,7 +97,7 @@ fn no_statement_of_a_check_can_be_changed() {
     let mut passed = Vec::new();
     let mut forged = 0;
     for (place, changed) in changes(&document) {
-        // What is no result is refused when it is read, and its version is no statement.
+        // A result that cannot be read is refused, and its version states nothing.
         let Ok(result) = serde_json::from_value::<Check>(changed) else { continue };
         if to_json(&result).unwrap() == text {
             continue;
@@ -152,7 +152,7 @@ fn no_statement_of_a_manifest_can_be_changed() {
     for (place, changed) in changes(&document).into_iter().filter(|(place, _)| !place.starts_with("/files")) {
         seal(&bench, "ev", |manifest| *manifest = changed.clone());
         let found = verify(&bench);
-        // A forger writes the README anew, so it counts for nothing here.
+        // A forger writes the README again, so it counts for nothing here.
         let mut said = found.problems.iter().chain(&found.unverified);
         if said.all(|text| text.starts_with("README.md")) {
             passed.push(place);

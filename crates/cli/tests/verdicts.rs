@@ -241,8 +241,8 @@ const QUESTIONS: [(&str, i32); 4] = [
     ("risk --simulations 400 -k risk.method=monte-carlo", 2),
 ];
 
-/// In 35 % of the space, simulations end so; everywhere else, the formula is satisfied. Each question
-/// says so first, and concludes nothing. The true failure probability can be 0.35.
+/// In 35 % of the space, simulations end so; everywhere else, the formula is satisfied. Each
+/// question says so first, and concludes nothing. The true failure probability can be 0.35.
 #[test]
 fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() {
     for (end, answer, _) in ENDS.into_iter().filter(|(end, ..)| !matches!(*end, "invalid" | "crash")) {

@@ -459,7 +459,7 @@ impl Sinks {
 pub(crate) enum Sink {
     Values(ValueColumn),
     Times(TimeColumn),
-    /// What follows the whole seconds of the times.
+    /// The part of the times after their whole seconds.
     Nanoseconds(NanosecondColumn),
     Topics(TopicColumn),
 }

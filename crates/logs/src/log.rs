@@ -174,8 +174,8 @@ impl OpenLog {
         Ok(formula.check_names(&self.names)?)
     }
 
-    /// Checks that a signal is no column that is there and not read. The elements of an array that
-    /// is not read have no names.
+    /// Checks that a signal is not a column that is there and not read. The elements of an array
+    /// that is not read have no names.
     fn check_read(&self, signal: &str) -> Result<()> {
         for (topic, table) in &self.tables {
             let is_signal = |name: &str| {

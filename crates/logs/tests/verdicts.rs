@@ -25,8 +25,8 @@ fn strict(csv: &str, text: &str) -> Result<f64> {
 
 const LOG: &str = "x,z\n-1,0.5\n-1,0.5\n";
 
-/// Before the first sample, the window of `prev` is empty and its value infinite. The other conjunct
-/// decides.
+/// Before the first sample, the window of `prev` is empty and its value infinite. The other
+/// conjunct decides.
 #[test]
 fn a_conjunct_with_an_empty_window_does_not_refuse_a_decided_formula() {
     for (text, robustness) in [

@@ -240,7 +240,7 @@ fn fronts_are_those_of_the_whole_grid() {
     assert!(unsupported < 10, "{unsupported}");
 }
 
-/// The tightest end of the range satisfies the formula where nothing is asked; it is no value.
+/// The tightest end of the range satisfies the formula where nothing is asked; it is not a value.
 #[test]
 fn values_that_no_trace_supports_are_not_mined() {
     let idle = [log("a", &[0.0, 0.0], &[9.0, 9.0]), log("b", &[0.0, 0.0], &[3.0, 3.0])];

@@ -77,7 +77,8 @@ pub struct CheckedRequirement {
     pub clauses: Vec<String>,
     /// Where the numbers of the formula come from; `null` if the file does not say it.
     pub source: Option<String>,
-    /// Scenario space; empty if the target lacks signals of the formula and the file names no space.
+    /// Scenario space; empty if the target lacks signals of the formula and the file names no
+    /// space.
     pub space: String,
     /// Largest failure rate that is allowed; `null`: no violation is.
     pub max_failure_rate: Option<f64>,

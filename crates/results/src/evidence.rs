@@ -83,11 +83,11 @@ pub struct EvidenceVerification {
     /// Everything wrong with signature, files, manifest, pages and run files; empty if nothing is.
     pub problems: Vec<String>,
     /// Everything that cannot be verified although nothing differs: simulations that cannot be
-    /// replayed, runs that are not finished or empty, pages of another build, counterexamples without
-    /// a replay, a signature without `ssh-keygen`; empty if there is nothing.
+    /// replayed, runs that are not finished or empty, pages of another build, counterexamples
+    /// without a replay, a signature without `ssh-keygen`; empty if there is nothing.
     pub unverified: Vec<String>,
-    /// Whether README and pages were made again and compared; `false` if another build made them, or
-    /// the files of a run are not its own.
+    /// Whether README and pages were made again and compared; `false` if another build made them,
+    /// or the files of a run are not its own.
     pub pages_compared: bool,
     /// Commit of this program.
     pub program: String,

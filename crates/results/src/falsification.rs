@@ -56,7 +56,8 @@ pub struct Falsification {
     /// budget. `null` if a trial was interrupted.
     pub restricted_mean_simulations: Option<f64>,
     /// The part of the space that cannot fail if the requirement is smooth; `null` where
-    /// `failure_rate_bound` is, and without `report.smooth-region`, which takes further simulations.
+    /// `failure_rate_bound` is, and without `report.smooth-region`, which takes further
+    /// simulations.
     pub smooth_region: Option<SmoothRegion>,
     /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
     /// (`random`) fails; `null` otherwise.

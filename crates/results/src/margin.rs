@@ -22,8 +22,8 @@ pub struct Margin {
     pub is_complete: bool,
     /// The simulations of the search without a verdict.
     pub without_verdict: WithoutVerdict,
-    /// Smallest amplitude of a simulation without a verdict, from which on nothing is claimed; `null`
-    /// without one.
+    /// Smallest amplitude of a simulation without a verdict, from which on nothing is claimed;
+    /// `null` without one.
     pub smallest_without_verdict: Option<f64>,
     /// Names of the categorical axes and the category at which each of them stays. A margin varies
     /// numbers only.
@@ -115,8 +115,8 @@ pub struct Level {
     pub is_violated: bool,
     /// Whether the search at this amplitude was not interrupted.
     pub is_complete: bool,
-    /// Whether all scenarios up to the amplitude were simulated, and those from which the target can
-    /// start have a verdict. It is possible if all axes are discrete.
+    /// Whether all scenarios up to the amplitude were simulated, and those from which the target
+    /// can start have a verdict. It is possible if all axes are discrete.
     pub is_exhaustive: bool,
 }
 

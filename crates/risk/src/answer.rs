@@ -321,8 +321,8 @@ mod tests {
         let ends = |diverged: u64| EndCounts { simulations: 5000, diverged, ..EndCounts::default() };
         let undecided = |failures: u64| MonteCarlo { ends: ends(1750), ..monte_carlo(failures) };
         let found = Answer::new(&undecided(0), None, None);
-        // Two-sided 97.5 %: the p at which 1,750 or fewer of 5,000 have the probability 0.0125, from
-        // the sum of the binomial distribution in Python.
+        // Two-sided 97.5 %: the p at which 1,750 or fewer of 5,000 have the probability 0.0125,
+        // from the sum of the binomial distribution in Python.
         let expected = 0.365_326_124_338;
         assert!((found.bounds[1] - expected).abs() < 1e-9 && found.bounds[0] == 0.0, "{:?}", found.bounds);
         assert_eq!(found.source, None);

@@ -239,8 +239,8 @@ impl SpecificationMonitor {
     /// seconds.
     ///
     /// # Errors
-    /// If a requirement reads no signal, or a formula contains an unknown signal or an interval bound
-    /// that is not a multiple of the control step.
+    /// If a requirement reads no signal, or a formula contains an unknown signal or an interval
+    /// bound that is not a multiple of the control step.
     pub fn new(
         specification: &Specification,
         signals: &Arc<[String]>,

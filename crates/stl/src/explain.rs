@@ -36,9 +36,10 @@ impl Formula {
     /// ```
     /// use mishandle_stl::{Clock, EvaluationTime, Formula};
     /// let formula = Formula::parse("always[50:300](finger_target_distance <= 0.12)").unwrap();
-    /// let lines = formula.explain(&Clock::steps(1.0 / 60.0), EvaluationTime::Start, |_| "m").unwrap();
-    /// assert_eq!(lines, ["at every step from 50 to 300 (0.83 s to 5 s): finger_target_distance is at most 0.12 m"]);
-    /// assert_eq!(formula.symbols().to_string(), "□[50:300](finger_target_distance ≤ 0.12)");
+    /// let lines = formula.explain(&Clock::steps(1.0 / 60.0), EvaluationTime::Start, |_|
+    /// "m").unwrap(); assert_eq!(lines, ["at every step from 50 to 300 (0.83 s to 5 s):
+    /// finger_target_distance is at most 0.12 m"]); assert_eq!(formula.symbols().to_string(),
+    /// "□[50:300](finger_target_distance ≤ 0.12)");
     /// ```
     pub fn explain<'a>(
         &self,
@@ -613,7 +614,7 @@ mod tests {
         check("not p", "¬ p", &["this does not hold: p is at least 0"]);
     }
 
-    /// What looks like a chain or like an equivalence compares robustness.
+    /// A text that looks like a chain or like an equivalence compares robustness.
     #[test]
     fn a_formula_in_a_comparison_is_its_robustness() {
         check("0.2 <= v <= 0.3", "0.2 ≤ v ≤ 0.3", &["the robustness of `0.2 <= v` is at most 0.3"]);

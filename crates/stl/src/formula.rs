@@ -117,8 +117,8 @@ impl Formula {
     /// Checks that a trace of the signals `names` has what the formula reads.
     ///
     /// # Errors
-    /// If the formula reads no signal, or `names` lacks a signal of the formula, contains a name that
-    /// the formula defines, or a letter that is an operator in its text.
+    /// If the formula reads no signal, or `names` lacks a signal of the formula, contains a name
+    /// that the formula defines, or a letter that is an operator in its text.
     ///
     /// # Example
     /// ```
@@ -136,8 +136,9 @@ impl Formula {
         columns(self, names).map(drop)
     }
 
-    /// Returns for each node whether it is a number in the place of a formula: a signal, or arithmetic
-    /// on signals and constants. It holds if it is not negative, so a zero of it is +0.0.
+    /// Returns for each node whether it is a number in the place of a formula: a signal, or
+    /// arithmetic on signals and constants. It holds if it is not negative, so a zero of it is
+    /// +0.0.
     pub(crate) fn bare_numbers(&self) -> Vec<bool> {
         let starts = self.starts();
         let mut is_number: Vec<bool> = Vec::with_capacity(self.nodes.len());

@@ -423,8 +423,8 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// Checks that the next token starts a formula and not a number: `X - 1` is meant as a signal `X`
-    /// and not as `next(-1)`.
+    /// Checks that the next token starts a formula and not a number: `X - 1` is meant as a signal
+    /// `X` and not as `next(-1)`.
     fn check_after_letter(&self, letter: &str) -> Result<(), ParseError> {
         let token = self.peek();
         let is_operator = |word: &str| {

@@ -66,9 +66,9 @@ impl Buffers {
 }
 
 impl State {
-    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, `listed` the
-    /// index of each node in the list of sub-formulas, and `is_bare` which nodes are
-    /// [bare numbers](Formula::bare_numbers).
+    /// Compiles the sub-formula of these nodes. `columns` has the column of each signal, `listed`
+    /// the index of each node in the list of sub-formulas, and `is_bare` which nodes are [bare
+    /// numbers](Formula::bare_numbers).
     pub(crate) fn compile(
         formula: &Formula,
         nodes: Range<usize>,

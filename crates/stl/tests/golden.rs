@@ -22,8 +22,8 @@ fn trace_of(columns: &[Vec<f64>]) -> Trace {
     trace
 }
 
-/// Returns the text with words for operators that are letters in front of a number, as in `H -3 <= c`,
-/// which is `H - 3` to a reader and an error here.
+/// Returns the text with words for operators that are letters in front of a number, as in `H -3 <=
+/// c`, which is `H - 3` to a reader and an error here.
 fn without_letters(text: &str) -> String {
     let words = [
         ("G", "always"),

@@ -51,8 +51,8 @@ class Topic:
     """Messages of one topic, or the rows of a table.
 
     ``times`` are integer nanoseconds, of messages in increasing order within each run of the clock;
-    ``None`` for a table without them. ``columns`` is one array of numbers for each field. A value that a message lacks is NaN.
-    ``left_out`` says why other fields are no columns.
+    ``None`` for a table without them. ``columns`` is one array of numbers for each field. A value
+    that a message lacks is NaN. ``left_out`` says why other fields are no columns.
     """
 
     name: str

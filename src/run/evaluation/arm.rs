@@ -151,7 +151,7 @@ impl Pairs {
         let paired = |index: usize| if is_single { Some(first) } else { self.control.get(index).copied() };
         let mut counts = PairedCounts::default();
         let mut left_out = 0;
-        // An end without a verdict is no success, in the space as in the arm: what only one of a
+        // An end without a verdict is not a success, in the space as in the arm: what only one of a
         // pair does is a difference. An arm without any verdict shows nothing.
         let is_tested = self.control.iter().any(|control| control.decides);
         for (index, random) in self.random.iter().enumerate() {

@@ -118,8 +118,8 @@ fn event_files(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Returns whether an event file has nothing but the record with which each begins, or a part of it:
-/// a run left it that was killed before its first checkpoint.
+/// Returns whether an event file has nothing but the record with which each begins, or a part of
+/// it: a run left it that was killed before its first checkpoint.
 fn has_no_data(path: &Path) -> bool {
     let length = (FIRST_RECORD - 16).to_le_bytes();
     read_bounded(path, FIRST_RECORD).is_ok_and(|bytes| bytes.iter().zip(length).all(|(a, b)| *a == b))

@@ -106,8 +106,8 @@ impl Question<'_> {
         Ok(without)
     }
 
-    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns the number of requirements without one, after
-    /// a message for each; it is an error if none has one.
+    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns the number of
+    /// requirements without one, after a message for each; it is an error if none has one.
     fn verdicts(
         &self,
         name: &str,

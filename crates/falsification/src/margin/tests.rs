@@ -228,9 +228,9 @@ fn simulations_without_a_verdict_are_counted_and_are_no_evidence() {
     }
 }
 
-/// Nothing fails, and simulations beyond 0.6 of the way to a bound have no verdict: no claim reaches
-/// that far. Without them, the same search claims the whole space. Scenarios from which the system
-/// cannot start are no such region.
+/// Nothing fails, and simulations beyond 0.6 of the way to a bound have no verdict: no claim
+/// reaches that far. Without them, the same search claims the whole space. Scenarios from which the
+/// system cannot start are no such region.
 #[test]
 fn nothing_is_claimed_about_a_region_without_a_verdict() {
     let search = |end: SimulatedEnd| {

@@ -1,7 +1,7 @@
 //! Runs of a clock: where the times of a log start again, another log begins.
 //!
 //! Sorting such a log would mix two runs, and keeping one row of each time would delete one. A row
-//! that is only late is no start: the rows after it go on where those before it ended.
+//! that is only late is not a start: the rows after it go on where those before it ended.
 
 use mishandle_text::plural;
 
@@ -53,7 +53,7 @@ pub fn restarts(secs: &[f64]) -> Vec<usize> {
     starts.iter().skip(1).map(|at| rows[*at]).collect()
 }
 
-/// Number of times of a run that the next one passes, from which on they are no late rows.
+/// Number of times of a run that the next one passes, from which on they are more than late rows.
 pub(crate) const SURE: usize = 3;
 
 /// Returns whether the times from one on that goes back pass those of a run again, before they go

@@ -71,7 +71,8 @@ fn question(text: String) -> RequirementError {
 /// enough traces satisfy the formula, and fewer do if any one parameter is a step tighter.
 ///
 /// A trace supports a value if it contains the windows of the formula and the conditions of its
-/// implications hold. If no trace supports a value, there is none. The share is one of the traces whose conditions hold with some values.
+/// implications hold. Without such a trace, there are no values. The share is one of the traces
+/// whose conditions hold with some values.
 ///
 /// # Errors
 /// If the formula does not parse, a parameter is a signal, has no direction in which it is tighter,
@@ -105,7 +106,7 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
     for point in points {
         found.points.push(miner.point(&point)?);
     }
-    // Values that no trace asks for are no answer.
+    // Values that no trace asks for answer nothing.
     if found.points.iter().all(|point| point.support == 0) {
         found.outcome = MiningOutcome::NoSupport;
         found.points.clear();

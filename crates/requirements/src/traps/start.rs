@@ -87,9 +87,7 @@ fn past(tree: &Tree<'_>, node: usize, found: &mut Found<'_>) {
     found.warn(
         "past-at-the-start",
         node,
-        format!(
-            "`{name}` looks back from the first sample, before which there is none: no later sample counts"
-        ),
+        format!("`{name}` looks back from the first sample, before which nothing is: no later sample counts"),
         Some(instead),
     );
 }
@@ -158,8 +156,8 @@ fn infinite_value(tree: &Tree<'_>, context: &Context, comparison: usize, is_firs
     [-7.5, 30.0].into_iter().all(|level| value(level) == Some(found)).then_some(found)
 }
 
-/// Whether each node is evaluated at the first and at the last sample of each trace, under operators
-/// that require all samples.
+/// Whether each node is evaluated at the first and at the last sample of each trace, under
+/// operators that require all samples.
 struct Ends {
     first: Vec<bool>,
     last: Vec<bool>,

@@ -15,8 +15,8 @@ fn trace_of(columns: &[Vec<f64>]) -> Trace {
     Trace::from_columns(NAMES.map(String::from).into(), columns.to_vec())
 }
 
-/// Returns the bits of what the evaluators of discrete time say about a formula: values with cut and
-/// whole windows, the bounds after each sample and at the end, the two diagnoses.
+/// Returns the bits of what the evaluators of discrete time say about a formula: values with cut
+/// and whole windows, the bounds after each sample and at the end, the two diagnoses.
 fn discrete(text: &str, columns: &[Vec<f64>]) -> Vec<Vec<u64>> {
     let formula = parsed(text);
     let names = NAMES.map(String::from);
