@@ -6,7 +6,7 @@ use mishandle_text::{number_text, visible};
 use crate::cell::{Cell, RowTime, shown};
 use crate::error::{Result, content};
 use crate::place::Counted;
-use crate::times::{FAR, Times};
+use crate::times::{FAR, Times, to_nanoseconds};
 
 /// Words for the column with whole seconds, and for the one with the rest.
 const SECONDS: [&str; 3] = ["sec", "secs", "seconds"];
@@ -17,9 +17,6 @@ const SEPARATORS: [char; 4] = ['/', '.', '_', ' '];
 
 /// Nanoseconds per second.
 const SECOND: i64 = 1_000_000_000;
-
-/// Attoseconds per second.
-const ATTO: f64 = 1e18;
 
 /// The columns with the times of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,7 +103,7 @@ impl NanosecondColumn {
     pub(crate) fn after(self, seconds: &Times) -> Result<Times> {
         let mut found = Vec::with_capacity(self.values.len());
         for (row, nanoseconds) in self.values.iter().enumerate() {
-            let whole = seconds.attoseconds(row).map(|atto| check_whole(atto, seconds, row)).transpose()?;
+            let whole = seconds.nanoseconds_at(row).map(|time| check_whole(time, seconds, row)).transpose()?;
             found.push(whole.zip(*nanoseconds).map(|(whole, rest)| whole + i128::from(rest)));
         }
         seconds.replaced(&found)
@@ -118,26 +115,25 @@ impl NanosecondColumn {
         let Some(rest) = rest.filter(|_| !time.secs.is_nan()) else {
             return RowTime { secs: f64::NAN, ..time };
         };
-        let whole = time.origin.unwrap_or(0) + (time.secs * ATTO) as i128;
-        let atto = whole + i128::from(rest) * i128::from(SECOND);
-        let is_far = atto.unsigned_abs() as f64 / ATTO >= FAR;
-        let origin = *self.origin.get_or_insert(is_far.then_some(atto));
+        let time = to_nanoseconds(time.secs, time.origin) + i128::from(rest);
+        let is_far = time.unsigned_abs() as f64 / SECOND as f64 >= FAR;
+        let origin = *self.origin.get_or_insert(is_far.then_some(time * i128::from(SECOND)));
         // Nanoseconds first, so that the quotient is the nearest number.
-        let nanoseconds = (atto - origin.unwrap_or(0)) / i128::from(SECOND);
+        let nanoseconds = time - origin.unwrap_or(0) / i128::from(SECOND);
         RowTime { secs: nanoseconds as f64 / SECOND as f64, origin, rounding: 0.5e-9 }
     }
 }
 
-/// Returns a time of whole seconds in nanoseconds.
-fn check_whole(attoseconds: i128, seconds: &Times, row: usize) -> Result<i128> {
-    if attoseconds % 10_i128.pow(18) == 0 {
-        return Ok(attoseconds / i128::from(SECOND));
+/// Returns a time in nanoseconds if it is one of whole seconds.
+fn check_whole(nanoseconds: i128, seconds: &Times, row: usize) -> Result<i128> {
+    if nanoseconds % i128::from(SECOND) == 0 {
+        return Ok(nanoseconds);
     }
     Err(content(format!(
         "{}: `{}` is {}; seconds with nanoseconds in another column must be whole",
         seconds.places.text(row),
         seconds.column(),
-        number_text(attoseconds as f64 / ATTO)
+        number_text(nanoseconds as f64 / SECOND as f64)
     )))
 }
 

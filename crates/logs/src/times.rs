@@ -162,12 +162,8 @@ impl Times {
     /// # Errors
     /// If a row has no time, or one that does not fit 64 bits.
     pub fn to_nanoseconds(&self) -> Result<Vec<i64>> {
-        let origin = self.origin.unwrap_or(0);
         let of_row = |row: usize| {
-            let secs = self.secs[row];
-            // Half a nanosecond is rounded up.
-            let exact = (origin + (secs * ATTO) as i128 + 500_000_000).div_euclid(10_i128.pow(9));
-            let time = (!secs.is_nan()).then(|| i64::try_from(exact).ok()).flatten();
+            let time = self.nanoseconds_at(row).and_then(|time| i64::try_from(time).ok());
             time.ok_or_else(|| {
                 content(format!(
                     "{}: `{}` has no time that fits 64 bits in ns",
@@ -190,10 +186,10 @@ impl Times {
         looks_like_days(is_late, step).or(looks_like_a_part(step)).map(|unit| (step, unit))
     }
 
-    /// Returns the time of a row in attoseconds, in the scale of the file; `None` if it is missing.
-    pub(crate) fn attoseconds(&self, row: usize) -> Option<i128> {
+    /// Returns the time of a row in nanoseconds, in the scale of the file; `None` if it is missing.
+    pub(crate) fn nanoseconds_at(&self, row: usize) -> Option<i128> {
         let secs = self.secs[row];
-        (!secs.is_nan()).then(|| self.origin.unwrap_or(0) + (secs * ATTO) as i128)
+        (!secs.is_nan()).then(|| to_nanoseconds(secs, self.origin))
     }
 
     /// Returns times of the same rows and the same column in nanoseconds.
@@ -438,6 +434,13 @@ impl Times {
         let noise = self.noise;
         Grid::new(self.secs.iter().map(move |secs| (*secs, noise)), near)
     }
+}
+
+/// Returns a time in integer nanoseconds; half a nanosecond is rounded up. `origin` is the instant
+/// of 0 s in attoseconds, `None` for 0. A product with 1e18 is exact up to 53 bits only, so it is
+/// never compared with an integer before it is rounded.
+pub(crate) fn to_nanoseconds(secs: f64, origin: Option<i128>) -> i128 {
+    (origin.unwrap_or(0) + (secs * ATTO) as i128 + 500_000_000).div_euclid(10_i128.pow(9))
 }
 
 fn largest(values: &[f64]) -> f64 {

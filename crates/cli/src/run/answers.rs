@@ -33,11 +33,9 @@ fn add_further(asked: &mut Asked) -> Result<()> {
     if asked.kind != RunKind::Falsify {
         return Ok(());
     }
-    let physics = Bar::new(0, "simulations that check the physics");
-    let others = Bar::new(0, "repeats");
+    let mut shown: Option<(FurtherPart, Bar)> = None;
     let settings = &asked.settings.report;
     mishandle::inspect::further(&asked.resolved, &mut asked.answer, settings, |part, done, all| {
-        let bar = if part == FurtherPart::Physics { &physics } else { &others };
         if part == FurtherPart::Physics && done == 0 {
             output::message(&format!(
                 "checking the physics of the counterexamples with at most {}: half the physics step, the other collider, the start \
@@ -45,16 +43,19 @@ fn add_further(asked: &mut Asked) -> Result<()> {
                 plural(all, "simulation")
             ));
         }
-        if part != FurtherPart::Physics {
-            physics.clear();
+        // Two bars at a time would write into the line of each other.
+        if shown.as_ref().is_none_or(|(of, _)| *of != part) {
+            shown = None;
         }
+        let unit = match part {
+            FurtherPart::Physics => "simulations that check the physics",
+            _ => "repeats",
+        };
+        let (_, bar) = shown.get_or_insert_with(|| (part, Bar::new(all, unit)));
         bar.set_length(all);
         bar.set_position(done);
         control_flow()
-    })?;
-    physics.clear();
-    others.clear();
-    Ok(())
+    })
 }
 
 /// Prints the answer of `evaluate`.

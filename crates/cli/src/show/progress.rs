@@ -2,7 +2,7 @@
 //! hidden.
 
 use std::fmt::Write;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::time::Duration;
 
 use console::Term;
@@ -17,15 +17,17 @@ const CELLS: [usize; 2] = [10, 40];
 /// Interval between redraws that update the elapsed time.
 const TICK: Duration = Duration::from_millis(500);
 
-/// A progress bar. Dropping it clears its line, also after an error.
+/// A progress bar. It is shown as soon as it has items, so that a bar that waits for them does not
+/// write into the line of another one. Dropping it clears its line, also after an error.
 pub struct Bar {
     line: ProgressBar,
     note: Arc<Mutex<String>>,
+    shown: Once,
 }
 
 impl Bar {
-    /// Creates a bar for `total` items; `unit` is their plural noun. The bar is hidden unless
-    /// stderr is a terminal.
+    /// Creates a bar for `total` items, 0 if their number is not known yet; `unit` is their plural
+    /// noun. The bar is hidden unless stderr is a terminal.
     pub fn new(total: u64, unit: &'static str) -> Bar {
         let target =
             if shows_progress() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -51,15 +53,21 @@ impl Bar {
         if let Ok(style) = ProgressStyle::with_template("{line}") {
             line.set_style(style.with_key("line", draw));
         }
-        if shows_progress() {
-            line.enable_steady_tick(TICK);
+        let bar = Bar { line, note, shown: Once::new() };
+        bar.show(total);
+        bar
+    }
+
+    fn show(&self, total: u64) {
+        if total > 0 && shows_progress() {
+            self.shown.call_once(|| self.line.enable_steady_tick(TICK));
         }
-        Bar { line, note }
     }
 
     /// Sets the total number of items.
     pub fn set_length(&self, total: u64) {
         self.line.set_length(total);
+        self.show(total);
     }
 
     /// Sets the number of finished items.
