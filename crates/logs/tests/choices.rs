@@ -346,6 +346,19 @@ fn seconds_and_nanoseconds_in_two_columns_are_one_time() {
         let error = samples(&text, &["d"], &options).expect_err("no time").to_string();
         assert!(error.contains(part), "{error}");
     }
+    // A time of some hours, or of a clock of the world, is as exact as one of the first seconds.
+    for start in [0_u64, 3_601, 1_700_000_000] {
+        let row = |row: u64| format!("{},{},0\n", start + row, 999_999_999 - row);
+        let rows: String = (0..5_000).map(row).collect();
+        let text = format!("header.stamp.sec,header.stamp.nanosec,d\n{rows}");
+        let found = samples(&text, &["d"], &options).expect("times");
+        let first = if found.origin_ns.is_some() { 0.0 } else { start as f64 + 0.999_999_999 };
+        let Signals::Dense(signals) = found.signals else { panic!("dense") };
+        for (row, time) in signals[0].times().iter().enumerate() {
+            let expected = first + row as f64 * 0.999_999_999;
+            assert!((time - expected).abs() <= 1e-11 * expected.max(1.0), "{start} {row}: {time}");
+        }
+    }
     // A row without a time is left out with the others.
     let dropped = Options { missing: Missing::Drop, ..options };
     let rows = text.replace("\n10,900000000,0", "\n10,,0");
