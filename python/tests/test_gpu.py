@@ -4,6 +4,7 @@ import csv
 import ctypes
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -423,11 +424,13 @@ class OneStep(unittest.TestCase):
             self.assertEqual(states, 20 if task == "cloth-placing" else 200, task)
         self.check(found)
 
-    def test_the_cloth_differs_by_as_much_as_mujoco_c_from_itself(self):
+    def test_the_solver_of_the_cloth_stops_no_earlier_than_that_of_mujoco_c(self):
+        # MuJoCo C is off by 0.022 m/s in the worst of these states, and by 0.005 m/s in the median.
         found = self.found([self.loose])
         _, _, differences = found["cloth-placing"]
-        # `moved`: MuJoCo C from positions that differ by the precision of 32 bits.
-        self.assertLess(max(differences["qvel"]), 2 * max(differences["moved"]))
+        early, early_c = (differences[name] for name in ("early", "early C"))
+        self.assertLess(max(early), max(early_c))
+        self.assertLess(statistics.median(early), statistics.median(early_c))
 
     def test_one_step_with_changed_constants_and_events_agrees_with_mujoco_c(self):
         found = self.found([self.changed])

@@ -103,7 +103,8 @@ impl NanosecondColumn {
     pub(crate) fn after(self, seconds: &Times) -> Result<Times> {
         let mut found = Vec::with_capacity(self.values.len());
         for (row, nanoseconds) in self.values.iter().enumerate() {
-            let whole = seconds.nanoseconds_at(row).map(|time| check_whole(time, seconds, row)).transpose()?;
+            let whole =
+                seconds.nanoseconds_at(row).map(|time| check_whole(time, seconds, row)).transpose()?;
             found.push(whole.zip(*nanoseconds).map(|(whole, rest)| whole + i128::from(rest)));
         }
         seconds.replaced(&found)

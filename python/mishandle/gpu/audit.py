@@ -49,6 +49,9 @@ QUANTITIES = {
 }
 """Parts of the positions and velocities. Not every task has all of them."""
 
+CONVERGED = 1e-12
+"""Tolerance of the solver at which its error is below that of numbers of 32 bits."""
+
 EPISODE_STEPS = 300
 """Control steps of an episode, the same for all tasks."""
 
@@ -59,10 +62,11 @@ class Audit:
     """Absolute differences after one physics step: for each quantity the largest one per audited
     state.
 
-    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), and those
-    of :data:`QUANTITIES`. If the formula reads signals of the manner, ``forces`` and ``motion`` are
-    the differences of the readings of ``probe``, each divided by 1 plus the reading of MuJoCo C,
-    and ``force`` is the largest force of MuJoCo C, N.
+    The names are ``qpos``, ``qvel`` and ``moved`` (velocities of MuJoCo C after a move), ``early``
+    and ``early C`` (velocities of MuJoCo Warp and of MuJoCo C against a solver that converges), and
+    those of :data:`QUANTITIES`. If the formula reads signals of the manner, ``forces`` and
+    ``motion`` are the differences of the readings of ``probe``, each divided by 1 plus the reading
+    of MuJoCo C, and ``force`` is the largest force of MuJoCo C, N.
     """
 
     def __init__(self) -> None:
@@ -386,6 +390,15 @@ def compare(
     data.qpos[:] += MOVE * random.choice([-1.0, 1.0], nq)
     mujoco.mj_step(physics.model, data)
     result.add("moved", data.qvel - qvel)
+    option = physics.model.opt
+    iterations, tolerance = option.iterations, option.tolerance
+    option.iterations, option.tolerance = 10 * iterations, CONVERGED
+    physics.start(inputs["states"][row], inputs, row)
+    physics.set_inputs(inputs, row, 0)
+    mujoco.mj_step2(physics.model, data)
+    option.iterations, option.tolerance = iterations, tolerance
+    result.add("early", output[nq : nq + nv] - data.qvel)
+    result.add("early C", qvel - data.qvel)
 
 
 def main() -> None:
