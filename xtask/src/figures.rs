@@ -95,7 +95,7 @@ fn figures(text: &str) -> Vec<String> {
         let is_single = rest == 0 && (at == 0 || !matches!(word(at - 1), "to" | "and" | "or"));
         let of = if word(at + 2) == "all" { at + 3 } else { at + 2 };
         let before = &words[at.saturating_sub(REACH)..at];
-        unit == "%" && !(is_single && LEVELS.contains(&word(at)))
+        unit.starts_with('%') && !(is_single && LEVELS.contains(&word(at)))
             || word(at + 1) == "of" && number(word(of)).is_some()
             || word(at + 1) == "times" && word(at + 2) == "as"
             || COSTS.contains(&unit) && before.iter().any(|word| SPENDS.contains(word))

@@ -8,8 +8,8 @@
 //! build of the tests on the path. Two pages run at a time. A command must exit with 0, unless a
 //! comment directly above the block gives the code of each of its commands: `<!-- exit: 0 1 -->`.
 //! The command must print every output line that the page shows, to stdout or stderr. Numbers and
-//! the width of gaps are not compared; a page may leave lines out. A command that a page names as the
-//! source of [figures](crate::figures) must print these numbers.
+//! the width of gaps are not compared; a page may leave lines out. A command that a page names as
+//! the source of [figures](crate::figures) must print these numbers.
 
 use std::fs;
 use std::path::Path;
