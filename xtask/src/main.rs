@@ -14,6 +14,7 @@ mod dist;
 mod examples;
 mod external;
 mod falsifier_bench;
+mod figures;
 mod fuzz;
 mod golden;
 mod markdown;

@@ -8,7 +8,8 @@
 //! build of the tests on the path. Two pages run at a time. A command must exit with 0, unless a
 //! comment directly above the block gives the code of each of its commands: `<!-- exit: 0 1 -->`.
 //! The command must print every output line that the page shows, to stdout or stderr. Numbers and
-//! the width of gaps are not compared; a page may leave lines out.
+//! the width of gaps are not compared; a page may leave lines out. A command that a page names as
+//! the source of [figures](crate::figures) must print these numbers.
 
 use std::fs;
 use std::path::Path;
@@ -19,10 +20,11 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 
 use crate::check::Extent;
+use crate::figures::{is_printed, sourced};
 use crate::process::{cargo, linted, run};
 
 /// The longest first. Without `--all`, only the pages in [`USUAL`] run.
-const PAGES: [&str; 15] = [
+pub const PAGES: [&str; 22] = [
     "docs/guide/margin.md",
     "docs/guide/tour.md",
     "docs/guide/check.md",
@@ -38,6 +40,13 @@ const PAGES: [&str; 15] = [
     "docs/guide/online.md",
     "docs/guide/keep_going.md",
     "docs/guide/risk.md",
+    "crates/tasks/src/ball_balancing/page.md",
+    "crates/tasks/src/ball_catching/page.md",
+    "crates/tasks/src/ball_pushing/page.md",
+    "crates/tasks/src/cube_stacking/page.md",
+    "crates/tasks/src/door_opening/page.md",
+    "crates/tasks/src/peg_in_hole/page.md",
+    "crates/tasks/src/point_reaching/page.md",
 ];
 /// The pages of a first day, whose commands take seconds.
 const USUAL: [&str; 3] = [FRONT_PAGE, "docs/guide/check.md", "docs/guide/logs.md"];
@@ -67,6 +76,8 @@ struct Shown {
     exit: i32,
     /// Output lines that the page shows with their lines of the page, blank ones left out.
     output: Vec<(usize, String)>,
+    /// Numbers of the page that the command prints, rounded.
+    figures: Vec<String>,
 }
 
 impl Shown {
@@ -76,6 +87,7 @@ impl Shown {
             |line: &str| self.output.iter().any(|(_, own)| without_numbers(own) == without_numbers(line));
         (&self.command, self.exit) == (&other.command, other.exit)
             && other.output.iter().all(|(_, line)| has(line))
+            && other.figures.iter().all(|figure| self.figures.contains(figure))
     }
 }
 
@@ -180,7 +192,7 @@ fn check_page(root: &Path, page: &str, elsewhere: &[Shown]) -> Result<Vec<(usize
     Ok(printed)
 }
 
-/// Returns the commands of all blocks marked `console`, in order.
+/// Returns the commands of all blocks marked `console`, in order, then those that are sources.
 fn commands(text: &str) -> Result<Vec<Shown>> {
     let mut found = Vec::new();
     let mut lines = (1..).zip(text.lines()).peekable();
@@ -199,6 +211,10 @@ fn commands(text: &str) -> Result<Vec<Shown>> {
         lines.next();
         above = "";
     }
+    found.extend(sourced(text).into_iter().filter_map(|part| {
+        let command = part.command()?.to_owned();
+        Some(Shown { line: part.line, command, exit: 0, output: Vec::new(), figures: part.figures })
+    }));
     Ok(found)
 }
 
@@ -214,7 +230,7 @@ fn commands_of_block(number: usize, block: &[(usize, &str)], above: &str) -> Res
         } else if let Some(command) = text.strip_prefix("$ ") {
             goes_on = command.ends_with('\\');
             let command = command.trim_end_matches('\\').trim().to_owned();
-            found.push(Shown { line: *line, command, exit: 0, output: Vec::new() });
+            found.push(Shown { line: *line, command, exit: 0, output: Vec::new(), figures: Vec::new() });
         } else if let Some(last) = last
             && !text.trim().is_empty()
         {
@@ -265,6 +281,9 @@ fn try_out(root: &Path, folder: &Path, shown: &Shown) -> Result<Vec<(usize, Stri
             );
         }
         _ => {}
+    }
+    if let Some(figure) = shown.figures.iter().find(|figure| !is_printed(figure, &written)) {
+        bail!("the page shows {figure}, which the command does not print; it printed:\n{}", written.trim());
     }
     let mut lines: Vec<&str> = written.lines().map(str::trim_end).collect();
     let mut printed = Vec::new();
@@ -325,7 +344,7 @@ mod tests {
     /// The output is on the lines below the command.
     fn shown(line: usize, command: &str, exit: i32, output: &[&str]) -> Shown {
         let output = (line + 1..).zip(output.iter().map(|line| (*line).to_owned())).collect();
-        Shown { line, command: command.into(), exit, output }
+        Shown { line, command: command.into(), exit, output, figures: Vec::new() }
     }
 
     #[test]
@@ -384,5 +403,18 @@ mod tests {
         assert_eq!(error("echo took 3 s >&2; echo b; exit 1", 1, &["took 12.5 s", "b"]), None);
         assert!(error("exit 1", 0, &[]).unwrap().contains("exit status: 1, not exit code 0"));
         assert!(error("echo held", 0, &["held", "falsified"]).unwrap().contains("\nfalsified\n"));
+    }
+
+    #[test]
+    fn figures_are_compared_with_the_output_of_their_source() {
+        let page = "| a | measured |\n|---|---|\n| 3.5 and 40 % | `mishandle evaluate a` |\n";
+        let mut found = commands(page).unwrap();
+        assert_eq!((found.len(), found[0].line, &found[0].command[..]), (1, 3, "mishandle evaluate a"));
+        let root = std::env::temp_dir();
+        found[0].command = "echo rates 3.46 % and 40.0 %".into();
+        assert!(try_out(&root, &root, &found[0]).is_ok());
+        found[0].command = "echo rates 3.44 % and 40.0 %".into();
+        let error = try_out(&root, &root, &found[0]).unwrap_err().to_string();
+        assert!(error.starts_with("the page shows 3.5, which the command does not print"), "{error}");
     }
 }

@@ -156,11 +156,7 @@ fn a_missing_controller_is_trained_measured_and_shown_once() {
     let readme = repository.read("README.md");
     assert!(readme.contains("<img src=\"crates/tasks/src/point_reaching/picture.png\""), "{readme}");
     let tasks = repository.read("docs/reference/tasks.md");
-    let corners = "4/4; strict 4/4; careful 4/4";
-    let row = format!(
-        "| `point-reaching` | `a` | - | - | - | - | 97.0 | 97.0 | 97.0 | 97.0 | {corners} | {corners} | 1 of 2 |"
-    );
-    assert!(tasks.contains(&row), "{tasks}");
+    assert!(tasks.contains("| `point-reaching` | `a` |\n"), "{tasks}");
     // A second call finds nothing to do.
     let calls = repository.runner.calls();
     repository.train();
@@ -207,9 +203,6 @@ fn a_controller_that_fails_at_a_corner_misses_a_threshold_beside_its_success_rat
         row.contains("| **3/4**; strict **3/4**; careful **3/4** |") && row.contains("| corners | c0ffee |"),
         "{row}"
     );
-    assert!(
-        repository.read("docs/reference/tasks.md").contains("| **3/4**; strict **3/4**; careful **3/4** |")
-    );
     // A failing center counts too.
     repository.runner.set_corners(CornersRecord { center_succeeds: Some(false), ..corners(4) });
     repository.call(ppo(), |zoo| zoo.measure(true)).0.unwrap();
@@ -233,7 +226,6 @@ fn only_a_missing_falsification_is_run() {
     repository.call(Selection::default(), |zoo| zoo.write_pages()).0.unwrap();
     let rows = lines_of(&repository.page(), "| `point-reaching` | `ppo` |");
     assert!(rows[1].contains("| not measured | c0ffee |"), "{}", rows[1]);
-    assert!(repository.read("docs/reference/tasks.md").contains("| not measured |"));
     let evaluated = repository.runner.count("evaluate");
     repository.call(ppo(), |zoo| zoo.measure(false)).0.unwrap();
     assert_eq!(repository.state(), "done");

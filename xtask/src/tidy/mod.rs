@@ -2,6 +2,7 @@
 //! problems.
 
 mod crates;
+mod figures;
 mod imports;
 mod links;
 mod programs;
@@ -98,6 +99,7 @@ pub fn check(root: &Path) -> Result<()> {
     let packages = crates::packages(&metadata)?;
     let found = [
         crates::check(&tree, &packages),
+        figures::check(&tree),
         rooms::check(&tree),
         rules::check(&tree),
         links::check(&tree),

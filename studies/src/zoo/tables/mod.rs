@@ -82,33 +82,11 @@ fn pictures(shown: &Shown<'_>) -> String {
     shown.names().map(picture).collect()
 }
 
-/// One row per task: its formula, the success rates of the expert and of the shipped PPO.
+/// One row per task: its success formula.
 fn tasks(shown: &Shown<'_>) -> String {
-    let mut table = String::from(
-        "| task | success | expert: SR | strict | careful | corners | PPO: SR | SR, noise 0.5 | strict | careful | corners | \
-         corners, noise 0.5 | falsified trials, noise 0.5 |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
-    );
+    let mut table = String::from("| task | success |\n|---|---|\n");
     for BenchmarkTask { name, formulas, .. } in shown.tasks {
-        let ppo = shown.recorded(name, "ppo");
-        let rate = |record: Option<&Record>, noise: usize, rate: Rate| {
-            record.map_or(NOTHING.to_string(), |record| percent(value(record, noise, rate), 1))
-        };
-        let of_ppo = |noise: usize, of: Rate| rate(ppo.map(|(_, record)| record), noise, of);
-        table += &format!(
-            "| `{name}` | `{}` | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |\n",
-            formulas[0],
-            rate(shown.expert(name), 0, success),
-            rate(shown.expert(name), 0, strict),
-            careful(shown.expert(name)),
-            corners(shown.expert(name).and_then(|record| record.evaluation(0))),
-            of_ppo(0, success),
-            of_ppo(1, success),
-            of_ppo(0, strict),
-            careful(ppo.map(|(_, record)| record)),
-            corners(ppo.and_then(|(_, record)| record.evaluation(0))),
-            corners(ppo.and_then(|(_, record)| record.evaluation(1))),
-            ppo.map_or(NOTHING.to_string(), |(entry, record)| falsified_trials(entry, record)),
-        );
+        table += &format!("| `{name}` | `{}` |\n", formulas[0]);
     }
     table
 }
@@ -206,11 +184,6 @@ fn success(evaluation: &EvaluationRecord) -> &Estimate {
 
 fn strict(evaluation: &EvaluationRecord) -> &Estimate {
     &evaluation.strict_success_rate
-}
-
-/// Returns the careful success rate without noise as a cell.
-fn careful(record: Option<&Record>) -> String {
-    percent(record.and_then(|record| record.evaluation(0)?.careful_success_rate.value), 1)
 }
 
 fn value(record: &Record, noise: usize, rate: Rate) -> Option<f64> {
