@@ -111,7 +111,7 @@ class Margins(FolderCase):
             return {"y": [1.0] * 2}
 
         for space, options, text in [
-            ([Axis("a", 0, 1)], {}, "the number of disturbed axes is 0"),
+            ([Axis("a", 0, 1)], {}, "the number of disturbed axes is 0.*whose `kind` is \"model\""),
             (INPUTS, {"budget": 0}, "budget is 0"),
             (INPUTS, {"budget": 2_000_000}, "the budget is 2000000"),
             (INPUTS, {"seed": -1}, "seed is -1"),

@@ -148,11 +148,8 @@ fn results_of(answer: Answer) -> Vec<Found> {
             vec![("falsified trials".to_string(), found.falsification_rate, true)]
         }
         Answer::Risk(found) => {
-            let (value, low, high) = found
-                .probability
-                .as_ref()
-                .map_or((None, None, None), |found| (found.value, found.low, found.high));
-            let estimate = Estimate { value, low, high, n: found.simulations };
+            let value = found.probability.as_ref().and_then(|estimate| estimate.value);
+            let estimate = Estimate { value, ..found.without_assumption() };
             vec![("probability of a failure".to_string(), estimate, true)]
         }
         Answer::Margin(found) => {

@@ -18,9 +18,10 @@ plan_table! {
         pub formula: Option<String> = None, keys::FORMULA;
         /// Number of simulations.
         pub simulations: u64 = 50_000, keys::SIMULATIONS;
-        /// Name of the method: `auto`, `monte-carlo`, `importance`, `splitting` or `sequence`.
+        /// Name of the method: `auto`, `monte-carlo`, `importance`, `splitting`, or for tasks
+        /// `sequence`.
         pub method: String = Method::default().name().to_string(),
-            "\"auto\", \"monte-carlo\", \"importance\", \"splitting\" or \"sequence\"";
+            "\"auto\", \"monte-carlo\", \"importance\", \"splitting\", or for tasks \"sequence\"";
         /// Batch size: number of simulations run at once. Results do not depend on it.
         pub batch: u32 = mishandle_rollout::DEFAULT_BATCH_SIZE as u32, keys::BATCH;
         /// Distributions of axes by name, such as `normal:1:0.1`. The other axes have the

@@ -1,6 +1,7 @@
 //! Settings: keys that are not part of a question. No run file contains them, and no simulation of
 //! a question depends on them.
 
+use mishandle_falsification::Repeated;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -193,9 +194,9 @@ plan_table! {
 plan_table! {
     /// How a single scenario is simulated: the table `[simulate]`.
     pub struct SimulateSettings in "simulate" {
-        /// With repeats of the scenario: random scenarios, each simulated 20 times, that measure
-        /// the share of the robustness variance that comes from the scenario. 0 skips this.
-        pub scenarios: u32 = 20, SCENARIOS => Within<0, 1_000_000>;
+        /// With repeats of the scenario: random scenarios, each simulated twice, that measure the
+        /// share of the robustness variance that comes from the scenario. 0 skips this.
+        pub scenarios: u32 = Repeated::NOISE_SCENARIOS as u32, SCENARIOS => Within<0, 1_000_000>;
     }
 }
 

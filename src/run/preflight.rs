@@ -34,9 +34,9 @@ const MAX_LEVELS: usize = 5;
 /// and returns warnings in words.
 ///
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
-/// nominal value if the bounds agree. If that changes no trace, another start does the same again.
-/// The probes end after a second or one percent of the question's simulations, whichever is more,
-/// for each of the two starts. A probe that fails is skipped: the question itself reports such
+/// nominal value if the bounds agree. If that changes no trace, the same follows with each of
+/// [`Others`]. The probes end after a second or one percent of the question's simulations, whichever
+/// is more, for each of these. A probe that fails is skipped: the question itself reports such
 /// simulations. If the nominal one fails, few others may succeed, so that is a warning.
 ///
 /// # Errors
@@ -142,8 +142,46 @@ fn mixed_units(resolved: &ResolvedPlan, warnings: &mut Vec<String>) -> Result<()
     Ok(())
 }
 
-/// Warns of axes that change no trace: neither from the nominal start, which may be an equilibrium,
-/// nor from another one.
+/// The values of the other axes while one is probed. Each can hide an effect: a push means nothing
+/// without its duration, nor after a robot has fallen because of a delay.
+#[derive(Clone, Copy)]
+enum Others {
+    /// Away from nominal, but for the start, which is nominal: it may be an equilibrium.
+    Away,
+    /// Away from nominal.
+    AllAway,
+    /// Those of the same kind are away from nominal, the rest is nominal.
+    KindAway,
+    /// Nominal.
+    Nominal,
+    /// The random scenario of this number.
+    Random(u64),
+}
+
+impl Others {
+    const ALL: [Others; 7] = [
+        Others::Away,
+        Others::AllAway,
+        Others::KindAway,
+        Others::Nominal,
+        Others::Random(0),
+        Others::Random(1),
+        Others::Random(2),
+    ];
+
+    /// Returns whether another axis is away from nominal while `axis` is probed.
+    fn is_away(self, axis: &Axis, other: &Axis) -> bool {
+        let [axis, other] = [axis, other].map(|axis| axis.kind);
+        match self {
+            Others::Away => axis != AxisKind::Start && other != AxisKind::Start,
+            Others::AllAway => axis != AxisKind::Start || other == AxisKind::Start,
+            Others::KindAway => axis == other,
+            Others::Nominal | Others::Random(_) => false,
+        }
+    }
+}
+
+/// Warns of axes that change no trace, whatever the values of the others.
 fn axes_without_effect(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
@@ -154,14 +192,14 @@ fn axes_without_effect(
 ) -> Result<(), MishandleError> {
     let axes = resolved.space.axes();
     let is_probed = |index: &usize| !axes[*index].is_fixed() && !is_unseen(&axes[*index], resolved);
-    let free: Vec<usize> = (0..axes.len()).filter(is_probed).collect();
-    let mut unchanged = unchanging(resolved, &mut *system, seed, limit, &free, false, probes)?;
-    if axes.iter().any(|axis| axis.kind == AxisKind::Start && !axis.is_fixed()) {
-        unchanged = unchanging(resolved, system, seed, limit, &unchanged, true, probes)?;
+    let mut unchanged: Vec<usize> = (0..axes.len()).filter(is_probed).collect();
+    for others in Others::ALL {
+        unchanged = unchanging(resolved, &mut *system, seed, limit, &unchanged, others, probes)?;
     }
     for axis in unchanged.into_iter().map(|index| &axes[index]) {
         warnings.push(format!(
-            "axis `{}` changes no trace: all signals are equal at its {}; is its name right, and does the system read it?",
+            "axis `{}` changes no trace: all signals are equal at its {}, with the other axes nominal, away from nominal and \
+             at random; is its name right, and does the system read it?",
             axis.name,
             if axis.levels().is_some() { "values" } else { "lowest, nominal and highest value" }
         ));
@@ -169,15 +207,14 @@ fn axes_without_effect(
     Ok(())
 }
 
-/// Probes axes at their bounds and between them, and returns those that change no trace. The other
-/// axes of the start are nominal, or away from nominal.
+/// Probes axes at their bounds and between them, and returns those that change no trace.
 fn unchanging(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
     seed: Seed,
     limit: usize,
     probed: &[usize],
-    starts_away: bool,
+    way: Others,
     probes: &mut Vec<Episode>,
 ) -> Result<Vec<usize>, MishandleError> {
     let axes = resolved.space.axes();
@@ -211,18 +248,15 @@ fn unchanging(
     // The scenarios in which an axis is probed: with each category of another axis, because the
     // severity of a fault means nothing without the fault.
     let bases = |index: usize| -> Vec<Vec<Option<f64>>> {
-        let is_start = |axis: &Axis| axis.kind == AxisKind::Start;
-        if is_start(&axes[index]) {
-            let value = |axis: &Axis| {
-                if starts_away && is_start(axis) { Some(axis.at(AWAY)) } else { axis.nominal }
-            };
-            return vec![axes.iter().map(value).collect()];
+        if let Others::Random(number) = way {
+            return vec![resolved.space.sample(seed, number).values().to_vec()];
         }
         // Another fault would hide the effect, and a late onset comes after the end of an episode.
         let hides = |other: &Axis| {
             other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
         };
-        let is_away = |other: &Axis| (starts_away || !is_start(other)) && !other.is_fixed() && !hides(other);
+        let is_away =
+            |other: &Axis| way.is_away(&axes[index], other) && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();

@@ -29,8 +29,8 @@ pub fn risk_scenarios(resolved: &ResolvedPlan) -> Result<Scenarios, MishandleErr
 /// Checks that the distribution of the scenarios of a plan fits, and its method the target.
 ///
 /// # Errors
-/// If the plan has no table `[risk]`, nothing is random, or the method needs a target whose
-/// simulations can be steered.
+/// If the plan has no table `[risk]`, nothing is random, or the method `sequence` has no axis to
+/// choose.
 pub(crate) fn check_risk_method(resolved: &ResolvedPlan) -> Result<(), MishandleError> {
     let scenarios = risk_scenarios(resolved)?;
     if table(resolved)?.method()? == Method::Sequence {

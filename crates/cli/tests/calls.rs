@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mishandle::store::RunFile;
 
-use crate::bench::Bench;
+use crate::bench::{self, Bench};
 
 /// A system of two axes whose robustness is smooth; it writes a line for each simulation.
 const SYSTEM: &str = r#"
@@ -19,6 +19,24 @@ for line in sys.stdin:
     else:
         open("calls", "a").write("1\n")
         x = 0.6 - 0.3 * q["scenario"]["a"] + 0.1 * q["scenario"]["b"]
+        answer = {"trace": {"x": [x, x]}}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+/// A push that is seen only with a duration, and not with a long delay, as of a robot that has fallen
+/// before.
+const HIDDEN: &str = r#"
+import json, sys
+KINDS = {"push": "event", "duration": "event", "delay": "model", "unread": "model"}
+HELLO = {"protocol": 1, "name": "hidden", "control_dt": 1.0, "steps": 1,
+  "axes": [{"name": k, "low": 0, "high": 1, "nominal": 0.0, "kind": v} for k, v in KINDS.items()],
+  "signals": [{"name": "x"}], "formulas": [{"name": "success", "text": "always(x >= 0)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    if q["type"] == "hello": answer = HELLO
+    else:
+        s = q["scenario"]
+        x = s["push"] * s["duration"] if s["delay"] < 0.5 else 0.0
         answer = {"trace": {"x": [x, x]}}
     print(json.dumps({"id": q["id"], **answer}), flush=True)
 "#;
@@ -75,6 +93,18 @@ fn a_question_calls_the_system_for_its_rows_and_its_probes() {
         assert_eq!(calls, rows + PROBES, "{question}");
         assert!(code == 1 || calls <= budget + PROBES, "{question}: {calls}");
     }
+}
+
+/// The push has no effect while all other axes are away from nominal, nor while all are nominal.
+#[test]
+fn an_axis_whose_effect_another_one_hides_is_probed_further() {
+    let bench = Bench::new();
+    bench.write("hidden.py", HIDDEN);
+    let said = bench.run("falsify --search random --trials 1 --budget 20 --command 'python3 hidden.py'");
+    let said = bench::text(&said.stderr);
+    let warned = |axis: &&str| said.contains(&format!("axis `{axis}` changes no trace"));
+    let axes = ["push", "duration", "delay", "unread"];
+    assert_eq!(axes.iter().filter(|axis| warned(axis)).collect::<Vec<_>>(), [&"unread"], "{said}");
 }
 
 #[test]

@@ -32,6 +32,22 @@ fn a_rare_failure_has_an_estimate_with_its_assumption_and_a_failure_that_replays
     bench.refuses(&format!("{RARE} --out run.sqlite"), &["run.sqlite", "exists already"]);
 }
 
+/// Failures that a search misses make the estimate too low, never the bounds.
+#[test]
+fn bounds_that_assume_nothing_come_before_an_estimate_and_its_assumption() {
+    let bench = Bench::new();
+    let said = bench.check(RARE, 1);
+    let json = bench.check(&format!("{RARE} --json"), 1);
+    let assumption = "the failures outside of the regions found are negligible";
+    for (said, parts) in [
+        (said, ["violation: from ", "with 95 % confidence, which assumes nothing", assumption, "95 % interval"]),
+        (json, ["\"bounds\"", "\"probability\"", assumption, "\"value\""]),
+    ] {
+        let place = |part: &str| said.find(part).unwrap_or_else(|| panic!("no `{part}`: {said}"));
+        assert!(parts.map(place).is_sorted(), "{said}");
+    }
+}
+
 #[test]
 fn a_frequent_failure_is_answered_by_monte_carlo_alone() {
     let bench = Bench::new();
@@ -101,6 +117,7 @@ fn impossible_requests_are_errors() {
         ("-k risk.distributions.x", &["KEY=VALUE"]),
         ("--simulations 0", &["too small"]),
         ("-k risk.method=exact", &["no method `exact`", "splitting"]),
+        ("-k risk.method=sequence", &["the method `sequence` is for tasks only"]),
         ("--axis x=0 --axis y=0", &["without a fixed value", "`mishandle simulate TARGET --at x=0,y=0`"]),
         ("--out failure.json", &["a run file is SQLite"]),
     ] {

@@ -3,7 +3,7 @@
 use mishandle_random::{Seed, Sequence};
 use mishandle_results::Estimate;
 
-use crate::f_distribution::beta_quantile;
+use crate::beta::beta_quantile;
 
 /// The 0.975 quantile of the standard normal distribution.
 pub(crate) const Z: f64 = 1.959_963_984_540_054;

@@ -29,6 +29,7 @@
 //! ```
 
 mod axis_rates;
+mod beta;
 mod betting;
 mod chi_squared;
 mod corners;
@@ -36,7 +37,6 @@ mod effect;
 mod ends;
 mod error;
 mod exact;
-mod f_distribution;
 mod holm;
 mod interaction;
 mod interval;

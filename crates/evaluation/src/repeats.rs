@@ -4,7 +4,6 @@
 use mishandle_results::{Estimate, QUANTILES, Quantile, Repeats};
 use mishandle_stl::is_violated;
 
-use crate::f_distribution::f_upper_quantile;
 use crate::wilson;
 
 /// Returns the results of simulations with these robustness values; `None` is a simulation without
@@ -46,9 +45,14 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 /// ```
 ///
 /// with the mean squares M_b between and M_w within k groups of n values: the intraclass
-/// correlation of a one-way analysis of variance with random effects. The 95 % interval follows
-/// from the F distribution of M_b / M_w, so it assumes normal values; its bounds are at least 0,
-/// too. There is no value unless there are at least two groups, of equal size of at least two, with
+/// correlation of a one-way analysis of variance with random effects.
+///
+/// The 95 % interval is that of a jackknife over the groups, which assumes no distribution of the
+/// values. Failures in a small region decide the variance, and are in few groups or in none.
+/// Therefore each bound allows for one more group with the most extreme value: once beside the mean
+/// of all values for the lower one, in all n places for the upper one.
+///
+/// There is no value unless there are at least two groups, of equal size of at least two, with
 /// finite values that are not all equal. `n` of the estimate is the number of groups.
 ///
 /// # Example
@@ -62,7 +66,7 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 ///
 /// # Reference
 /// Shrout and Fleiss, "Intraclass correlations: uses in assessing rater reliability", Psychological
-/// Bulletin 86, 1979: ICC(1,1) and its interval.
+/// Bulletin 86, 1979: ICC(1,1). Miller, "The jackknife: a review", Biometrika 61, 1974.
 pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     let unknown = Estimate { n: groups.len() as u64, ..Estimate::default() };
     let n = groups.first().map_or(0, Vec::len);
@@ -70,38 +74,73 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
     if groups.len() < 2 || n < 2 || !groups.iter().all(is_usable) {
         return unknown;
     }
-    let first = (groups.len() - 1) as u32;
-    let second = (groups.len() * (n - 1)) as u32;
-    let k = groups.len() as f64;
-    let n = n as f64;
-    // The share does not depend on the unit of the values, but squares of huge ones overflow.
-    let largest = groups.iter().flatten().fold(0.0, |largest: f64, x| largest.max(x.abs()));
-    let unit = if largest > 1e100 { largest } else { 1.0 };
-    let groups: Vec<Vec<f64>> = groups.iter().map(|group| group.iter().map(|x| x / unit).collect()).collect();
-    let means: Vec<f64> = groups.iter().map(|group| group.iter().sum::<f64>() / n).collect();
-    let mean = means.iter().sum::<f64>() / k;
-    let between = n * means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (k - 1.0);
-    let deviation = |(group, m): (&Vec<f64>, &f64)| group.iter().map(|x| (x - m).powi(2)).sum::<f64>();
-    let within = groups.iter().zip(&means).map(deviation).sum::<f64>() / (k * (n - 1.0));
-    if between + (n - 1.0) * within <= 0.0 {
+    // The share does not depend on origin and unit, but squares of huge values overflow.
+    let values = || groups.iter().flatten().copied();
+    let [low, high] = [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)];
+    let range = 0.5 * high - 0.5 * low;
+    if range <= 0.0 {
         return unknown;
     }
-    // (M_b - M_w) / (M_b + (n - 1) M_w), with M_b and M_w multiplied by the quantiles of their
-    // ratio.
-    let share = |between: f64, within: f64| ((between - within) / (between + (n - 1.0) * within)).max(0.0);
+    let scaled = |x: &f64| (0.5 * x - 0.5 * low) / range;
+    let mut groups: Vec<Vec<f64>> =
+        groups.iter().map(|group| group.iter().map(scaled).collect()).collect();
+    let mean = groups.iter().flatten().sum::<f64>() / (groups.len() * n) as f64;
+    let extreme = if mean > 0.5 { 0.0 } else { 1.0 };
+    let (value, _) = jackknife(&groups);
+    let mut with = |group: Vec<f64>| {
+        groups.push(group);
+        let found = jackknife(&groups);
+        groups.pop();
+        found
+    };
+    let mut noise = vec![mean; n];
+    noise[0] = extreme;
+    let (lower, lower_error) = with(noise);
+    let (upper, upper_error) = with(vec![extreme; n]);
     Estimate {
-        value: Some(share(between, within)),
-        low: Some(share(between, within * f_upper_quantile(TAIL, first, second))),
-        high: Some(share(between * f_upper_quantile(TAIL, second, first), within)),
+        value: Some(value.max(0.0)),
+        low: Some((lower - Z * lower_error).max(0.0)),
+        high: Some((upper + Z * upper_error).clamp(0.0, 1.0)),
         ..unknown
     }
 }
 
-/// Probability of each tail outside a 95 % interval.
-const TAIL: f64 = 0.025;
+/// Quantile of the standard normal distribution for a 95 % interval.
+const Z: f64 = 1.959_963_984_540_054;
+
+/// A variance of values from 0 to 1 below this is the rounding of a constant.
+const ROUNDING: f64 = 1e-12;
+
+/// Returns the share of the variance that is between groups of values from 0 to 1, which can be
+/// negative, and its standard error: that of the shares without one group each.
+fn jackknife(groups: &[Vec<f64>]) -> (f64, f64) {
+    let part = |group: &Vec<f64>| {
+        let n = group.len() as f64;
+        let mean = group.iter().sum::<f64>() / n;
+        let squares: f64 = group.iter().map(|x| (x - mean).powi(2)).sum();
+        [mean, mean * mean, squares / (n - 1.0)]
+    };
+    let parts: Vec<[f64; 3]> = groups.iter().map(part).collect();
+    let sums = parts.iter().fold([0.0; 3], |sums, part| [0, 1, 2].map(|i| sums[i] + part[i]));
+    let n = groups.first().map_or(0.0, |group| group.len() as f64);
+    let share = |[mean, square, within]: [f64; 3], k: f64| {
+        let between = n * (square - mean * mean / k).max(0.0) / (k - 1.0);
+        let within = within.max(0.0) / k;
+        let all = between + (n - 1.0) * within;
+        if all > ROUNDING { (between - within) / all } else { 0.0 }
+    };
+    let k = groups.len() as f64;
+    let without = |part: &[f64; 3]| share([0, 1, 2].map(|i| sums[i] - part[i]), k - 1.0);
+    let others: Vec<f64> = parts.iter().map(without).collect();
+    let mean = others.iter().sum::<f64>() / k;
+    let squares: f64 = others.iter().map(|x| (x - mean).powi(2)).sum();
+    (share(sums, k), (squares * (k - 1.0) / k).sqrt())
+}
 
 #[cfg(test)]
 mod tests {
+    use mishandle_random::Sequence;
+
     use super::*;
 
     #[test]
@@ -117,23 +156,69 @@ mod tests {
         ];
         let share = variance_share(&ratings.map(Vec::from));
         assert!((share.value.unwrap() - 0.17).abs() < 0.005, "{share:?}");
-        // By hand: M_b / M_w = 11.2417 / 6.2639 = 1.7947. The upper 2.5 % points of F are 3.3820
-        // for (5, 18) and 6.3619 for (18, 5) degrees of freedom, so the bounds are (0.5307 - 1) /
-        // (0.5307 + 3) = -0.133, which is cut at 0, and (11.418 - 1) / (11.418 + 3) = 0.723. The R
-        // package psych prints -0.133 and 0.72 for these data.
-        assert_eq!(share.low, Some(0.0));
-        assert!((share.high.unwrap() - 0.723).abs() < 0.001, "{share:?}");
+    }
+
+    /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the variance
+    /// of its mean by the whole variance. Failures in a corner and rare ones decide the variance.
+    #[test]
+    fn the_interval_contains_the_share_also_if_failures_sit_in_a_corner() {
+        const REPLICATIONS: u64 = 500;
+        type Model = (&'static str, fn(f64, &mut Sequence) -> f64, f64);
+        fn drop(is_failure: bool) -> f64 {
+            if is_failure { -5.0 } else { 0.0 }
+        }
+        fn normal(random: &mut Sequence) -> f64 {
+            random.normal_pair().0
+        }
+        // A drop of 5 in a share p of the scenarios, with the probability q: the means have the
+        // variance 25 q² p (1 - p), and the noise 25 p q (1 - q) besides its own.
+        let corner = |p: f64, q: f64, noise: f64| {
+            let between = 25.0 * q * q * p * (1.0 - p);
+            between / (between + 25.0 * p * q * (1.0 - q) + noise)
+        };
+        let models: [Model; 8] = [
+            ("line", |x, r| x + 0.4 * normal(r), 1.0 / 12.0 / (1.0 / 12.0 + 0.16)),
+            ("skewed noise", |x, r| x + 0.4 * r.uniform().ln(), 1.0 / 12.0 / (1.0 / 12.0 + 0.16)),
+            ("no effect", |_, r| normal(r), 0.0),
+            ("rare", |x, r| 0.1 * x + drop(r.uniform() < 0.01), 0.01 / 12.0 / (0.01 / 12.0 + 0.2475)),
+            ("corner", |x, r| 0.2 + drop(x > 0.95 && r.uniform() < 0.5), corner(0.05, 0.5, 0.0)),
+            ("rare corner", |x, r| 0.2 + drop(x > 0.95 && r.uniform() < 0.2), corner(0.05, 0.2, 0.0)),
+            (
+                "noisy corner",
+                |x, r| 0.4 * normal(r) + drop(x > 0.95 && r.uniform() < 0.5),
+                corner(0.05, 0.5, 0.16),
+            ),
+            ("certain corner", |x, r| 0.4 * normal(r) + drop(x > 0.98), corner(0.02, 1.0, 0.16)),
+        ];
+        for (name, robustness, truth) in models {
+            let mut covered = 0;
+            let mut width = 0.0;
+            for replication in 0..REPLICATIONS {
+                let mut random = Sequence::new(replication, 0);
+                let mut group = || {
+                    let x = random.uniform();
+                    vec![robustness(x, &mut random), robustness(x, &mut random)]
+                };
+                let groups: Vec<Vec<f64>> = (0..200).map(|_| group()).collect();
+                let share = variance_share(&groups);
+                // Without a failure, a corner leaves nothing to measure.
+                let [low, high] = [share.low, share.high].map(|bound| bound.unwrap_or(f64::NAN));
+                covered += u64::from((low <= truth && truth <= high) || share.value.is_none());
+                width += (high - low) / REPLICATIONS as f64;
+            }
+            // Four standard errors below 95 %.
+            assert!(covered as f64 >= 0.911 * REPLICATIONS as f64, "{name}: {covered}");
+            // All values are no information.
+            assert!(name != "line" || width < 0.35, "{width}");
+        }
     }
 
     #[test]
-    fn the_interval_of_a_large_share_is_that_of_a_hand_calculation() {
-        // Three groups of two: M_b = 2 * 100 = 200, M_w = (0.5 + 0.5 + 0.5) / 3 = 0.5, ratio 400; F
-        // is 16.044 for (2, 3) and 39.165 for (3, 2) degrees of freedom: (24.93 - 1) / (24.93 + 1)
-        // and (15666 - 1) / (15666 + 1).
+    fn a_large_share_is_that_of_a_hand_calculation() {
+        // Three groups of two: M_b = 2 * 100 = 200, M_w = (0.5 + 0.5 + 0.5) / 3 = 0.5, ratio 400.
         let share = variance_share(&[vec![9.5, 10.5], vec![-0.5, 0.5], vec![-10.5, -9.5]]);
         assert!((share.value.unwrap() - 399.0 / 401.0).abs() < 1e-12);
-        assert!((share.low.unwrap() - 0.9229).abs() < 2e-4, "{share:?}");
-        assert!((share.high.unwrap() - 0.99987).abs() < 1e-5, "{share:?}");
+        assert!(share.low < share.value && share.high > share.value, "{share:?}");
     }
 
     #[test]
@@ -144,6 +229,8 @@ mod tests {
             vec![vec![1.0], vec![2.0]],
             vec![vec![1.0, 2.0], vec![1.0]],
             vec![vec![1.0, 1.0], vec![1.0, 1.0]],
+            // The mean of these is another number than 0.2.
+            vec![vec![0.2; 20]; 20],
             vec![vec![f64::INFINITY, 1.0], vec![1.0, 2.0]],
         ] {
             assert_eq!(variance_share(&groups).value, None, "{groups:?}");

@@ -1,6 +1,6 @@
 //! Exact interval of a rate whose number of trials depends on the first of them.
 
-use crate::f_distribution::Beta;
+use crate::beta::Beta;
 use crate::{Estimate, clopper_pearson};
 
 /// Bisections, each of which halves the error of a bound.

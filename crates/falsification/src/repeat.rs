@@ -19,10 +19,9 @@ pub enum Repeated {
     Counterexample,
     /// The representative of a failure mode. A report repeats one for each mode.
     Representative,
-    /// A random scenario, to measure how much of the variance is noise: `simulate --repeat`.
+    /// A random scenario, to measure how much of the variance is noise. Two are the fewest with a
+    /// variance: more scenarios find smaller regions of failures than more simulations of each.
     Noise,
-    /// The same in a report, which has other simulations to pay for.
-    NoiseInReport,
 }
 
 impl Repeated {
@@ -31,15 +30,14 @@ impl Repeated {
     pub const FEWEST: u64 = 20;
 
     /// Default number of random scenarios that measure how much of the variance is noise.
-    pub const NOISE_SCENARIOS: u64 = 20;
+    pub const NOISE_SCENARIOS: u64 = 200;
 
     /// Returns the default number of simulations.
     pub const fn simulations(self) -> u64 {
         match self {
             Repeated::Counterexample => 100,
             Repeated::Representative => 50,
-            Repeated::Noise => 20,
-            Repeated::NoiseInReport => 5,
+            Repeated::Noise => 2,
         }
     }
 
@@ -107,25 +105,29 @@ pub fn measure_noise(
     mut watch: impl FnMut(&Episode) -> ControlFlow<()>,
 ) -> Result<Option<Noise>, FalsificationError> {
     let space = system.space().clone();
-    let mut groups = Vec::new();
-    for index in 0..scenarios {
+    let repeated = |index| {
         let scenario = space.sample(seed, index);
-        let mut group = Vec::new();
+        repeat_seeds(seed.child(index), repeats).map(move |seed| Request::new(scenario.clone(), seed))
+    };
+    let mut requests = (1..).zip((0..scenarios).flat_map(repeated)).map(|(number, request)| Request { number, ..request });
+    let mut robustness = Vec::new();
+    loop {
+        let batch: Vec<Request> = requests.by_ref().take(BATCH).collect();
+        if batch.is_empty() {
+            break;
+        }
         let mut is_interrupted = false;
-        let seeds = repeat_seeds(seed.child(index), repeats);
-        repeat(system, &scenario, seeds, |episode| {
-            group.extend(episode.robustness());
-            let flow = watch(episode);
-            is_interrupted |= flow.is_break();
-            flow
-        })?;
+        for episode in system.rollout(&batch)? {
+            robustness.push(episode.robustness());
+            is_interrupted |= watch(&episode).is_break();
+        }
         if is_interrupted {
             return Ok(None);
         }
-        groups.push(group);
     }
-    // A scenario with an undecided simulation has a smaller group and leaves the analysis.
-    groups.retain(|group| group.len() as u64 == repeats);
+    // A scenario with an undecided simulation leaves the analysis.
+    let decided = |group: &[Option<f64>]| group.iter().copied().collect::<Option<Vec<f64>>>();
+    let groups: Vec<Vec<f64>> = robustness.chunks((repeats as usize).max(1)).filter_map(decided).collect();
     let share = variance_share(&groups);
     let interval = share.low.zip(share.high).map(<[f64; 2]>::from);
     Ok(Some(Noise { scenario_share: share.value, scenario_share_interval: interval, scenarios, repeats }))

@@ -60,17 +60,13 @@ impl Verdict {
                 }
             }
             Some(Answer::Risk(found)) => {
-                let value = found.probability.as_ref().and_then(|answer| answer.value);
+                let value = found.without_assumption().value;
+                let [low, high] = found.bounds.map(probability_text);
                 let text = match value {
                     Some(value) => format!("probability {}", probability_text(value)),
-                    None => "no estimate".to_string(),
+                    None => format!("probability of at most {high}"),
                 };
-                let ends = found.probability.as_ref().and_then(|answer| Some([answer.low?, answer.high?]));
-                Verdict {
-                    text,
-                    interval: Some(ends.unwrap_or(found.bounds).map(probability_text)),
-                    share: Some(value.unwrap_or(0.0)),
-                }
+                Verdict { text, interval: Some([low, high]), share: Some(value.unwrap_or(found.bounds[0])) }
             }
             Some(Answer::Evaluation(found)) => {
                 let rate = &found.metrics.violation_rate;

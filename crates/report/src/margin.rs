@@ -37,7 +37,8 @@ pub fn headline(report: &RunReport, found: &Margin) -> String {
             format!("No violation of {subject} was found, which says nothing about the space.")
         }
         None => {
-            format!("No disturbance within the space was found that makes {subject} violate its requirement.")
+            let space = text(&found.subject.space);
+            format!("No disturbance within the space {space} was found that makes {subject} violate its requirement.")
         }
     }
 }
@@ -53,6 +54,9 @@ pub fn meaning(found: &Margin) -> Vec<String> {
          bound."
             .to_string(),
     );
+    if !found.at_nominal.is_empty() {
+        sentences.push(format!("Other axes of the target are {}.", text(&found.at_nominal_text())));
+    }
     if found.subject.space_axes.iter().any(|axis| axis.kind == "start") {
         sentences.push("Initial states vary in their whole range at every amplitude.".to_string());
     }

@@ -21,7 +21,7 @@ use crate::sensitivity::{self, Sensitivity};
 const MARGIN: f64 = 0.1;
 
 /// Number of scenarios that measure the share of noise, and simulations of each.
-const NOISE: (u64, u64) = (20, Repeated::NoiseInReport.simulations());
+const NOISE: (u64, u64) = (Repeated::NOISE_SCENARIOS, Repeated::Noise.simulations());
 
 /// Number of simulations per batch.
 const BATCH: usize = 64;

@@ -18,11 +18,9 @@ const MAX_DISTRIBUTION: usize = 240;
 /// Returns the verdict: one sentence of HTML.
 pub fn headline(report: &RunReport, found: &Risk) -> String {
     let subject = words::subject(report);
-    match &found.probability {
-        Some(Probability { value: Some(value), .. }) if found.without_verdict.ends.total() == 0 => {
-            format!("{subject} violates its requirement with probability {}.", probability(*value))
-        }
-        _ => format!(
+    match found.without_assumption().value {
+        Some(value) => format!("{subject} violates its requirement with probability {}.", probability(value)),
+        None => format!(
             "{subject} violates its requirement with a probability of at most {}.",
             probability(found.bounds[1])
         ),
@@ -40,21 +38,13 @@ pub fn meaning(found: &Risk) -> Vec<String> {
     let [low, high] = found.bounds.map(probability);
     match &found.probability {
         Some(Probability { low: Some(from), high: Some(to), assumption, source, .. }) => {
-            let interval = format!("The 95 % interval is {} to {}", probability(*from), probability(*to));
+            let interval =
+                format!("interval is {} to {} ({})", probability(*from), probability(*to), part(source));
             sentences.push(match assumption {
-                // The interval says nothing about a part of the space.
-                Some(assumption) if found.without_verdict.ends.total() > 0 => format!(
-                    "With 95 % confidence, the probability is from {low} to {high}, which assumes nothing. <strong>If {}</strong>, \
-                     the interval is {} to {} ({}).",
-                    text(assumption),
-                    probability(*from),
-                    probability(*to),
-                    part(source)
-                ),
-                None => format!("{interval} ({}). It assumes nothing.", part(source)),
+                None => format!("The 95 % {interval}. It assumes nothing."),
                 Some(assumption) => format!(
-                    "{interval} ({}), <strong>if {}</strong>. Without that assumption, it is {low} to {high}.",
-                    part(source),
+                    "With 95 % confidence, the probability is from {low} to {high}, which assumes nothing. <strong>If {}</strong>, \
+                     the {interval}.",
                     text(assumption)
                 ),
             });
@@ -91,14 +81,8 @@ fn part(source: &str) -> &str {
 
 /// Returns the key numbers.
 pub fn tiles(found: &Risk) -> Vec<(String, String)> {
-    let all_decided = found.without_verdict.ends.total() == 0;
-    let answer = found.probability.as_ref().filter(|_| all_decided);
-    let value = answer.and_then(|answer| answer.value);
-    let ends = match answer {
-        Some(Probability { low: Some(low), high: Some(high), .. }) => [*low, *high],
-        _ => found.bounds,
-    };
-    let [low, high] = ends.map(probability);
+    let value = found.without_assumption().value;
+    let [low, high] = found.bounds.map(probability);
     vec![
         (value.map_or("–".to_string(), probability), "probability of a violation".into()),
         (format!("{low} to {high}"), "95 % interval".into()),

@@ -136,8 +136,8 @@ fn noise_text(noise: &Noise) -> String {
     let of = format!("{scenarios} random scenarios, {repeats} simulations each");
     match scenario_share {
         Some(share) => format!(
-            "{} of the variance of the robustness comes from the scenario{} and {} from noise ({of}). The larger the share of \
-             noise, the less a map of scenarios can explain.",
+            "{} of the variance of the robustness comes from the scenario{} and {} from noise ({of}). A region of \
+             failures that none of them met is in neither share.",
             percent(*share),
             scenario_share_interval.map_or(String::new(), |[low, high]| format!(
                 " (95 % interval {} to {})",

@@ -102,7 +102,10 @@ fn the_page_of_a_probability_has_the_interval_and_what_it_assumes() {
     let assumption = found.probability.as_ref().and_then(|answer| answer.assumption.clone());
     check_parts(&html, &["Parts of the estimation", "Axes that are drawn at random", "95 % interval"]);
     match assumption {
-        Some(assumption) => check_parts(&html, &[&format!("<strong>if {assumption}</strong>")]),
+        Some(assumption) => check_parts(
+            &html,
+            &["probability of at most", "which assumes nothing.", &format!("<strong>If {assumption}</strong>")],
+        ),
         None => check_parts(&html, &["assumes nothing"]),
     }
     assert!(!html.contains("trials falsified"), "a probability has no trials");

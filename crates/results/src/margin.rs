@@ -14,6 +14,8 @@ pub struct Margin {
     pub subject: Subject,
     /// The requirement.
     pub formula: String,
+    /// Names of the axes of the target that the space lacks: they stay nominal.
+    pub at_nominal: Vec<String>,
     /// Number of simulations, without the repeats of the witness.
     pub simulations: u64,
     /// Whether the seed has an effect. If so, the simulations of the search have different seeds.
@@ -52,6 +54,17 @@ impl Margin {
     /// Returns whether a simulation has a verdict. Without one, the system was not tested.
     pub fn has_verdict(&self) -> bool {
         self.levels.iter().any(|level| level.minimum_robustness.is_some())
+    }
+
+    /// Returns the axes that stay nominal, in words; empty without one.
+    pub fn at_nominal_text(&self) -> String {
+        match self.at_nominal.as_slice() {
+            [] => String::new(),
+            [first, second, third, more @ ..] if more.len() > 1 => {
+                format!("at nominal: {first}, {second}, {third} and {} more", more.len())
+            }
+            few => format!("at nominal: {}", few.join(", ")),
+        }
     }
 
     /// Returns the level on which `no_violation_up_to` rests.

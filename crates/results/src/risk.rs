@@ -27,11 +27,11 @@ pub struct Risk {
     pub is_complete: bool,
     /// The simulations of Monte Carlo without a verdict.
     pub without_verdict: WithoutVerdict,
-    /// The answer; `null` without an estimate.
-    pub probability: Option<Probability>,
-    /// Lower and upper bound (95 %) without an assumption: for the upper one, simulations without a
-    /// verdict are failures. `[0, 1]` without any verdict.
+    /// The answer: lower and upper bound (95 %) of the probability without an assumption. For the
+    /// upper one, simulations without a verdict are failures. `[0, 1]` without any verdict.
     pub bounds: [f64; 2],
+    /// The estimate, whose interval may have an assumption; `null` without one.
+    pub probability: Option<Probability>,
     /// Why parts have no estimate, in words; a budget that is too small for multilevel splitting is
     /// one of them.
     pub refusals: Vec<String>,
@@ -58,6 +58,15 @@ pub struct Risk {
     pub screening: Option<Screening>,
 }
 
+impl Risk {
+    /// Returns the bounds, with the value of the estimate if its interval assumes nothing.
+    pub fn without_assumption(&self) -> Estimate {
+        let estimate = self.probability.as_ref().filter(|found| found.assumption.is_none());
+        let [low, high] = self.bounds.map(Some);
+        Estimate { value: estimate.and_then(|found| found.value), low, high, n: self.simulations }
+    }
+}
+
 /// The distribution of an axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -78,6 +87,8 @@ pub struct AxisDistribution {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Probability {
+    /// Assumption of the interval; `null` if it has none.
+    pub assumption: Option<String>,
     /// Estimate.
     pub value: Option<f64>,
     /// Lower bound.
@@ -86,8 +97,6 @@ pub struct Probability {
     pub high: Option<f64>,
     /// Part that it is from: `monte-carlo`, `importance` or `splitting`.
     pub source: String,
-    /// Assumption of the interval; `null` if it has none.
-    pub assumption: Option<String>,
 }
 
 /// Independent simulations under the distribution itself.

@@ -52,14 +52,14 @@ pub struct RequirementVerdict {
 }
 
 /// The share of the variance of the robustness that comes from the scenario; the rest comes from
-/// noise.
+/// noise. A region of failures that none of the scenarios met is in neither share.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Noise {
     /// Share that comes from the scenario, from 0 to 1; `null` if the robustness is constant,
     /// infinite or undecided.
     pub scenario_share: Option<f64>,
-    /// Lower and upper bound of its 95 % interval.
+    /// Lower and upper bound of its 95 % interval, which assumes no distribution of the robustness.
     pub scenario_share_interval: Option<[f64; 2]>,
     /// Number of random scenarios.
     pub scenarios: u64,

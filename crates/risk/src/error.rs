@@ -49,9 +49,9 @@ pub enum RiskError {
     #[error("nothing is random: every axis of the space is fixed; choose a space with axes that vary")]
     NothingRandom,
     /// The method `sequence` has nothing to choose during a simulation.
-    #[error("the method `sequence` cannot be used here: {problem}")]
-    NotSteerable {
-        /// The reason.
-        problem: &'static str,
-    },
+    #[error(
+        "the method `sequence` is for tasks only: it needs a free axis that disturbs actions from some time on, as the \
+         spaces `noise` and `disturbance` of a task have; the other methods are for every target"
+    )]
+    NotSteerable,
 }

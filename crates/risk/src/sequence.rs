@@ -30,17 +30,13 @@ const CHUNK: u64 = 1024;
 /// Checks that a steering has something to choose in the scenarios.
 ///
 /// # Errors
-/// [`RiskError::NotSteerable`] with the reason.
+/// [`RiskError::NotSteerable`] if not.
 pub fn check_steerable(steerable: Option<&Steerable>, scenarios: &Scenarios) -> Result<(), RiskError> {
-    let Some(steerable) = steerable else {
-        let problem = "the simulations of this target cannot be steered; tasks and robots can";
-        return Err(RiskError::NotSteerable { problem });
-    };
-    if !Layout::new(steerable, scenarios).has_slots() {
-        let problem = "the space has no free axis that disturbs actions from some time on, such as those of the spaces noise and disturbance";
-        return Err(RiskError::NotSteerable { problem });
+    if steerable.is_some_and(|steerable| Layout::new(steerable, scenarios).has_slots()) {
+        Ok(())
+    } else {
+        Err(RiskError::NotSteerable)
     }
-    Ok(())
 }
 
 /// Fits a proposal that chooses disturbances of actions while a simulation runs, with `fitting`

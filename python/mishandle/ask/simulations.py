@@ -86,7 +86,7 @@ def repeat(
     ----------
     system, formula, space, at, **target
         See :func:`simulate`. ``simulate.scenarios`` of ``plan`` is the number of random scenarios
-        that measure the noise, each of them simulated 20 times (20); 0 skips this.
+        that measure the noise, each of them simulated twice (200); 0 skips this.
     repeats : int, optional
         Number of simulations of the scenario; by default 100.
     seed : int

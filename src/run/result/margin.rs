@@ -25,10 +25,13 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
             fails_in_most_repeats: repeats.as_ref().map(Repeats::fails_in_most),
         }
     };
+    let is_in_space = |name: &str| resolved.space.axes().iter().any(|axis| axis.name == name);
+    let others = resolved.target.axes.iter().filter(|axis| axis.nominal.is_some() && !is_in_space(&axis.name));
     results::Margin {
         run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
         formula: resolved.specification.requirement.to_string(),
+        at_nominal: others.map(|axis| axis.name.clone()).collect(),
         simulations: *simulations,
         is_random: space_depends_on_seed(resolved),
         is_complete: *is_complete,

@@ -67,16 +67,15 @@ fn margin_cells(found: &Margin) -> Vec<String> {
 }
 
 fn risk_cells(found: &Risk) -> Vec<String> {
-    let text = |value: Option<f64>| value.map_or("-".to_string(), probability_text);
     let answer = found.probability.as_ref();
-    let ends = answer.and_then(|answer| answer.low.zip(answer.high));
+    let [low, high] = found.bounds.map(probability_text);
     let source = match &found.screening {
         Some(_) => "screening",
         None => answer.map_or("-", |answer| answer.source.as_str()),
     };
     vec![
-        text(answer.and_then(|answer| answer.value)),
-        ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", text(Some(low)), text(Some(high)))),
+        found.without_assumption().value.map_or("-".to_string(), probability_text),
+        format!("[{low}, {high}]"),
         source.to_string(),
         found.simulations.to_string(),
     ]

@@ -31,8 +31,12 @@ pub fn text(found: &Margin) -> String {
         ),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
+    let at_nominal = match found.at_nominal_text() {
+        text if text.is_empty() => text,
+        text => format!(", {}", escape::name(&text)),
+    };
     format!(
-        "{}{}\nformula {}\n{}\n{}\n\n{conclusion}{}",
+        "{}{}{at_nominal}\nformula {}\n{}\n{}\n\n{conclusion}{}",
         answer::without_verdict(&found.without_verdict, "nothing is claimed about disturbances as large"),
         subject::heading(&found.subject),
         found.formula,

@@ -126,31 +126,20 @@ fn distribution(found: &Risk) -> String {
 }
 
 fn answer(found: &Risk) -> String {
-    let [low, high] = found.bounds;
-    let bounds = format!("from {} to {}", probability(low), probability(high));
-    let has_undecided = found.without_verdict.ends.total() > 0;
-    let Some(Probability { value: value_of, low, high, assumption, .. }) = &found.probability else {
-        return format!(
-            "probability of a violation: no estimate; {bounds} with 95 % confidence, which assumes nothing"
-        );
+    let [low, high] = found.bounds.map(probability);
+    let bounds = format!("from {low} to {high} with 95 % confidence, which assumes nothing");
+    let estimate = |found: &Probability| {
+        let value = probability(found.value.unwrap_or(f64::NAN));
+        format!("{value}, 95 % interval {}", interval(found.low, found.high))
     };
-    let value = format!(
-        "probability of a violation: {}, 95 % interval {}",
-        probability(value_of.unwrap_or(f64::NAN)),
-        interval(*low, *high)
-    );
-    match assumption {
-        None => format!("{value}, which assumes nothing"),
-        // The estimate says nothing about a part of the space.
-        Some(assumption) if has_undecided => format!(
-            "probability of a violation: {bounds} with 95 % confidence, which assumes nothing\nif {assumption}: {}, 95 % interval {}",
-            probability(value_of.unwrap_or(f64::NAN)),
-            interval(*low, *high)
-        ),
-        Some(assumption) => {
-            format!("{value}, if {assumption}\nwithout that assumption: {bounds} (95 %)")
-        }
-    }
+    let answer = match &found.probability {
+        None => format!("no estimate; {bounds}"),
+        Some(found) => match &found.assumption {
+            None => format!("{}, which assumes nothing", estimate(found)),
+            Some(assumption) => format!("{bounds}\nif {assumption}: {}", estimate(found)),
+        },
+    };
+    format!("probability of a violation: {answer}")
 }
 
 /// Returns the parts of the estimation as a table.

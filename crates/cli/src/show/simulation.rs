@@ -55,7 +55,8 @@ fn noise_text(noise: &Noise) -> String {
     let of = format!("{}, {} each", plural(scenarios, "random scenario"), plural(repeats, "simulation"));
     match scenario_share {
         Some(share) => format!(
-            "\n\nvariance of the robustness: {:.0} % from the scenario{}, {:.0} % from noise ({of})",
+            "\n\nvariance of the robustness: {:.0} % from the scenario{}, {:.0} % from noise ({of}); a region that none of them \
+             met is in neither share",
             100.0 * share,
             scenario_share_interval.map_or(String::new(), |[low, high]| format!(
                 " [{:.0}, {:.0}]",

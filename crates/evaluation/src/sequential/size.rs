@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use mishandle_random::{Seed, Sequence};
 
 use super::{DifferenceSequence, RateSequence, StopRule};
-use crate::f_distribution::Beta;
+use crate::beta::Beta;
 use crate::{Estimate, PairedCounts, sign_test, wilson};
 
 /// Probability with which a fixed number is enough.

@@ -17,6 +17,10 @@ use crate::{FalsificationError, coordinate};
 /// Largest number of amplitudes that a bisection down to the resolution tries.
 const LEVELS: u64 = 8;
 
+/// The bisection of the witness toward nominal ends at an interval of this length, as a fraction of
+/// its amplitude.
+const RAY: f64 = 1e-4;
+
 /// Fraction of the simulations of an amplitude that try random signs, before CMA-ES.
 const SIGNS: f64 = 0.25;
 
@@ -89,6 +93,29 @@ impl<'a> Attempt<'a> {
         self.try_largest(share)?;
         if self.witness.is_some() && steps_only(&self.space) {
             self.bisect(share)?;
+        }
+        Ok(())
+    }
+
+    /// Bisects from the witness toward nominal within the budget, so that the witness is the smallest
+    /// violation on this ray. As in a minimization, the simulations belong to no amplitude. Whole
+    /// steps are bisected before.
+    pub(super) fn bisect_ray(&mut self) -> Result<(), FalsificationError> {
+        let Some(from) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
+        let mut passes = 0.0;
+        let mut fails = if steps_only(&self.space) { 0.0 } else { self.smallest() };
+        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted {
+            let middle = f64::midpoint(passes, fails);
+            let scenario = scaled(&self.space, &from.scenario, middle);
+            let mut episodes = self.system.rollout(&[Request::new(scenario, from.seed)])?;
+            self.count(&episodes);
+            match episodes.pop().filter(Episode::is_violated) {
+                Some(episode) => {
+                    self.keep(episode);
+                    fails = middle;
+                }
+                None => passes = middle,
+            }
         }
         Ok(())
     }
@@ -310,11 +337,7 @@ impl<'a> Attempt<'a> {
         let is_unstartable = |episode: &&Episode| !episode.end.counts_in_rates();
         level.without_verdict += episodes.iter().filter(is_undecided).count() as u64;
         level.invalid_starts += episodes.iter().filter(is_unstartable).count() as u64;
-        let started = episodes.iter().filter(is_undecided).filter(|episode| !is_unstartable(episode));
-        let amplitudes = started.map(|episode| norms(&self.space, &episode.request.scenario).amplitude);
-        self.smallest_without_verdict = amplitudes.fold(self.smallest_without_verdict, f64::min);
-        self.simulations += episodes.len() as u64;
-        self.is_interrupted |= (self.watch)(self.simulations).is_break();
+        self.count(&episodes);
         let values = episodes.iter().map(Episode::robustness).collect();
         if is_random && self.levels.len() == 1 {
             let found = episodes
@@ -328,6 +351,16 @@ impl<'a> Attempt<'a> {
             self.keep(episode);
         }
         Ok(values)
+    }
+
+    /// Counts simulations, and tells the caller.
+    fn count(&mut self, episodes: &[Episode]) {
+        let undecided =
+            episodes.iter().filter(|episode| episode.robustness().is_none() && episode.end.counts_in_rates());
+        let amplitudes = undecided.map(|episode| norms(&self.space, &episode.request.scenario).amplitude);
+        self.smallest_without_verdict = amplitudes.fold(self.smallest_without_verdict, f64::min);
+        self.simulations += episodes.len() as u64;
+        self.is_interrupted |= (self.watch)(self.simulations).is_break();
     }
 
     /// Keeps a violation if its disturbance is not larger than that of the witness.

@@ -110,7 +110,8 @@ pub struct MarginSettings {
 /// below at first and a twentieth at last, in turns from that violation and from random scenarios.
 /// If all disturbed axes are discrete, the amplitude is bisected before, and if the scenarios are
 /// few, all of them are tried. Three quarters into the budget, [`minimize`] removes as many axes as
-/// possible from the witness, and the rest is spent below the result.
+/// possible from the witness, and the rest is spent below the result. Before and after that, the
+/// witness is bisected toward nominal.
 ///
 /// Without a violation at amplitude 1, the whole budget is spent there; if the system is random, a
 /// quarter of it on repeats of the scenarios with the lowest robustness.
@@ -131,11 +132,14 @@ pub fn margin(
     let budget = settings.budget as f64;
     attempt.begin()?;
     attempt.descend((DESCENT * budget) as u64, FIRST_STEP)?;
+    attempt.bisect_ray()?;
     attempt.minimize(settings.budget)?;
     let before = attempt.smallest();
     attempt.descend(((1.0 - LAST) * budget) as u64, LAST_STEP)?;
+    attempt.bisect_ray()?;
     if attempt.smallest() < before {
         attempt.minimize(settings.budget)?;
+        attempt.bisect_ray()?;
     }
     let Attempt { levels, witness, simulations, is_interrupted, smallest_without_verdict, .. } = attempt;
     Ok(Margin {
@@ -160,7 +164,9 @@ pub fn check_margin(budget: u64, space: &Space) -> Result<(), FalsificationError
     let (what, value, expected) = if !Margin::BUDGETS.contains(&budget) {
         ("the budget", budget, "from 1 to 1000000")
     } else if !has_margin(space) {
-        ("the number of disturbed axes", 0, "at least 1: an axis with a nominal value that is no start")
+        let expected = "at least 1: an axis with a nominal value whose `kind` is \"model\", \"input\", \"event\" or \
+                        \"fault\"; without a `kind`, an axis is a start";
+        ("the number of disturbed axes", 0, expected)
     } else {
         return Ok(());
     };

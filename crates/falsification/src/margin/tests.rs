@@ -41,6 +41,38 @@ fn the_margin_of_a_half_space_is_that_of_a_hand_calculation() {
     assert!(simulations <= BUDGET);
 }
 
+/// The witness is at the boundary of the violations: nearer to nominal on its ray, nothing fails.
+/// The smallest disturbances are those of a hand calculation: c / |w|₁ of a half-space, r / √n of
+/// the outside of a ball, and the corner itself of a corner.
+#[test]
+fn the_witness_is_bisected_along_its_ray() {
+    type Robustness = fn(&[f64]) -> f64;
+    let systems: [(usize, Robustness, f64); 4] = [
+        (2, |x| 0.8 - x[0] - x[1], 0.4),
+        (10, |x| 3.0 - x.iter().zip(10..).map(|(x, w)| f64::from(w) / 10.0 * x).sum::<f64>(), 3.0 / 14.5),
+        (5, |x| 0.16 - x.iter().map(|x| x * x).sum::<f64>(), 0.4 / 5.0_f64.sqrt()),
+        (4, |x| if x.iter().all(|x| *x >= 0.5) { -1.0 } else { 1.0 }, 0.5),
+    ];
+    for (n, robustness, smallest) in systems {
+        let outcome = move |request: &Request| {
+            let values: Vec<f64> = request.scenario.values().iter().map(|value| value.unwrap()).collect();
+            SimulatedEnd::Robustness(robustness(&values))
+        };
+        for seed in 0..5 {
+            let mut system = FunctionSystem::new(Space::new("d", inputs(n)).unwrap(), outcome);
+            let settings = MarginSettings { seed: Seed(seed), ..settings(BUDGET) };
+            let found = margin(&mut system, settings, |_| ControlFlow::Continue(())).unwrap();
+            assert!(found.simulations <= BUDGET && found.simulations == system.simulations() as u64);
+            let witness = found.witness.unwrap();
+            let scenario = witness.episode.request.scenario;
+            let nearer: Vec<f64> = scenario.values().iter().map(|value| 0.9998 * value.unwrap()).collect();
+            assert!(robustness(&nearer) >= 0.0, "{n} axes, seed {seed}: {nearer:?}");
+            let ratio = witness.norms.amplitude / smallest;
+            assert!((1.0 - 1e-9..1.005).contains(&ratio), "{n} axes, seed {seed}: {ratio}");
+        }
+    }
+}
+
 /// From the start 0 the disturbance 0.3 is enough, from the nominal start 0.5 it takes 0.8.
 #[test]
 fn the_initial_state_is_searched_with_the_disturbance() {

@@ -1,4 +1,4 @@
-//! Quantiles of the beta and F distributions.
+//! The beta distribution and its quantiles.
 
 use crate::chi_squared::ln_gamma_of_half;
 
@@ -7,14 +7,6 @@ const MAX_STEPS: usize = 10_000;
 
 /// Bisections, each of which halves the error.
 const BISECTIONS: usize = 200;
-
-/// Returns the value that an F variable with these degrees of freedom, at least 1 each, exceeds
-/// with probability `tail`.
-pub(crate) fn f_upper_quantile(tail: f64, first: u32, second: u32) -> f64 {
-    // x / (1 - x) = first / second F has a beta distribution.
-    let x = beta_quantile(1.0 - tail, first, second);
-    f64::from(second) / f64::from(first) * x / (1.0 - x)
-}
 
 /// Returns the value below which a beta variable with the parameters first / 2 and second / 2 is
 /// with this probability.
@@ -90,6 +82,13 @@ fn fraction(x: f64, a: f64, b: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Returns the value that an F variable exceeds with probability `tail`: x / (1 - x) =
+    /// first / second F has a beta distribution.
+    fn f_upper_quantile(tail: f64, first: u32, second: u32) -> f64 {
+        let x = beta_quantile(1.0 - tail, first, second);
+        f64::from(second) / f64::from(first) * x / (1.0 - x)
+    }
 
     #[test]
     fn quantiles_are_those_of_tables() {
