@@ -1,7 +1,7 @@
 //! Rate of an event whose cheap indicator is known for every trial, and which is observed for some
 //! of them.
 
-use crate::{Estimate, clopper_pearson};
+use crate::{EndCounts, Estimate, clopper_pearson};
 
 /// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`]
 /// combines.
@@ -66,6 +66,13 @@ impl TwoPhase {
             sampled: self.sampled - sampled,
             ..*self
         }
+    }
+
+    /// Returns the estimated fraction of the started simulations without a verdict, from the ends of
+    /// the flagged and of the sampled ones; `None` without an estimate.
+    pub fn share_without_verdict(&self, [flagged, sampled]: [EndCounts; 2]) -> Option<f64> {
+        let events = TwoPhase { flagged_events: flagged.total(), sampled_events: sampled.total(), ..*self };
+        events.without(flagged.invalid_starts, sampled.invalid_starts).estimate(0.95).value
     }
 
     /// Returns the rate of the event with an interval that contains the true rate with a

@@ -35,7 +35,6 @@ pub struct Hardening {
     pub commit: String,
     /// The random simulations in the space without a verdict: those of the final set that measure
     /// the success rate and the failure probability, before and after.
-    #[serde(default)]
     pub without_verdict: WithoutVerdict,
     /// The result in a sentence.
     pub verdict: String,

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::HardenPlan;
-use mishandle::run::{Device, Opening, inconclusive_text};
+use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 use mishandle_text::shell_path;
 
@@ -116,12 +116,11 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         output::line(&hardening::text(&found))?;
     }
     output::message(&format!("Folder of all runs: {quoted}"));
-    let searched = found.searches.last().is_some_and(|search| search.failures > 0);
-    if let (Some(text), false) = (inconclusive_text(&found.without_verdict), searched) {
-        bail!(text);
+    if found.without_verdict.is_too_large() {
+        let has_failure = found.searches.last().is_some_and(|search| search.failures > 0);
+        return run::answers::conclude(&found.without_verdict, has_failure);
     }
-    let is_done = found.after.is_some() && !found.without_verdict.is_too_large();
-    Ok(if is_done { ExitStatus::Done } else { ExitStatus::Violated })
+    Ok(if found.after.is_some() { ExitStatus::Done } else { ExitStatus::Violated })
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {
