@@ -281,7 +281,7 @@ fn a_result_is_what_follows_from_its_runs_and_its_requirements() {
     forged(&|check| check.controllers[0].runs[0].digest = "0".repeat(32));
     forged(&|check| drop(check.controllers[0].runs.pop()));
     forged(&|check| drop(check.cells.pop()));
-    // Each of these passed while the sentence stood beside what was compared.
+    // Each sentence is compared, too.
     forged(&|check| check.target_kind = "robot".to_string());
     forged(&|check| check.search = "exhaustive proof".to_string());
     forged(&|check| check.program = "certified".to_string());

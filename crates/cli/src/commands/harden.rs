@@ -30,7 +30,8 @@ A round searches for failures in the space, trains the controller on them, and i
 upper bound of the failure rate falls and no other measure gets worse (-k harden.allow names
 exceptions). The final comparison uses scenarios and seeds that no search, training or decision
 used. Everything is in the folder beside --out: better.harden for better.safetensors. Exit code 0: a
-controller was accepted and written. 1: none was.
+controller was accepted and written. 1: none was. 2: also if too many simulations have no verdict
+(max-without-verdict).
 
 A trainer is a program of yours for controllers that this program cannot train, such as ONNX models:
 docs/guide/harden.md lists its arguments. A command that a file names, also that of --resume, needs
