@@ -149,3 +149,38 @@ fn smallest_claim(found: &[Margin]) -> Option<Level> {
     });
     Some(Level { is_exhaustive, ..smallest? })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a finished search without a violation at some amplitudes.
+    fn part(amplitudes: &[(f64, u64)], smallest_without_verdict: Option<f64>) -> Margin {
+        let level = |(amplitude, simulations): &(f64, u64)| Level {
+            simulations: *simulations,
+            minimum_robustness: Some(1.0),
+            is_complete: true,
+            is_exhaustive: *simulations < 100,
+            ..Level::new(*amplitude)
+        };
+        let levels = amplitudes.iter().map(level).collect();
+        Margin { witness: None, levels, smallest_without_verdict, simulations: 0, is_complete: true }
+    }
+
+    /// What one search does not show is no claim of all.
+    #[test]
+    fn the_claim_of_several_searches_is_the_smallest_one() {
+        let safe = part(&[(1.0, 600)], None);
+        let claim = |other: Margin| {
+            let claims = [[safe.clone(), other.clone()], [other, safe.clone()]];
+            let [first, second] = claims.map(|parts| smallest_claim(&parts));
+            assert_eq!(first, second);
+            first.map(|level| (level.amplitude, level.verdicts(), level.is_exhaustive))
+        };
+        assert_eq!(claim(part(&[(1.0, 500)], None)), Some((1.0, 500, false)));
+        assert_eq!(claim(part(&[(1.0, 50)], None)), Some((1.0, 50, false)));
+        assert_eq!(claim(part(&[(0.4, 500), (1.0, 500)], Some(0.7))), Some((0.4, 500, false)));
+        assert_eq!(claim(part(&[(0.4, 500), (1.0, 500)], Some(0.3))), None);
+        assert_eq!(smallest_claim(&[part(&[(1.0, 50)], None)]).map(|level| level.is_exhaustive), Some(true));
+    }
+}

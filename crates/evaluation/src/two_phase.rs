@@ -136,6 +136,43 @@ mod tests {
 
     use super::*;
 
+    /// A fifth of the scenarios cannot start, and a tenth of the others has no verdict, of which the
+    /// indicator flags 70 %.
+    #[test]
+    fn the_share_without_a_verdict_stands_for_the_simulations_that_are_not_repeated() {
+        let mut random = Sequence::new(3, 0);
+        let mut sum = 0.0;
+        for _ in 0..200 {
+            let mut counts = TwoPhase { trials: 3000, ..TwoPhase::default() };
+            let mut ends = [EndCounts::default(); 2];
+            let mut others = OthersSample::default();
+            let mut add = |ends: &mut EndCounts, [starts, decides]: [bool; 2]| {
+                ends.invalid_starts += u64::from(!starts);
+                ends.simulations += u64::from(starts);
+                ends.undecided += u64::from(starts && !decides);
+            };
+            for _ in 0..counts.trials {
+                let [starts, decides] = [0.8, 0.9].map(|rate| random.uniform() < rate);
+                let is_flagged = random.uniform() < if !starts || decides { 0.05 } else { 0.7 };
+                let is_sampled = random.uniform() < 0.1;
+                if is_flagged || !starts {
+                    counts.flagged += 1;
+                    add(&mut ends[0], [starts, decides]);
+                } else {
+                    others.add([starts, decides], is_sampled);
+                }
+            }
+            for trial in others.finish() {
+                counts.sampled += 1;
+                add(&mut ends[1], trial);
+            }
+            sum += counts.share_without_verdict(ends).unwrap();
+        }
+        // The standard deviation of the mean is 0.0008.
+        assert!((sum / 200.0 - 0.1).abs() < 0.003, "{}", sum / 200.0);
+        assert_eq!(TwoPhase::default().share_without_verdict([EndCounts::default(); 2]), None);
+    }
+
     /// Draws counts: an event has probability `rate`. The indicator flags an event with probability
     /// `power`, and another trial with probability `false_rate`.
     fn draw(random: &mut Sequence, trials: u64, [rate, power, false_rate, sample]: [f64; 4]) -> TwoPhase {
