@@ -174,7 +174,8 @@ fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_er
 /// The simulations of a finished check do not depend on this key, but its verdicts do.
 #[test]
 fn a_finished_check_concludes_with_its_own_share_without_a_verdict_only() {
-    let text = format!("[[requirement]]\nname = \"odd\"\nformula = \"always(sqrt({} - 0.5) <= 2)\"", signal());
+    let text =
+        format!("[[requirement]]\nname = \"odd\"\nformula = \"always(sqrt({} - 0.5) <= 2)\"", signal());
     let folder = tempfile::tempdir().unwrap();
     assert_eq!(run(&text, folder.path(), 1).cells[0].verdict, CheckVerdict::NoVerdict);
     let mut other = subject(TARGET, "", 1);
@@ -221,7 +222,8 @@ fn open_rows(found: &Check) -> u64 {
         let file = RunFile::open(path).unwrap();
         let own = file.header().verdicts.iter().map(|name| name.starts_with("requirement_"));
         let own: Vec<bool> = own.collect();
-        let is_open = |verdicts: &[Option<f64>]| verdicts.iter().zip(&own).any(|(x, own)| *own && x.is_none());
+        let is_open =
+            |verdicts: &[Option<f64>]| verdicts.iter().zip(&own).any(|(x, own)| *own && x.is_none());
         file.simulations().filter(|row| is_open(&row.as_ref().unwrap().verdicts)).count() as u64
     };
     found.controllers[0].runs.iter().map(|run| open(&run.run)).sum()

@@ -144,9 +144,9 @@ fn smallest_claim(found: &[Margin]) -> Option<Level> {
     let levels: Option<Vec<Level>> = found.iter().map(Margin::largest_without_violation).collect();
     let levels = levels?;
     let is_exhaustive = levels.iter().all(|level| level.is_exhaustive);
-    let smallest = levels.into_iter().min_by(|a, b| {
-        a.amplitude.total_cmp(&b.amplitude).then(a.verdicts().cmp(&b.verdicts()))
-    });
+    let smallest = levels
+        .into_iter()
+        .min_by(|a, b| a.amplitude.total_cmp(&b.amplitude).then(a.verdicts().cmp(&b.verdicts())));
     Some(Level { is_exhaustive, ..smallest? })
 }
 

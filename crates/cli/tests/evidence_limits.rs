@@ -258,8 +258,13 @@ fn only_files_of_evidence_are_replaced() {
 fn an_interruption_is_no_agreement() {
     let bench = evaluation();
     let folder = bench.path("ev");
-    let request =
-        Verification { folder: &folder, signers: Signers::Unknown, share: 1.0, seed: 1, words: shell_command };
+    let request = Verification {
+        folder: &folder,
+        signers: Signers::Unknown,
+        share: 1.0,
+        seed: 1,
+        words: shell_command,
+    };
     let stop_at = |limit: u64| {
         let watch = |done, total| {
             if total > 0 && done >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
