@@ -241,7 +241,7 @@ pub(super) fn add(
 ) -> Result<EndCounts, MishandleError> {
     let header = run.header();
     let column = |row: &Row| {
-        let is_own = |verdict: &String| verdict.strip_prefix(REQUIREMENT) == Some(&row.name);
+        let is_own = |verdict: &String| verdict.strip_prefix(REQUIREMENT) == Some(row.name.as_str());
         header.verdicts.iter().position(is_own)
     };
     let columns: Vec<Option<usize>> = rows.iter().map(column).collect();

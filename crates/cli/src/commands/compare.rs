@@ -38,12 +38,12 @@ episodes. They are compared pair by pair. With --against, both controllers are e
 the run files are kept in runs/.
 
 Exit code 1 means that B fails in a simulation in which A succeeds, 2 also that too many simulations
-of A or of B have no verdict (max-without-verdict), unless B violates the formula there. With --exact, the runs may be of any question: simulations at the same
-place (trial and number) are compared if they have the same scenario and seed. Exit code 0 means
-then that all trials, simulations and traces are the same to the bit, also if the files were written
-by different programs; 1 that they differ; 2 an error. With --expect, no target is simulated: the
-number that is fixed beforehand is computed, and the rule that stops by itself is simulated on
-random verdicts.")]
+of A or of B have no verdict (max-without-verdict), unless B violates the formula there. With
+--exact, the runs may be of any question: simulations at the same place (trial and number) are
+compared if they have the same scenario and seed. Exit code 0 means then that all trials,
+simulations and traces are the same to the bit, also if the files were written by different
+programs; 1 that they differ; 2 an error. With --expect, no target is simulated: the number that is
+fixed beforehand is computed, and the rule that stops by itself is simulated on random verdicts.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,

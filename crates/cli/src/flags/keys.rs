@@ -141,8 +141,8 @@ pub fn settings(assignments: &[Assignment], command: &str) -> Result<Settings> {
 /// As [`settings`], with the largest share of simulations without a verdict that the assignments
 /// state: recorded simulations do not depend on it.
 pub fn settings_of_runs(assignments: &[Assignment], command: &str) -> Result<(Settings, Option<f64>)> {
-    let is_share = |assignment: &&Assignment| assignment.key == MAX_SHARE;
-    let (share, others): (Vec<_>, Vec<_>) = assignments.iter().cloned().partition(|given| is_share(&given));
+    let (share, others): (Vec<_>, Vec<_>) =
+        assignments.iter().cloned().partition(|assignment| assignment.key == MAX_SHARE);
     let mut planned = Planned::from(Table::new());
     planned.assign(&share, command, Values::One)?;
     let share = planned.table.remove(MAX_SHARE).map(Value::try_into).transpose()?;
