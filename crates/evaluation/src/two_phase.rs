@@ -146,7 +146,7 @@ mod tests {
             let mut counts = TwoPhase { trials: 3000, ..TwoPhase::default() };
             let mut ends = [EndCounts::default(); 2];
             let mut others = OthersSample::default();
-            let mut add = |ends: &mut EndCounts, [starts, decides]: [bool; 2]| {
+            let add = |ends: &mut EndCounts, [starts, decides]: [bool; 2]| {
                 ends.invalid_starts += u64::from(!starts);
                 ends.simulations += u64::from(starts);
                 ends.undecided += u64::from(starts && !decides);
