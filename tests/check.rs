@@ -171,6 +171,27 @@ fn an_interrupted_check_continues_to_the_same_result_and_a_changed_file_is_an_er
     assert!(error.is_err());
 }
 
+/// The simulations of a finished check do not depend on this key, but its verdicts do.
+#[test]
+fn a_finished_check_concludes_with_its_own_share_without_a_verdict_only() {
+    let text =
+        format!("[[requirement]]\nname = \"odd\"\nformula = \"always(sqrt({} - 0.5) <= 2)\"", signal());
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(run(&text, folder.path(), 1).cells[0].verdict, CheckVerdict::NoVerdict);
+    let mut other = subject(TARGET, "", 1);
+    other.plan.max_without_verdict = 1.0;
+    let file = file(&text);
+    let ask = |subject, folder: &Path| {
+        let mut watch = |_: &_| ControlFlow::Continue(());
+        check(&[subject], &of_file(&file, &text), &settings(), folder, &mut watch)
+    };
+    let error = ask(other.clone(), folder.path()).unwrap_err().with_causes();
+    assert!(error.contains("max-without-verdict: recorded 0.05, given 1.0"), "{error}");
+    let fresh = tempfile::tempdir().unwrap();
+    let found = ask(other, fresh.path()).unwrap().unwrap();
+    assert_eq!(found.cells[0].verdict, CheckVerdict::NotViolated);
+}
+
 #[test]
 fn mistakes_are_found_before_the_first_simulation() {
     let x = signal();
@@ -195,6 +216,19 @@ fn mistakes_are_found_before_the_first_simulation() {
     assert!(!folder.path().join("runs").exists());
 }
 
+/// Returns the number of recorded simulations that leave one of their requirements open.
+fn open_rows(found: &Check) -> u64 {
+    let open = |path: &str| {
+        let file = RunFile::open(path).unwrap();
+        let own = file.header().verdicts.iter().map(|name| name.starts_with("requirement_"));
+        let own: Vec<bool> = own.collect();
+        let is_open =
+            |verdicts: &[Option<f64>]| verdicts.iter().zip(&own).any(|(x, own)| *own && x.is_none());
+        file.simulations().filter(|row| is_open(&row.as_ref().unwrap().verdicts)).count() as u64
+    };
+    found.controllers[0].runs.iter().map(|run| open(&run.run)).sum()
+}
+
 /// Scenarios nearer to the obstacle than 0.5 violate `keeps-away`, and have no square root.
 #[test]
 fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
@@ -210,6 +244,8 @@ fn a_requirement_that_is_undefined_takes_no_verdict_from_another_one() {
             let is_open =
                 |odd: &CheckCell| odd.random.without_verdict > 0 && odd.verdict == CheckVerdict::NoVerdict;
             assert!(odd.is_none_or(|odd| is_open(odd) && found.is_open(odd)), "{odd:?}");
+            assert_eq!(found.without_verdict.ends.undecided, open_rows(&found), "{text}");
+            assert_eq!(found.without_verdict.is_too_large(), odd.is_some(), "{text}");
             let cell = cell(&found, "keeps-away");
             (cell.verdict, cell.failure_rate, cell.random.without_verdict)
         });
@@ -281,7 +317,7 @@ fn a_result_is_what_follows_from_its_runs_and_its_requirements() {
     forged(&|check| check.controllers[0].runs[0].digest = "0".repeat(32));
     forged(&|check| drop(check.controllers[0].runs.pop()));
     forged(&|check| drop(check.cells.pop()));
-    // Each of these passed while the sentence stood beside what was compared.
+    // Each sentence is compared, too.
     forged(&|check| check.target_kind = "robot".to_string());
     forged(&|check| check.search = "exhaustive proof".to_string());
     forged(&|check| check.program = "certified".to_string());

@@ -65,8 +65,13 @@ struct Bench {
 
 impl Bench {
     fn new(task: &str) -> Bench {
+        Bench::with(task, |text| text)
+    }
+
+    /// `change` changes the target file.
+    fn with(task: &str, change: impl Fn(String) -> String) -> Bench {
         let bench = Bench { home: tempfile::tempdir().unwrap() };
-        let robot = cart_pole::write(bench.home.path(), |text| text);
+        let robot = cart_pole::write(bench.home.path(), change);
         // Little damping: a delay of one control step more makes the pole swing.
         fs::write(bench.path("stiff.onnx"), linear(&robot, [0.0, 0.1, 6.0, 0.4])).unwrap();
         fs::write(bench.path("better.onnx"), linear(&robot, [0.1, 0.2, 3.0, 0.8])).unwrap();
@@ -273,4 +278,29 @@ fn mistakes_are_errors_before_anything_is_written() {
     let said = error(harden(&shipped, &out, None, &mut go_on));
     assert!(said.contains(".safetensors"), "{said}");
     assert!(!bench.path("calls").exists());
+}
+
+/// In 35 % of the starts, simulations end without a verdict: the formula has no value, or the cart
+/// is too far away for the engine.
+#[test]
+fn nothing_is_concluded_if_a_region_of_the_final_set_has_no_verdict() {
+    let undecided = |text: String| {
+        text.replace("always(angle <= 0.3)", "always(angle <= 0.3) and sqrt(0.03 - lean) >= 0").replace(
+            "signals.angle",
+            "signals.lean = { value = \"qpos('hinge')[0]\", unit = \"rad\" }\nsignals.angle",
+        )
+    };
+    let diverged = |text: String| {
+        text.replace("hinge = \"tilt\"", "hinge = \"tilt\", slide = \"where(tilt > 0.03, 1e12, 0)\"")
+    };
+    for (kind, change) in [("undecided", &undecided as &dyn Fn(String) -> String), ("diverged", &diverged)] {
+        let bench = Bench::with("same", change);
+        let found = harden(&bench.plan(), &bench.path("out.onnx"), None, &mut go_on).unwrap().unwrap();
+        let without = &found.without_verdict;
+        assert!(without.share.is_some_and(|share| (0.2..0.5).contains(&share)), "{kind}: {without:?}");
+        let ends = without.ends;
+        let counted = if kind == "undecided" { ends.undecided } else { ends.diverged };
+        assert_eq!((counted, ends.invalid_starts), (ends.total(), 0), "{kind}");
+        assert!(without.is_too_large() && found.after.is_none(), "{kind}");
+    }
 }

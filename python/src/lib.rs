@@ -147,6 +147,7 @@ fn contents(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(question::check_question, module)?)?;
     module.add_function(wrap_pyfunction!(question::ask, module)?)?;
     module.add_function(wrap_pyfunction!(question::without_verdict_sentence, module)?)?;
+    module.add_function(wrap_pyfunction!(question::inconclusive_sentence, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::repeat, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::replay_counterexample, module)?)?;

@@ -97,7 +97,7 @@ fn untested(answer: &Answer) -> Option<String> {
         _ if answer.is_inconclusive() => inconclusive_text(found),
         _ => None,
     }?;
-    Some(without_verdict_text(&found.ends).map_or(why.clone(), |text| format!("{text}; {why}")))
+    Some(without_verdict_text(found).map_or(why.clone(), |text| format!("{text}; {why}")))
 }
 
 /// Returns the sentence about simulations without a verdict, from that part of an answer as JSON;
@@ -105,7 +105,17 @@ fn untested(answer: &Answer) -> Option<String> {
 #[pyfunction]
 #[pyo3(name = "without_verdict_text")]
 pub fn without_verdict_sentence(found: &str) -> PyResult<String> {
-    let found: WithoutVerdict =
-        serde_json::from_str(found).map_err(|error| PyValueError::new_err(error.to_string()))?;
-    Ok(without_verdict_text(&found.ends).unwrap_or_default())
+    Ok(without_verdict_text(&parsed(found)?).unwrap_or_default())
+}
+
+/// Returns why a question has no conclusion, from that part of an answer as JSON; `None` if enough
+/// of its simulations have a verdict.
+#[pyfunction]
+#[pyo3(name = "inconclusive_text")]
+pub fn inconclusive_sentence(found: &str) -> PyResult<Option<String>> {
+    Ok(inconclusive_text(&parsed(found)?))
+}
+
+fn parsed(found: &str) -> PyResult<WithoutVerdict> {
+    serde_json::from_str(found).map_err(|error| PyValueError::new_err(error.to_string()))
 }

@@ -104,7 +104,7 @@ fn verdict(candidates: &[Candidate], place: Option<Place>, later_passing: Option
 /// Checks that a folder is missing, empty, or that of a bisection.
 ///
 /// # Errors
-/// If it has other files, which stay as they are.
+/// If it has other files, which are not changed.
 pub(super) fn open(folder: &Path) -> Result<(), MishandleError> {
     if folder.join(RESULT).exists() || !folder.exists() {
         return Ok(());

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use mishandle_results as results;
 use mishandle_results::{Answer, CheckRun, CheckRunKind, EndCounts};
-use mishandle_store::{BuildRecord, MAX_TRIALS, RunFile};
+use mishandle_store::{BuildRecord, RunFile};
 use mishandle_text::path_text;
 
 use super::checker::Checker;
@@ -14,13 +14,13 @@ use super::row::{self, Row};
 use super::{CheckProgress, Watch};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder, recorded_ends};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder};
 
 /// The runs and the cells of one controller.
 pub(super) struct Column {
     pub runs: Vec<CheckRun>,
     pub cells: Vec<results::CheckCell>,
-    /// How the simulations of the runs ended.
+    /// How the simulations of the runs ended: see [`row::add`].
     pub ends: EndCounts,
     /// The programs that made the runs.
     pub programs: BTreeSet<String>,
@@ -39,8 +39,7 @@ impl Checker<'_> {
             let Some((answer, run)) = done else {
                 return Ok(None);
             };
-            row::add(&mut rows, answer.requirements(), &run, true)?;
-            ends.add_all(recorded_ends(&run, MAX_TRIALS)?);
+            ends.add_all(row::add(&mut rows, answer.requirements(), &run, true)?);
             programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Random, None)?);
         }
@@ -56,8 +55,7 @@ impl Checker<'_> {
             let Some((answer, run)) = done else {
                 return Ok(None);
             };
-            row::add(&mut rows, answer.requirements(), &run, false)?;
-            ends.add_all(recorded_ends(&run, MAX_TRIALS)?);
+            ends.add_all(row::add(&mut rows, answer.requirements(), &run, false)?);
             programs.insert(program(&run.header().build));
             runs.push(check_run(&run, CheckRunKind::Search, Some(name.clone()))?);
         }

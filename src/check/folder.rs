@@ -26,10 +26,10 @@ pub const COUNTEREXAMPLES: &str = "counterexamples";
 /// File that a check locks.
 const LOCK: &str = "check.lock";
 
-/// Creates the folder of a check, or opens that of an earlier one, and locks it.
+/// Creates the folder of a check, or opens the folder of an earlier one, and locks it.
 ///
 /// # Errors
-/// If another check runs in it, or it is not that of a check: then its files stay as they are.
+/// If another check runs in it, or it is not the folder of a check. No file is changed then.
 pub(super) fn open(folder: &Path, requirements: &str) -> Result<FileLock, MishandleError> {
     if folder.exists() && !folder.is_dir() {
         let source = std::io::ErrorKind::NotADirectory.into();
@@ -147,7 +147,7 @@ fn recorded(folder: &Path) -> Result<Option<Check>, MishandleError> {
 }
 
 /// Returns the result of a check whose folder has another path now. `path` is the present one of a
-/// run file or a counterexample. The commands of replays stay as they are.
+/// run file or a counterexample. The commands of replays do not change.
 pub fn moved(found: &Check, folder: &str, path: impl Fn(&str) -> String) -> Check {
     let mut found = Check { folder: folder.to_string(), ..found.clone() };
     for run in found.controllers.iter_mut().flat_map(|controller| &mut controller.runs) {

@@ -2,16 +2,15 @@
 
 use std::path::PathBuf;
 
-use mishandle_evaluation::clopper_pearson;
+use mishandle_evaluation::{clopper_pearson, count_end};
 use mishandle_results as results;
 use mishandle_results::{CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, WithoutVerdict};
-use mishandle_store::{MAX_TRIALS, RunFile, Simulation, SimulationEnd};
+use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::run::end_text;
-use crate::run::recorded_ends;
 use crate::run::rows::{REQUIREMENT, episode_end};
 
 /// Two one-sided 95 % bounds.
@@ -73,12 +72,23 @@ impl Row {
         self.random.without_verdict + self.searched.without_verdict
     }
 
-    /// Returns whether too many simulations have no verdict for a conclusion.
-    fn is_inconclusive(&self) -> bool {
-        let undecided = self.without_verdict();
-        let ends =
-            EndCounts { simulations: self.simulations() + undecided, undecided, ..EndCounts::default() };
-        WithoutVerdict::new(ends, self.max_share).is_too_large()
+    /// Returns why the simulations allow no conclusion; `None` if they do. Many of one kind never make
+    /// up for the other kind.
+    fn obstacle(&self) -> Option<&'static str> {
+        let is_searched = self.searched != CheckCounts::default();
+        let searched = is_searched.then_some((self.searched, "; no scenario of the searches started"));
+        [(self.random, "; no random scenario started")].into_iter().chain(searched).find_map(
+            |(CheckCounts { simulations, without_verdict: undecided, .. }, none)| {
+                let ends =
+                    EndCounts { simulations: simulations + undecided, undecided, ..EndCounts::default() };
+                match ends.share() {
+                    None => Some(none),
+                    Some(_) => WithoutVerdict::new(ends, self.max_share)
+                        .is_too_large()
+                        .then_some(", too many for a conclusion (max-without-verdict)"),
+                }
+            },
+        )
     }
 
     /// Returns whether no scenario changes the robustness.
@@ -124,27 +134,27 @@ impl Row {
     /// Returns the verdict and its evidence in a sentence.
     fn verdict(&self, limit: Option<f64>) -> (CheckVerdict, String) {
         let (verdict, mut sentence) = match limit {
+            _ if self.simulations() + self.without_verdict() == 0 => {
+                (CheckVerdict::NoVerdict, "no simulation started".to_string())
+            }
             _ if self.simulations() == 0 => {
                 let all = plural(self.without_verdict(), "simulation");
-                return (
-                    CheckVerdict::NoVerdict,
-                    format!("none of {all} has a verdict{}", self.why_unclear()),
-                );
+                (CheckVerdict::NoVerdict, format!("none of {all} has a verdict{}", self.why_unclear()))
             }
             Some(limit) => self.verdict_of_rate(limit),
             None if self.violated() > 0 => (CheckVerdict::Violated, self.violations()),
             None => self.verdict_without_violation(),
         };
-        if self.without_verdict() > 0 {
+        if self.simulations() > 0 && self.without_verdict() > 0 {
             let count = plural(self.without_verdict(), "simulation");
             sentence += &format!("; {count} without a verdict{}", self.why_unclear());
         }
-        let verdict = match verdict {
-            CheckVerdict::NotViolated if self.is_inconclusive() => {
-                sentence += ", too many for a conclusion (max-without-verdict)";
+        let verdict = match (verdict, self.obstacle()) {
+            (CheckVerdict::NotViolated, Some(obstacle)) => {
+                sentence += obstacle;
                 CheckVerdict::NoVerdict
             }
-            verdict => verdict,
+            (verdict, _) => verdict,
         };
         let invalid_starts = self.random.invalid_starts + self.searched.invalid_starts;
         if invalid_starts > 0 {
@@ -221,49 +231,58 @@ impl Row {
     }
 }
 
-/// Adds what a run found about the requirements in its space.
+/// Adds what a run found about the requirements in its space. Returns how its simulations ended,
+/// which have a verdict if each of these requirements has one.
 pub(super) fn add(
     rows: &mut [Row],
     found: &[results::Requirement],
     run: &RunFile,
     is_random: bool,
-) -> Result<(), MishandleError> {
-    let ends = recorded_ends(run, MAX_TRIALS)?;
-    let max_share = Plan::from_toml(&run.header().plan)?.max_without_verdict;
+) -> Result<EndCounts, MishandleError> {
+    let header = run.header();
+    let column = |row: &Row| {
+        let is_own = |verdict: &String| verdict.strip_prefix(REQUIREMENT) == Some(row.name.as_str());
+        header.verdicts.iter().position(is_own)
+    };
+    let columns: Vec<Option<usize>> = rows.iter().map(column).collect();
+    let mut ends = EndCounts::default();
+    for simulation in run.simulations() {
+        let simulation = simulation?;
+        let end = episode_end(simulation.end);
+        let mut has_all = true;
+        for (row, column) in rows.iter_mut().zip(&columns) {
+            let is_open = |column: &usize| simulation.verdicts.get(*column).copied().flatten().is_none();
+            if column.as_ref().is_some_and(is_open) {
+                has_all = false;
+                if end.counts_in_rates() {
+                    row.unclear.get_or_insert_with(|| unclear(&simulation, run));
+                }
+            }
+        }
+        count_end(&mut ends, end, has_all, 1);
+    }
+    let max_share = Plan::from_toml(&header.plan)?.max_without_verdict;
     for row in rows {
         row.max_share = max_share;
         if let Some(found) = found.iter().find(|found| found.name == row.name) {
             row.add(found, &ends, run, is_random);
-            if found.simulations < ends.simulations && row.unclear.is_none() {
-                row.unclear = unclear(&row.name, run)?;
-            }
         }
     }
-    Ok(())
+    Ok(ends)
 }
 
-/// Returns the first simulation of a run without a verdict of a requirement, and why it has none.
-fn unclear(name: &str, run: &RunFile) -> Result<Option<String>, MishandleError> {
-    let header = run.header();
-    let is_own = |verdict: &String| verdict.strip_prefix(REQUIREMENT) == Some(name);
-    let Some(column) = header.verdicts.iter().position(is_own) else { return Ok(None) };
-    for simulation in run.simulations() {
-        let simulation = simulation?;
-        let is_start = simulation.end != SimulationEnd::InvalidScenario;
-        if is_start && simulation.verdicts.get(column).copied().flatten().is_none() {
-            let signals: Vec<&str> = header.signals.iter().map(|signal| signal.name.as_str()).collect();
-            let why = match simulation.end {
-                SimulationEnd::Completed | SimulationEnd::Terminated { .. } => {
-                    "the formula has no finite value".to_string()
-                }
-                end => end_text(episode_end(end), &signals),
-            };
-            let file = run.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let Simulation { trial, number, .. } = simulation;
-            return Ok(Some(format!("first in {file}, trial {trial}, simulation {number}: {why}")));
+/// Names a simulation without a verdict of a requirement, and says why it has none.
+fn unclear(simulation: &Simulation, run: &RunFile) -> String {
+    let signals: Vec<&str> = run.header().signals.iter().map(|signal| signal.name.as_str()).collect();
+    let Simulation { trial, number, end, .. } = *simulation;
+    let why = match end {
+        SimulationEnd::Completed | SimulationEnd::Terminated { .. } => {
+            "the formula has no finite value".to_string()
         }
-    }
-    Ok(None)
+        end => end_text(episode_end(end), &signals),
+    };
+    let file = run.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+    format!("first in {file}, trial {trial}, simulation {number}: {why}")
 }
 
 /// Formats a share. Small ones keep two digits.
@@ -323,12 +342,17 @@ mod tests {
         // Without a limit on the rate, too many prevent a conclusion, also of a search, and fewer
         // widen the bound as violations do. A plan can allow none.
         assert_eq!(clean.verdict(None).0, CheckVerdict::NotViolated);
-        for found in [row([940, 0, 60], [0; 3]), row([100, 0, 0], [90, 0, 11])] {
+        for found in [
+            row([940, 0, 60], [0; 3]),
+            row([100, 0, 0], [90, 0, 11]),
+            row([1000, 0, 0], [0, 0, 1]),
+            row([1, 0, 1], [1000, 0, 0]),
+        ] {
             let (verdict, evidence) = found.verdict(None);
             assert_eq!(verdict, CheckVerdict::NoVerdict);
             assert!(evidence.ends_with("too many for a conclusion (max-without-verdict)"), "{evidence}");
         }
-        for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [5, 0, 1])] {
+        for found in [row([999, 0, 1], [0; 3]), row([1000, 0, 0], [19, 0, 1])] {
             let (verdict, evidence) = found.verdict(None);
             assert_eq!(verdict, CheckVerdict::NotViolated);
             assert!(evidence.ends_with("; 1 simulation without a verdict"), "{evidence}");
@@ -347,5 +371,27 @@ mod tests {
             row([0, 0, 10], [0, 0, 5]).verdict(None),
             (CheckVerdict::NoVerdict, "none of 15 simulations has a verdict".into())
         );
+    }
+
+    /// Only the random scenarios show a failure rate, and none of them started.
+    #[test]
+    fn a_scenario_without_a_start_is_in_every_sentence_and_supports_no_conclusion() {
+        let left_out = "; left out: 7 scenarios, from which the target cannot start";
+        for (searched, expected) in [
+            ([0; 3], "no simulation started"),
+            ([0, 0, 4], "none of 4 simulations has a verdict"),
+            (
+                [300, 0, 0],
+                "no violation in 0 random simulations and 300 of searches: a failure rate of at most 100.0 % in random \
+                 scenarios (95 %); no random scenario started",
+            ),
+        ] {
+            let mut found = row([0; 3], searched);
+            found.random.invalid_starts = 7;
+            assert_eq!(found.verdict(None), (CheckVerdict::NoVerdict, format!("{expected}{left_out}")));
+        }
+        let mut violated = row([0; 3], [300, 2, 0]);
+        violated.random.invalid_starts = 7;
+        assert_eq!(violated.verdict(None).0, CheckVerdict::Violated);
     }
 }

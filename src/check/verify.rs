@@ -11,16 +11,15 @@ use mishandle_results::{
     WithoutVerdict, Words,
 };
 use mishandle_stl::Formula;
-use mishandle_store::{MAX_TRIALS, RunFile, RunKind};
+use mishandle_store::{RunFile, RunKind};
 
 use super::cell::NOT_REPRODUCED;
 use super::column::program;
 use super::folder::{REQUIREMENTS, RESULT, file_digest, finished, is_path_of};
 use super::row::{self, Row};
-use super::violation;
+use super::violation::{self, normal};
 use crate::error::{MishandleError, problem};
 use crate::plan::Plan;
-use crate::run::recorded_ends;
 use crate::run::rows::REQUIREMENT;
 
 /// The problems of the result of a check.
@@ -64,8 +63,8 @@ pub fn verified(folder: &Path, words: Words) -> Result<Option<Check>, MishandleE
 
 /// Compares the result of a check with the text of its requirements, its runs and its
 /// counterexamples: `run` returns the file of a run, `place` the path of a counterexample. Nothing
-/// is simulated. The commands of replays, the folder and the file of the requirements are those of
-/// the caller.
+/// is simulated. The caller names the commands of replays, the folder and the file of the
+/// requirements.
 ///
 /// # Errors
 /// If a run cannot be read.
@@ -97,7 +96,6 @@ pub fn differences<'r>(
             let facts = facts(found, controller, named, file, plan)?;
             all.problems.extend(facts.into_iter().map(|fact| format!("{}: another {fact}", named.run)));
             programs.insert(program(&file.header().build));
-            ends.add_all(recorded_ends(file, MAX_TRIALS)?);
             max_share = plan.max_without_verdict;
             if named.kind == CheckRunKind::Search {
                 searched = &found.search;
@@ -106,7 +104,8 @@ pub fn differences<'r>(
         let is_run = |requirement: &CheckedRequirement| {
             files.iter().any(|(_, _, plan)| plan.requirements.contains_key(&requirement.name))
         };
-        let rows = rows(found, &files, is_run, &mut all.problems)?;
+        let (rows, of_runs) = rows(found, &files, is_run, &mut all.problems)?;
+        ends.add_all(of_runs);
         if files.is_empty() {
             let name = &controller.name;
             all.unverified
@@ -152,14 +151,15 @@ pub fn differences<'r>(
 /// A run of a result with its file and its plan.
 type Named<'f, 'r> = (&'f CheckRun, &'r RunFile, Plan);
 
-/// Returns what the runs of a controller say about each requirement. They must be the runs that a
-/// check makes, in its order: none can be left out.
+/// Returns what the runs of a controller say about each requirement, and how their simulations ended.
+/// They must be the runs that a check makes, in its order: none can be left out.
 fn rows(
     found: &Check,
     files: &[Named<'_, '_>],
     is_run: impl Fn(&CheckedRequirement) -> bool,
     problems: &mut Vec<String>,
-) -> Result<Vec<Row>, MishandleError> {
+) -> Result<(Vec<Row>, EndCounts), MishandleError> {
+    let mut ends = EndCounts::default();
     let mut rows: Vec<Row> =
         found.requirements.iter().map(|requirement| Row::new(&requirement.name)).collect();
     let mut left = files.iter();
@@ -170,7 +170,7 @@ fn rows(
                 if (named.kind, named.space.as_str(), named.requirement.as_deref()) == asked =>
             {
                 let found = crate::run::requirements(file)?.unwrap_or_default();
-                row::add(rows, &found, file, kind == CheckRunKind::Random)?;
+                ends.add_all(row::add(rows, &found, file, kind == CheckRunKind::Random)?);
             }
             _ => {
                 let of = requirement.map_or(String::new(), |name| format!(" for {name}"));
@@ -197,7 +197,7 @@ fn rows(
     if left.next().is_some() {
         problems.push("it has runs that the check did not ask for".to_string());
     }
-    Ok(rows)
+    Ok((rows, ends))
 }
 
 /// Returns whether a result is about the requirements of a file.
@@ -234,11 +234,10 @@ fn facts(
 ) -> Result<Vec<&'static str>, MishandleError> {
     let header = file.header();
     let part = header.components.iter().find(|component| component.role == "controller");
-    let text = |text: &str| Formula::parse(text).map(|formula| formula.to_string()).ok();
     let has_formula = |stated: &mishandle_store::FormulaRecord| {
         let name = stated.name.strip_prefix(REQUIREMENT);
         let known = name.and_then(|name| found.requirements.iter().find(|known| known.name == name));
-        name.is_none() || known.is_some_and(|known| text(known.formula_text()) == text(&stated.text))
+        name.is_none() || known.is_some_and(|known| normal(known.formula_text()) == normal(&stated.text))
     };
     // A requirement is asked in its space only, with the formula or the name of the file.
     let is_asked = |(name, formula): (&String, &String)| {

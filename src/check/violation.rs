@@ -69,7 +69,6 @@ fn is_of(
     found: &CheckCounterexample,
     header: &RunHeader,
 ) -> bool {
-    let text = |text: &str| Formula::parse(text).map(|formula| formula.to_string()).ok();
     let formula = counterexample.plan.falsify.as_ref().and_then(|falsify| falsify.formula.as_deref());
     let part = |part: &ComponentRecord| (part.role.clone(), part.hash.clone(), part.file_hash.clone());
     let value = |value: &crate::counterexample::AxisValue| CheckedValue {
@@ -86,7 +85,12 @@ fn is_of(
         && counterexample.target == header.target
         && counterexample.components.iter().map(part).eq(header.components.iter().map(part))
         && counterexample.plan.space == header.space
-        && formula.is_some_and(|formula| text(formula) == text(requirement.formula_text()))
+        && formula.is_some_and(|formula| normal(formula) == normal(requirement.formula_text()))
+}
+
+/// Returns a formula in its one spelling; `None` if it is none.
+pub(super) fn normal(text: &str) -> Option<String> {
+    Formula::parse(text).map(|formula| formula.to_string()).ok()
 }
 
 /// Names the command of each violation again, with the files beside its counterexample, or where

@@ -62,7 +62,7 @@ impl Folder {
     }
 
     /// Creates the folder of a plan with all that the hardening reads: it then depends on no other
-    /// file but those of a trainer. `settings` are those of training by this program. The folder
+    /// file but the files of a trainer. `settings` are for training by this program. The folder
     /// appears when it is complete, so a process that is killed leaves none without a plan.
     ///
     /// # Errors

@@ -14,6 +14,7 @@ use mishandle_results::{
 };
 use mishandle_robots::FILE_ROLES;
 use mishandle_rollout::{Episode, Seed};
+use mishandle_stl::is_violated;
 use mishandle_store::{AxisRecord, ComponentRecord, RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation};
 use mishandle_text::{p_value_phrase, path_text, plural};
 
@@ -176,17 +177,24 @@ impl Counted {
     }
 }
 
-/// The pairs of which one simulation succeeds: new failures and fixed ones, each with the number of
-/// those that are not listed.
+/// The pairs of which one simulation succeeds.
 #[derive(Default)]
-struct Changes([(Vec<results::ComparedPair>, u64); 2]);
+struct Changes {
+    /// New failures and fixed ones, each with the number of further ones.
+    listed: [(Vec<results::ComparedPair>, u64); 2],
+    /// Number of new failures in which B violates the requirement.
+    new_violations: u64,
+}
 
 impl Changes {
     fn add(&mut self, pair: &Pair, runs: [&RunFile; 2], words: Words) {
         let [a, b] = &pair.rows;
         let (listed, failing) = match pair.episodes.each_ref().map(Episode::is_success) {
-            [true, false] => (&mut self.0[0], runs[1]),
-            [false, true] => (&mut self.0[1], runs[0]),
+            [true, false] => {
+                self.new_violations += u64::from(b.robustness.is_some_and(is_violated));
+                (&mut self.listed[0], runs[1])
+            }
+            [false, true] => (&mut self.listed[1], runs[0]),
             _ => return,
         };
         if listed.0.len() == MAX_LISTED {
@@ -289,7 +297,8 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
         }
     }
     let [first_ends, second_ends] = counted.without_verdict;
-    let Changes([(new_failures, more_new_failures), (fixed_failures, more_fixed_failures)]) = changes;
+    let Changes { listed, new_violations } = changes;
+    let [(new_failures, more_new_failures), (fixed_failures, more_fixed_failures)] = listed;
     Ok(Comparison {
         target: a.target.name.clone(),
         target_kind: a.target.kind.clone(),
@@ -310,6 +319,7 @@ pub fn compare(first: &RunFile, second: &RunFile, words: Words) -> Result<Compar
         completion_step: has("completion").then(|| means(counted.completion_steps)),
         new_failures,
         more_new_failures,
+        new_violations,
         fixed_failures,
         more_fixed_failures,
         space_axes: recorded_axes(&a.axes),

@@ -25,8 +25,8 @@ pub enum FurtherPart {
 
 /// Adds to the answer of a falsification what takes its rows or further simulations: the failure
 /// modes of one that keeps going, and of a complete one the checks of the physics of its
-/// counterexamples, their repeats and, if the settings ask for it, the smooth region. Other answers
-/// stay as they are.
+/// counterexamples, their repeats and, if the settings ask for it, the smooth region. It does not
+/// change other answers.
 ///
 /// The run file must be closed. `watch` gets the number of finished simulations of a part and of
 /// all, and can end them. It gets the largest number of simulations that check the physics before

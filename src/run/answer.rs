@@ -1,6 +1,6 @@
 //! Parts of an answer that its run file has: no simulation is necessary.
 
-use mishandle_results::{Answer, EndReasons, WithoutVerdict};
+use mishandle_results::{Answer, EndReasons};
 use mishandle_store::RunFile;
 
 use crate::error::MishandleError;
@@ -8,7 +8,7 @@ use crate::plan::Plan;
 use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
 use crate::run::requirements::requirements;
-use crate::run::without_verdict::question_ends;
+use crate::run::without_verdict::without_verdict;
 
 /// Adds the share of simulations without a verdict, the success rates over the values of axes, the
 /// named requirements, the reasons of ends, and the causes of counterexamples.
@@ -18,7 +18,7 @@ pub(super) fn add_recorded_parts(
     plan: &Plan,
     can_fail: bool,
 ) -> Result<(), MishandleError> {
-    let without_verdict = WithoutVerdict::new(question_ends(answer, run)?, plan.max_without_verdict);
+    let without_verdict = without_verdict(answer, run, plan.max_without_verdict)?;
     match answer {
         Answer::Evaluation(found) => found.without_verdict = without_verdict,
         Answer::Falsification(found) => found.without_verdict = without_verdict,

@@ -5,7 +5,7 @@ use mishandle_falsification::{
     Margin, MarginSettings, Narrowed, Repeated, each_category, each_fault, margin, repeat, repeat_seeds,
 };
 use mishandle_random::Seed;
-use mishandle_results::Answer;
+use mishandle_results::{Answer, Level};
 use mishandle_rollout::{Request, Space};
 use mishandle_store::TrialStatus;
 
@@ -16,7 +16,7 @@ use crate::run::journal::{Journal, JournalSystem, Numbering};
 use crate::run::result::margin_result;
 
 /// Trials of the searches, and of the repeats of the witness.
-const SEARCH: u32 = 1;
+pub(super) const SEARCH: u32 = 1;
 const REPEATS: u32 = 2;
 
 /// The smallest disturbance, with the repeats of its witness.
@@ -28,6 +28,11 @@ pub(super) struct MarginOutcome {
     /// The searches for each combination of categories, if the plan asks for them. The categories
     /// are the fixed values of the space.
     pub each_category: Vec<(Space, Margin)>,
+    /// The claim that nothing is violated: the smallest one of all searches, which is exhaustive if
+    /// all are; `None` if one of them claims nothing.
+    pub passed: Option<Level>,
+    /// Smallest amplitude of a simulation without a verdict, in all searches; `None` without one.
+    pub smallest_without_verdict: Option<f64>,
     /// Number of simulations of all searches.
     pub simulations: u64,
     /// Simulations of the witness with other seeds; `None` without a witness, or if the seed has no
@@ -112,6 +117,9 @@ fn margins(
         let (b, b_passed) = order(b);
         a.total_cmp(&b).then(a_passed.total_cmp(&b_passed))
     });
+    let passed = if found.len() == spaces.len() { smallest_claim(&found) } else { None };
+    let smallest_without_verdict =
+        found.iter().filter_map(|margin| margin.smallest_without_verdict).min_by(f64::total_cmp);
     let smallest = smallest.cloned().ok_or(MishandleError::MissingPlanTable { table: "margin" })?;
     let margin = Margin { is_complete, ..smallest };
     let each_category = if table.each_category || spaces.len() > 1 {
@@ -119,5 +127,60 @@ fn margins(
     } else {
         Vec::new()
     };
-    Ok(MarginOutcome { margin, each_category, simulations, repeats: None, is_complete })
+    Ok(MarginOutcome {
+        margin,
+        each_category,
+        passed,
+        smallest_without_verdict,
+        simulations,
+        repeats: None,
+        is_complete,
+    })
+}
+
+/// Returns what all searches claim: the amplitude up to which none of them found a violation, with
+/// the fewest simulations of a search that stopped there.
+fn smallest_claim(found: &[Margin]) -> Option<Level> {
+    let levels: Option<Vec<Level>> = found.iter().map(Margin::largest_without_violation).collect();
+    let levels = levels?;
+    let is_exhaustive = levels.iter().all(|level| level.is_exhaustive);
+    let smallest = levels
+        .into_iter()
+        .min_by(|a, b| a.amplitude.total_cmp(&b.amplitude).then(a.verdicts().cmp(&b.verdicts())));
+    Some(Level { is_exhaustive, ..smallest? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a finished search without a violation at some amplitudes.
+    fn part(amplitudes: &[(f64, u64)], smallest_without_verdict: Option<f64>) -> Margin {
+        let level = |(amplitude, simulations): &(f64, u64)| Level {
+            simulations: *simulations,
+            minimum_robustness: Some(1.0),
+            is_complete: true,
+            is_exhaustive: *simulations < 100,
+            ..Level::new(*amplitude)
+        };
+        let levels = amplitudes.iter().map(level).collect();
+        Margin { witness: None, levels, smallest_without_verdict, simulations: 0, is_complete: true }
+    }
+
+    /// What one search does not show is no claim of all.
+    #[test]
+    fn the_claim_of_several_searches_is_the_smallest_one() {
+        let safe = part(&[(1.0, 600)], None);
+        let claim = |other: Margin| {
+            let claims = [[safe.clone(), other.clone()], [other, safe.clone()]];
+            let [first, second] = claims.map(|parts| smallest_claim(&parts));
+            assert_eq!(first, second);
+            first.map(|level| (level.amplitude, level.verdicts(), level.is_exhaustive))
+        };
+        assert_eq!(claim(part(&[(1.0, 500)], None)), Some((1.0, 500, false)));
+        assert_eq!(claim(part(&[(1.0, 50)], None)), Some((1.0, 50, false)));
+        assert_eq!(claim(part(&[(0.4, 500), (1.0, 500)], Some(0.7))), Some((0.4, 500, false)));
+        assert_eq!(claim(part(&[(0.4, 500), (1.0, 500)], Some(0.3))), None);
+        assert_eq!(smallest_claim(&[part(&[(1.0, 50)], None)]).map(|level| level.is_exhaustive), Some(true));
+    }
 }

@@ -70,5 +70,4 @@ pub(crate) use risk::check_risk_method;
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use rows::recorded_episode;
 pub use units::{run_simulations, run_trial};
-pub(crate) use without_verdict::recorded_ends;
 pub use without_verdict::{compared_without_verdict, inconclusive_text, without_verdict_text};

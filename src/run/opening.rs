@@ -75,7 +75,7 @@ pub fn create_run(resolved: &ResolvedPlan, path: Option<&Path>) -> Result<RunWri
 /// Continues the run of a plan at `path`, or begins it.
 ///
 /// # Errors
-/// If it is a run of another plan, which stays as it is, or cannot be opened.
+/// If it is a run of another plan, which is not changed, or cannot be opened.
 pub(crate) fn continue_run(resolved: &ResolvedPlan, path: &Path) -> Result<RunWriter, MishandleError> {
     let run = match path.exists().then(|| RunWriter::resume(path)) {
         // A program was killed while it created the run.

@@ -41,6 +41,8 @@ pub(crate) fn check(recorded: &RunHeader, resolved: &ResolvedPlan) -> Result<(),
 fn settings(recorded: &Plan, given: &Plan) -> Vec<String> {
     let mut found = Found { planned: "given", ..Found::default() };
     found.compare("seed", &recorded.seed, &given.seed);
+    // No simulation depends on it, but the conclusion of a finished run does.
+    found.compare("max-without-verdict", &recorded.max_without_verdict, &given.max_without_verdict);
     if let (Some(then), Some(now)) = (&recorded.falsify, &given.falsify) {
         found.compare("search", &then.search, &now.search);
         found.compare("trials", &then.trials, &now.trials);
@@ -213,5 +215,12 @@ mod tests {
             assert!(found.len() == 1 && found[0].starts_with(name), "{line}: {found:?}");
         }
         assert!(settings(&plan("batch = 3"), &plan("batch = 4")).is_empty());
+    }
+
+    #[test]
+    fn a_finished_run_concludes_with_its_own_share_without_a_verdict_only() {
+        let [recorded, given] =
+            [0.05, 0.5].map(|share| Plan { max_without_verdict: share, ..Plan::new("toy/sphere-2d", "") });
+        assert_eq!(settings(&recorded, &given), ["max-without-verdict: recorded 0.05, given 0.5"]);
     }
 }

@@ -3,28 +3,36 @@
 
 use mishandle_evaluation::count_end;
 use mishandle_results::{Answer, Comparison, EndCounts, WithoutVerdict};
-use mishandle_store::{MAX_TRIALS, RANDOM_TRIAL, RunFile};
+use mishandle_store::{MAX_TRIALS, RunFile};
 use mishandle_text::plural;
 
 use crate::error::MishandleError;
+use crate::run::margin::SEARCH;
 use crate::run::rows::episode_end;
 
-/// Returns how the simulations of a question ended.
-pub(super) fn question_ends(answer: &Answer, run: &RunFile) -> Result<EndCounts, MishandleError> {
-    match answer {
-        // The success formula decides, and a screening has another number of simulations.
-        Answer::Evaluation(found) => Ok(found.metrics.ends()),
+/// Returns the simulations of a question without a verdict.
+pub(super) fn without_verdict(
+    answer: &Answer,
+    run: &RunFile,
+    max_share: f64,
+) -> Result<WithoutVerdict, MishandleError> {
+    let ends = match answer {
+        // The two phases of a screening estimate the share.
+        Answer::Evaluation(found) if found.screening.is_some() => return Ok(found.without_verdict),
+        // The success formula decides.
+        Answer::Evaluation(found) => found.metrics.ends(),
         // Only the simulations of Monte Carlo are a random sample.
-        Answer::Risk(found) => Ok(found.without_verdict.ends),
+        Answer::Risk(found) => return Ok(found.without_verdict),
         // The repeats of the witness are another trial.
-        Answer::Margin(_) => recorded_ends(run, RANDOM_TRIAL),
-        Answer::Falsification(_) | Answer::Metamorphic(_) => recorded_ends(run, MAX_TRIALS),
-        Answer::Hardening(found) => Ok(found.without_verdict.ends),
-    }
+        Answer::Margin(_) => recorded_ends(run, SEARCH)?,
+        Answer::Falsification(_) | Answer::Metamorphic(_) => recorded_ends(run, MAX_TRIALS)?,
+        Answer::Hardening(found) => return Ok(found.without_verdict),
+    };
+    Ok(WithoutVerdict::new(ends, max_share))
 }
 
 /// Returns how the recorded simulations up to a trial ended.
-pub(crate) fn recorded_ends(run: &RunFile, last_trial: u32) -> Result<EndCounts, MishandleError> {
+fn recorded_ends(run: &RunFile, last_trial: u32) -> Result<EndCounts, MishandleError> {
     let mut counts = EndCounts::default();
     for (end, [decided, undecided]) in run.ends(0..=last_trial)? {
         let end = episode_end(end);
@@ -39,13 +47,14 @@ pub(crate) fn recorded_ends(run: &RunFile, last_trial: u32) -> Result<EndCounts,
 ///
 /// # Example
 /// ```
-/// use mishandle::results::EndCounts;
+/// use mishandle::results::{EndCounts, WithoutVerdict};
 /// use mishandle::run::without_verdict_text;
 /// let ends = EndCounts { simulations: 200, diverged: 70, ..EndCounts::default() };
 /// let expected = "70 of 200 simulations (35.0 %) have no verdict: 70 diverged";
-/// assert_eq!(without_verdict_text(&ends).as_deref(), Some(expected));
+/// assert_eq!(without_verdict_text(&WithoutVerdict::new(ends, 0.05)).as_deref(), Some(expected));
 /// ```
-pub fn without_verdict_text(ends: &EndCounts) -> Option<String> {
+pub fn without_verdict_text(found: &WithoutVerdict) -> Option<String> {
+    let ends = &found.ends;
     let invalid_starts = match ends.invalid_starts {
         0 => None,
         n => Some(format!("{}, from which the target cannot start", plural(n, "scenario"))),
@@ -53,19 +62,18 @@ pub fn without_verdict_text(ends: &EndCounts) -> Option<String> {
     let Some(share) = ends.share().filter(|share| *share > 0.0) else {
         return invalid_starts.map(|starts| format!("left out: {starts}"));
     };
-    let reasons = [
-        (ends.diverged, "diverged"),
-        (ends.invalid, "ended in a value that is not finite"),
-        (ends.failed, "crashed or took too long"),
-        (ends.undecided, "left the formula undecided"),
-    ];
-    let given = reasons.iter().filter(|(count, _)| *count > 0);
+    let given = ends.reasons().into_iter().filter(|(count, _)| *count > 0);
     let given: Vec<String> = given.map(|(count, reason)| format!("{count} {reason}")).collect();
-    let all = plural(ends.simulations, "simulation");
+    // A screening repeats more of the simulations without a verdict than of the others.
+    let (kind, share) = match found.share.filter(|estimate| *estimate != share) {
+        Some(estimate) => ("repeated simulation", format!("an estimated {} of all", share_text(estimate))),
+        None => ("simulation", share_text(share)),
+    };
+    let all = plural(ends.simulations, kind);
     let how_many = match ends.total() {
-        total if total == ends.simulations => format!("none of {all} has a verdict"),
-        1 => format!("1 of {all} ({}) has no verdict", share_text(share)),
-        total => format!("{total} of {all} ({}) have no verdict", share_text(share)),
+        total if total == ends.simulations && kind == "simulation" => format!("none of {all} has a verdict"),
+        1 => format!("1 of {all} ({share}) has no verdict"),
+        total => format!("{total} of {all} ({share}) have no verdict"),
     };
     let left_out = invalid_starts.map_or(String::new(), |starts| format!("; left out: {starts}"));
     Some(format!("{how_many}: {}{left_out}", given.join(", ")))
@@ -89,7 +97,7 @@ pub fn inconclusive_text(found: &WithoutVerdict) -> Option<String> {
 pub fn compared_without_verdict(found: &Comparison) -> Vec<String> {
     let runs = [("A", &found.first), ("B", &found.second)];
     let text = |(name, run): (&str, &mishandle_results::ComparedRun)| {
-        Some(format!("{name}: {}", without_verdict_text(&run.without_verdict.ends)?))
+        Some(format!("{name}: {}", without_verdict_text(&run.without_verdict)?))
     };
     runs.into_iter().filter_map(text).collect()
 }
@@ -115,7 +123,7 @@ mod tests {
 
     #[test]
     fn the_sentence_names_the_share_the_reasons_and_scenarios_without_a_start() {
-        let text = |ends: EndCounts| without_verdict_text(&ends);
+        let text = |ends: EndCounts| without_verdict_text(&WithoutVerdict::new(ends, 0.05));
         assert_eq!(text(ends(10, 0, 0)), None);
         let expected = "left out: 2 scenarios, from which the target cannot start";
         assert_eq!(text(ends(10, 0, 2)).as_deref(), Some(expected));
@@ -126,6 +134,9 @@ mod tests {
         assert_eq!(text(both).as_deref(), Some(expected));
         let expected = "none of 2 simulations has a verdict: 2 crashed or took too long";
         assert_eq!(text(ends(2, 2, 0)).as_deref(), Some(expected));
+        let screened = WithoutVerdict { share: Some(0.004), ..WithoutVerdict::new(ends(20, 20, 0), 0.05) };
+        let expected = "20 of 20 repeated simulations (an estimated 0.4 % of all) have no verdict: 20 crashed or took too long";
+        assert_eq!(without_verdict_text(&screened).as_deref(), Some(expected));
     }
 
     #[test]

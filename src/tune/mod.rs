@@ -16,15 +16,16 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use alarm::{Requirement, WatchedRun};
+use mishandle_evaluation::count_end;
 use mishandle_files::write_atomically;
 use mishandle_results::{Choice, EndCounts, GuardTuning, Key, Remedy};
 use mishandle_rollout::Seed;
-use mishandle_store::RunFile;
+use mishandle_store::{RANDOM_TRIAL, RunFile};
 
 use crate::error::{MishandleError, invalid, problem};
 use crate::plan::{EvaluatePlan, GuardPlan, Plan, TuneSettings};
 use crate::resolve::ResolvedPlan;
-use crate::run::{Engine, Progress, ask, continue_run, of_folder};
+use crate::run::{Engine, Progress, ask, continue_run, of_folder, rows};
 pub use threshold::Least;
 
 /// Indices of the child seeds of the training and of the held-out scenarios.
@@ -224,12 +225,7 @@ impl<'p> Tuner<'p> {
         };
         let answer = ask(&resolved, run, Engine::Direct, &mut watch).map_err(of_folder)?;
         let requirement = requirement(&resolved);
-        Ok(answer.is_complete().then_some(Asked {
-            ends: answer.without_verdict().ends,
-            resolved,
-            requirement,
-            path,
-        }))
+        Ok(answer.is_complete().then_some(Asked { resolved, requirement, path }))
     }
 }
 
@@ -238,13 +234,21 @@ struct Asked {
     resolved: ResolvedPlan,
     requirement: Requirement,
     path: PathBuf,
-    /// How its simulations ended.
-    ends: EndCounts,
 }
 
 impl Asked {
     fn run(&self) -> Result<RunFile, MishandleError> {
         Ok(RunFile::open(&self.path)?)
+    }
+
+    /// Returns how its simulations ended: the requirement of the tuning decides.
+    fn ends(&self) -> Result<EndCounts, MishandleError> {
+        let mut ends = EndCounts::default();
+        for row in self.run()?.trial_simulations(RANDOM_TRIAL) {
+            let episode = rows::episode(&row?, &self.resolved)?;
+            count_end(&mut ends, episode.end, self.requirement.is_violated(&episode).is_some(), 1);
+        }
+        Ok(ends)
     }
 
     fn watched(&self) -> Result<WatchedRun, MishandleError> {

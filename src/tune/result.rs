@@ -4,7 +4,7 @@ use std::path::Path;
 
 use mishandle_controllers::guard::Switch;
 use mishandle_evaluation::{PairedCounts, paired_rates, wilson};
-use mishandle_results::{AlarmLead, GuardAlarms, GuardTuning, PairedRates, Seed, WithoutVerdict};
+use mishandle_results::{AlarmLead, EndCounts, GuardAlarms, GuardTuning, PairedRates, Seed, WithoutVerdict};
 use mishandle_rollout::Episode;
 use mishandle_stl::is_violated;
 use mishandle_store::RANDOM_TRIAL;
@@ -40,9 +40,10 @@ pub(super) fn tuning(
     let held_out_alarms = alarms(&held_out.alone, &tested, &switch)?;
     let guarded = paired(&held_out.alone, &held_out.guarded)?;
     let fallback = paired(&held_out.alone, &held_out.fallback)?;
-    let mut ends = training.ends;
-    ends.add_all(held_out.alone.ends);
-    ends.add_all(held_out.guarded.ends);
+    let mut ends = EndCounts::default();
+    for asked in [training, &held_out.alone, &held_out.guarded] {
+        ends.add_all(asked.ends()?);
+    }
     Ok(GuardTuning {
         subject: held_out.guarded.resolved.subject(),
         folder: path_text(folder),

@@ -10,7 +10,9 @@ mod subject;
 
 use std::ops::RangeInclusive;
 
-pub use keys::{Assignment, KeyParser, Keys, Planned, SettingKeys, reads_key, settings, tables};
+pub use keys::{
+    Assignment, KeyParser, Keys, Planned, SettingKeys, reads_key, settings, settings_of_runs, tables,
+};
 pub use log_question::{LogQuestion, Logs, OF_LOGS};
 pub use plan::planned;
 pub use recorded::{check_flags, is_full_trace};

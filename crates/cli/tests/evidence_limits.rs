@@ -258,14 +258,14 @@ fn only_files_of_evidence_are_replaced() {
 fn an_interruption_is_no_agreement() {
     let bench = evaluation();
     let folder = bench.path("ev");
+    let request = Verification {
+        folder: &folder,
+        signers: Signers::Unknown,
+        share: 1.0,
+        seed: 1,
+        words: shell_command,
+    };
     let stop_at = |limit: u64| {
-        let request = Verification {
-            folder: &folder,
-            signers: Signers::Unknown,
-            share: 1.0,
-            seed: 1,
-            words: shell_command,
-        };
         let watch = |done, total| {
             if total > 0 && done >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
@@ -276,13 +276,6 @@ fn an_interruption_is_no_agreement() {
     assert_eq!((found.runs[0].chosen, found.runs[0].replayed.len()), (405, 3));
     assert!(stop_at(u64::MAX).is_verified);
     // The first signal stops it while it hashes.
-    let request = Verification {
-        folder: &folder,
-        signers: Signers::Unknown,
-        share: 1.0,
-        seed: 1,
-        words: shell_command,
-    };
     let found = mishandle_evidence::verify(&request, |_, _| ControlFlow::Break(())).unwrap();
     assert_eq!((found.files, found.is_complete, found.is_verified), (0, false, false));
 }

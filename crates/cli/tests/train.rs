@@ -165,7 +165,7 @@ fn a_training_that_was_killed_in_its_first_iteration_starts_or_continues() {
         std::fs::remove_file(bench.path(name)).unwrap();
     }
     bench.check(&format!("{TRAIN} --steps 512 {} --resume", files("whole")), 0);
-    // Data of others stay.
+    // The program never replaces a file that it did not write.
     bench.write("mine.csv", "a,b");
     bench.refuses(&format!("{train} --out mine.safetensors --csv mine.csv"), &["mine.csv exists already"]);
 }

@@ -280,6 +280,8 @@ fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() 
         }
         let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite");
         assert_eq!((code, err.contains("no conclusion")), (Some(2), true), "{end}: {err}");
+        let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite -k max-without-verdict=0.6");
+        assert_eq!(code, Some(0), "{end}: {err}");
         bench.write("r.toml", REQUIREMENTS);
         let check = format!("check {COMMAND} --requirements r.toml --episodes 40 --budget 40 --out checked");
         let (code, found, err) = ask(&bench, &check);
@@ -287,6 +289,39 @@ fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() 
         // A larger share is allowed on request.
         let risk = format!("{} {COMMAND} -k max-without-verdict=0.6 --out allowed.sqlite", QUESTIONS[3].0);
         assert_eq!(ask(&bench, &risk).0, Some(0), "{end}");
+    }
+}
+
+/// As above where the process ends or answers too late, with few simulations: each of these takes a
+/// process or a time limit.
+#[test]
+fn nothing_is_concluded_about_a_region_in_which_the_simulator_crashes_or_hangs() {
+    for answer in ["sys.exit('no license')", "__import__('time').sleep(60)"] {
+        let bench = bench("a > 0.65", answer);
+        for (file, from, to) in
+            [("end.py", "[a]", "[0.1 * a]"), ("s.py", "\"steps\": 5,", "\"steps\": 5, \"time_limit\": 0.3,")]
+        {
+            bench.write(file, &std::fs::read_to_string(bench.path(file)).unwrap().replace(from, to));
+        }
+        bench.write("r.toml", REQUIREMENTS);
+        for (number, (question, expected)) in [
+            ("evaluate --episodes 30", 0),
+            ("margin --space scenarios --budget 30", 2),
+            ("risk --simulations 100 -k risk.method=monte-carlo", 2),
+            ("check --requirements r.toml --episodes 30 --budget 30", 2),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let (code, found, err) = ask(&bench, &format!("{question} {COMMAND} --out r{number}.sqlite"));
+            assert_eq!(code, Some(expected), "{answer} {question}: {err}");
+            let without = &found["without_verdict"];
+            assert!(without["share"].as_f64() > Some(0.05), "{answer} {question}: {without}");
+            let total = without["simulations"].as_f64().unwrap() * without["share"].as_f64().unwrap();
+            assert_eq!(without["failed"].as_f64(), Some(total.round()), "{answer} {question}: {without}");
+        }
+        let (code, _, err) = ask(&bench, "compare r0.sqlite r0.sqlite");
+        assert_eq!((code, err.contains("no conclusion")), (Some(2), true), "{answer}: {err}");
     }
 }
 

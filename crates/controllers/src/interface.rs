@@ -248,7 +248,7 @@ impl ActionLimiter {
         self.joints[joint].unmapped(observation[self.targets.positions + joint])
     }
 
-    /// Replaces the action of a policy by that of the environment. An action that is NaN stays.
+    /// Replaces the action of a policy by an action of the environment. It does not change NaN.
     pub fn limit(&self, observation: &[f32], memory: &mut [f64], action: &mut [f32]) {
         let dt = self.targets.control_dt;
         let share = self.share_to_take_back(observation, memory);

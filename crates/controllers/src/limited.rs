@@ -7,7 +7,8 @@ use crate::ActionLimiter;
 /// An action interface as the supervisor of a policy in training, with another supervisor after it,
 /// such as a guard.
 ///
-/// The state of a simulation is that of the other supervisor, then the memory of the limiter.
+/// The state of a simulation begins with the state of the other supervisor. The memory of the
+/// limiter follows.
 pub struct LimitedPolicy {
     limiter: ActionLimiter,
     next: Option<Arc<dyn Supervisor>>,

@@ -109,11 +109,9 @@ pub struct ScreenedEvaluation {
     pub violations: u64,
     /// Number of simulations of the system without a verdict. They are not successes.
     pub without_verdict: u64,
-    /// Why simulations of the system have no verdict.
-    pub ends: EndCounts,
-    /// Numbers of flagged and of sampled simulations from whose scenario the system cannot start.
-    /// They are in no rate. The other engine gives them no verdict either, so they are flagged.
-    pub invalid_starts: [u64; 2],
+    /// How the flagged and the sampled simulations of the system ended. Invalid starts are in no
+    /// rate. The other engine gives them no verdict either, so they are flagged.
+    pub ends: [EndCounts; 2],
     /// Simulations of the system without success, at most 100.
     pub first_failures: Vec<EvaluationFailure>,
     /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
@@ -140,13 +138,20 @@ impl ScreenedEvaluation {
     /// Returns the rate of an event among the valid scenarios; without a value if the system gave
     /// no verdict at all.
     fn estimate(&self, counts: TwoPhase) -> Estimate {
-        let [flagged, sampled] = self.invalid_starts;
+        let [flagged, sampled] = self.ends.map(|ends| ends.invalid_starts);
         let counts = counts.without(flagged, sampled);
         if self.without_verdict < self.confirmed() {
             counts.estimate(CONFIDENCE)
         } else {
             Estimate { n: counts.trials, ..Estimate::default() }
         }
+    }
+
+    /// Returns how all simulations of the system ended.
+    pub fn all_ends(&self) -> EndCounts {
+        let [mut all, sampled] = self.ends;
+        all.add_all(sampled);
+        all
     }
 
     /// Returns the number of simulations of the system.
@@ -170,10 +175,8 @@ impl ScreenedEvaluation {
         self.overflows += selection.overflows;
         self.violations += flagged.violations + sampled.violations;
         self.without_verdict += flagged.without_verdict + sampled.without_verdict;
-        self.invalid_starts[0] += flagged.invalid_starts;
-        self.invalid_starts[1] += sampled.invalid_starts;
-        self.ends.add_all(flagged.ends);
-        self.ends.add_all(sampled.ends);
+        self.ends[0].add_all(flagged.ends);
+        self.ends[1].add_all(sampled.ends);
         self.first_failures.extend(flagged.first_failures);
         self.first_failures.extend(sampled.first_failures);
         self.first_failures.truncate(SHOWN);
@@ -188,7 +191,6 @@ struct Repeated {
     events: [u64; 3],
     violations: u64,
     without_verdict: u64,
-    invalid_starts: u64,
     ends: EndCounts,
     first_failures: Vec<EvaluationFailure>,
 }
@@ -200,7 +202,6 @@ impl Repeated {
         self.without_verdict += u64::from(episode.robustness().is_none());
         count_end(&mut self.ends, episode.end, decides_success(episode), 1);
         if !episode.end.counts_in_rates() {
-            self.invalid_starts += 1;
             return;
         }
         let events = [!episode.is_success(), !episode.is_strict_success(), episode.verdict.is_dangerous()];

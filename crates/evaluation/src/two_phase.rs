@@ -1,7 +1,7 @@
 //! Rate of an event whose cheap indicator is known for every trial, and which is observed for some
 //! of them.
 
-use crate::{Estimate, clopper_pearson};
+use crate::{EndCounts, Estimate, clopper_pearson};
 
 /// Share of the probability of a miss for each of the three intervals that [`TwoPhase::estimate`]
 /// combines.
@@ -68,6 +68,13 @@ impl TwoPhase {
         }
     }
 
+    /// Returns the estimated fraction of the started simulations without a verdict, from the ends of
+    /// the flagged and of the sampled ones; `None` without an estimate.
+    pub fn share_without_verdict(&self, [flagged, sampled]: [EndCounts; 2]) -> Option<f64> {
+        let events = TwoPhase { flagged_events: flagged.total(), sampled_events: sampled.total(), ..*self };
+        events.without(flagged.invalid_starts, sampled.invalid_starts).estimate(0.95).value
+    }
+
     /// Returns the rate of the event with an interval that contains the true rate with a
     /// probability of at least `confidence`.
     ///
@@ -128,6 +135,43 @@ mod tests {
     use mishandle_random::Sequence;
 
     use super::*;
+
+    /// A fifth of the scenarios cannot start, and a tenth of the others has no verdict, of which the
+    /// indicator flags 70 %.
+    #[test]
+    fn the_share_without_a_verdict_stands_for_the_simulations_that_are_not_repeated() {
+        let mut random = Sequence::new(3, 0);
+        let mut sum = 0.0;
+        for _ in 0..200 {
+            let mut counts = TwoPhase { trials: 3000, ..TwoPhase::default() };
+            let mut ends = [EndCounts::default(); 2];
+            let mut others = OthersSample::default();
+            let add = |ends: &mut EndCounts, [starts, decides]: [bool; 2]| {
+                ends.invalid_starts += u64::from(!starts);
+                ends.simulations += u64::from(starts);
+                ends.undecided += u64::from(starts && !decides);
+            };
+            for _ in 0..counts.trials {
+                let [starts, decides] = [0.8, 0.9].map(|rate| random.uniform() < rate);
+                let is_flagged = random.uniform() < if !starts || decides { 0.05 } else { 0.7 };
+                let is_sampled = random.uniform() < 0.1;
+                if is_flagged || !starts {
+                    counts.flagged += 1;
+                    add(&mut ends[0], [starts, decides]);
+                } else {
+                    others.add([starts, decides], is_sampled);
+                }
+            }
+            for trial in others.finish() {
+                counts.sampled += 1;
+                add(&mut ends[1], trial);
+            }
+            sum += counts.share_without_verdict(ends).unwrap();
+        }
+        // The standard deviation of the mean is 0.0008.
+        assert!((sum / 200.0 - 0.1).abs() < 0.003, "{}", sum / 200.0);
+        assert_eq!(TwoPhase::default().share_without_verdict([EndCounts::default(); 2]), None);
+    }
 
     /// Draws counts: an event has probability `rate`. The indicator flags an event with probability
     /// `power`, and another trial with probability `false_rate`.

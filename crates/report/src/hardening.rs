@@ -67,7 +67,7 @@ pub fn hardening_page(
         "<section>\n<h2>{target}: {}{}</h2>\n<p class=\"requirement\"><b>Before:</b> <code>{}</code>. <b>After:</b> {}. \
          <b>Space:</b> <code>{}</code>{}.{}</p>\n",
         text(&found.verdict),
-        words::without_verdict(&found.without_verdict.ends),
+        words::without_verdict(&found.without_verdict),
         text(&short(&found.before, 80)),
         found.after.as_ref().map_or("no round was accepted".to_string(), |path| format!(
             "<code>{}</code>",

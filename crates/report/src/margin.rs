@@ -33,7 +33,7 @@ pub fn headline(report: &RunReport, found: &Margin) -> String {
         ),
         None if !found.has_verdict() => format!("No simulation of {subject} has a verdict."),
         None if !found.is_complete => format!("No violation of {subject} found so far."),
-        None if found.passed().is_none() => {
+        None if found.no_violation_up_to.is_none() => {
             format!("No violation of {subject} was found, which says nothing about the space.")
         }
         None => {
@@ -69,17 +69,18 @@ pub fn meaning(found: &Margin) -> Vec<String> {
                 .to_string(),
         );
     }
-    if let Some(level) = found.passed() {
-        let all = match level {
-            Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
-            Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+    if let Some(amplitude) = found.no_violation_up_to {
+        let is_exhaustive = found.no_violation_is_exhaustive == Some(true);
+        let all = match found.no_violation_seeds {
+            _ if is_exhaustive => ", which are all scenarios".to_string(),
+            Some(seeds) if found.is_random => format!(" with {}", plural(seeds, "seed")),
             _ => String::new(),
         };
-        let proof = if level.is_exhaustive { "" } else { " This is evidence, not a proof." };
+        let proof = if is_exhaustive { "" } else { " This is evidence, not a proof." };
         sentences.push(format!(
             "Up to amplitude {}, there is no violation in {}{all}.{proof}",
-            number(level.amplitude),
-            plural(level.verdicts(), "simulation")
+            number(amplitude),
+            plural(found.no_violation_simulations.unwrap_or(0), "simulation")
         ));
     }
     if let Some(amplitude) = found.smallest_without_verdict {

@@ -1,6 +1,6 @@
 //! The verdict in sentences.
 
-use mishandle::results::{Answer, EndCounts, Evaluation, Falsification, Requirement};
+use mishandle::results::{Answer, Evaluation, Falsification, Requirement, WithoutVerdict};
 use mishandle::run::without_verdict_text;
 
 use crate::html::{number, percent, short, text};
@@ -62,13 +62,13 @@ pub fn formula_label(report: &RunReport) -> String {
 
 /// Returns the verdict: a sentence of HTML, and one about simulations without a verdict.
 pub fn headline(report: &RunReport) -> String {
-    let ends = report.answer.as_ref().map(|answer| answer.without_verdict().ends);
-    verdict(report) + &ends.map_or(String::new(), |ends| without_verdict(&ends))
+    let found = report.answer.as_ref().map(|answer| answer.without_verdict());
+    verdict(report) + &found.map_or(String::new(), without_verdict)
 }
 
 /// Returns the sentence about simulations without a verdict after a space; empty if all have one.
-pub fn without_verdict(ends: &EndCounts) -> String {
-    let Some(text) = without_verdict_text(ends) else { return String::new() };
+pub fn without_verdict(found: &WithoutVerdict) -> String {
+    let Some(text) = without_verdict_text(found) else { return String::new() };
     let (first, rest) = text.split_at(1);
     format!(" {}{rest}.", first.to_uppercase())
 }

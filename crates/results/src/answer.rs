@@ -12,17 +12,17 @@ use crate::{
 #[serde(untagged)]
 #[cfg_attr(feature = "schema", schemars(inline))]
 pub enum Answer {
-    /// That of `evaluate`.
+    /// The result of `evaluate`.
     Evaluation(Box<Evaluation>),
-    /// That of `falsify`.
+    /// The result of `falsify`.
     Falsification(Box<Falsification>),
-    /// That of `margin`.
+    /// The result of `margin`.
     Margin(Box<Margin>),
     /// The result of metamorphic relations.
     Metamorphic(Box<Metamorphic>),
-    /// That of `risk`.
+    /// The result of `risk`.
     Risk(Box<Risk>),
-    /// That of `harden`.
+    /// The result of `harden`.
     Hardening(Box<Hardening>),
 }
 

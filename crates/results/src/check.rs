@@ -45,8 +45,7 @@ pub struct Check {
     pub seed: Seed,
     /// Search for counterexamples; empty if none was needed.
     pub search: String,
-    /// The simulations of all runs without a verdict.
-    #[serde(default)]
+    /// The simulations of all runs without a verdict on a requirement that they check.
     pub without_verdict: WithoutVerdict,
     /// Version of the program that made the runs.
     pub program: String,

@@ -56,6 +56,8 @@ pub struct Comparison {
     /// Number of further ones; missing if there are none.
     #[serde(skip_serializing_if = "is_zero")]
     pub more_new_failures: u64,
+    /// Number of all of these in which B violates the requirement. The others have no verdict.
+    pub new_violations: u64,
     /// Simulations in which B succeeds and A does not, at most 10,000.
     pub fixed_failures: Vec<ComparedPair>,
     /// Number of further ones; missing if there are none.
@@ -71,12 +73,11 @@ impl Comparison {
         self.success.first.value.is_some() && self.success.second.value.is_some()
     }
 
-    /// Returns whether B violates the requirement in a listed simulation in which A succeeds. Other
-    /// new failures have no verdict.
-    pub fn is_violated(&self) -> bool {
-        let is_violated =
-            |pair: &ComparedPair| pair.second_robustness.is_some_and(|rho| rho.0.is_sign_negative());
-        self.new_failures.iter().any(is_violated)
+    /// Replaces the largest share without a verdict with which the comparison concludes.
+    pub fn set_max_share(&mut self, max_share: f64) {
+        for run in [&mut self.first, &mut self.second] {
+            run.without_verdict.max_share = max_share;
+        }
     }
 
     /// Returns the numbers of new and of fixed failures.

@@ -38,6 +38,16 @@ impl EndCounts {
         self.diverged + self.invalid + self.failed + self.undecided
     }
 
+    /// Returns the numbers of simulations without a verdict, with what they did.
+    pub fn reasons(&self) -> [(u64, &'static str); 4] {
+        [
+            (self.diverged, "diverged"),
+            (self.invalid, "ended in a value that is not finite"),
+            (self.failed, "crashed or took too long"),
+            (self.undecided, "left the formula undecided"),
+        ]
+    }
+
     /// Returns the fraction of the simulations without a verdict; `None` if none started.
     pub fn share(&self) -> Option<f64> {
         (self.simulations > 0).then(|| self.total() as f64 / self.simulations as f64)
@@ -52,12 +62,14 @@ impl EndCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WithoutVerdict {
-    /// Fraction of the started simulations without a verdict; `null` if none started.
+    /// Fraction of the started simulations without a verdict; `null` if none started. After a
+    /// screening, an unbiased estimate of it: all flagged simulations are repeated, and the audit
+    /// sample stands for the others.
     pub share: Option<f64>,
     /// Largest share with which a question has a conclusion: the key `max-without-verdict` of the
     /// plan.
     pub max_share: f64,
-    /// The simulations.
+    /// The simulations; after a screening, the repeated ones.
     #[serde(flatten)]
     pub ends: EndCounts,
 }

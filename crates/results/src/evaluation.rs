@@ -263,6 +263,18 @@ pub struct CornerPoint {
 }
 
 impl CornerPoint {
+    /// Returns how the simulations ended.
+    pub fn ends(&self) -> EndCounts {
+        EndCounts {
+            simulations: self.started().into(),
+            diverged: self.diverged.into(),
+            invalid: self.invalid.into(),
+            failed: (self.failed - self.invalid_starts).into(),
+            undecided: self.undecided.into(),
+            invalid_starts: self.invalid_starts.into(),
+        }
+    }
+
     /// Returns the number of simulations that decide about the point: all but the invalid starts.
     pub fn started(&self) -> u32 {
         self.n - self.invalid_starts

@@ -34,9 +34,9 @@ pub struct Falsification {
     pub early_stopping: bool,
     /// Number of simulations of all trials.
     pub simulations: u64,
-    /// The simulations without a verdict; with screening those of MuJoCo C.
+    /// The simulations without a verdict; with screening, the simulations of MuJoCo C.
     pub without_verdict: WithoutVerdict,
-    /// Number of control steps of all simulations; with screening of those of MuJoCo C.
+    /// Number of control steps of all simulations; with screening, of the simulations of MuJoCo C.
     pub control_steps: u64,
     /// Number of simulations that belong to no trial: in their batch they follow the end of their
     /// trial or its search.

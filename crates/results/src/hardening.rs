@@ -33,9 +33,8 @@ pub struct Hardening {
     pub folder: String,
     /// Git commit of the program that began the final comparison.
     pub commit: String,
-    /// The random simulations in the space without a verdict: those of the final set that measure
-    /// the success rate and the failure probability, before and after.
-    #[serde(default)]
+    /// The random simulations in the space without a verdict, before and after: the simulations of
+    /// the final set that measure the success rate and the failure probability.
     pub without_verdict: WithoutVerdict,
     /// The result in a sentence.
     pub verdict: String,

@@ -24,25 +24,28 @@ pub struct Margin {
     pub is_complete: bool,
     /// The simulations of the search without a verdict.
     pub without_verdict: WithoutVerdict,
-    /// Smallest amplitude of a simulation without a verdict, from which on nothing is claimed;
-    /// `null` without one.
+    /// Smallest amplitude of a simulation without a verdict in all searches, from which on nothing
+    /// is claimed; `null` without one.
     pub smallest_without_verdict: Option<f64>,
     /// Names of the categorical axes and the category at which each of them stays. A margin varies
     /// numbers only.
     pub categories: Named<String>,
-    /// The search for each combination of categories, if that was requested; otherwise empty. The
-    /// other keys are those of the search with the smallest disturbance.
+    /// The search for each combination of categories, if that was requested; otherwise empty.
+    /// `categories`, `levels` and `witness` are of the search with the smallest disturbance.
     pub each_category: Vec<CategoryMargin>,
     /// The amplitudes in the order in which they were tried.
     pub levels: Vec<Level>,
     /// Largest amplitude below that of the witness at which a finished search found no violation,
-    /// and below `smallest_without_verdict`; `null` without one.
+    /// and below `smallest_without_verdict`; with several searches, the smallest of theirs. `null`
+    /// without one.
     pub no_violation_up_to: Option<f64>,
     /// Number of simulations with a verdict on which `no_violation_up_to` rests; `null` without
     /// one.
     pub no_violation_simulations: Option<u64>,
     /// Number of different seeds of these; `null` without one.
     pub no_violation_seeds: Option<u64>,
+    /// Whether all scenarios up to `no_violation_up_to` were simulated; `null` without one.
+    pub no_violation_is_exhaustive: Option<bool>,
     /// The violation with the smallest disturbance; `null` without one.
     pub witness: Option<Witness>,
     /// Reasons that the target gave for the ends of simulations, by end; missing without one.
@@ -53,7 +56,7 @@ pub struct Margin {
 impl Margin {
     /// Returns whether a simulation has a verdict. Without one, the system was not tested.
     pub fn has_verdict(&self) -> bool {
-        self.levels.iter().any(|level| level.minimum_robustness.is_some())
+        self.without_verdict.ends.total() < self.without_verdict.ends.simulations
     }
 
     /// Returns the axes that stay nominal, in words; empty without one.
@@ -65,13 +68,6 @@ impl Margin {
             }
             few => format!("at nominal: {}", few.join(", ")),
         }
-    }
-
-    /// Returns the level on which `no_violation_up_to` rests.
-    pub fn passed(&self) -> Option<&Level> {
-        let amplitude = self.no_violation_up_to?;
-        // Of equal amplitudes, the last one counts.
-        self.levels.iter().rfind(|level| level.amplitude == amplitude)
     }
 }
 

@@ -37,13 +37,9 @@ pub struct ScreenedReport {
     pub screened_without_verdict: u64,
     /// Number of these in which the other engine had too little memory for contacts or constraints.
     pub overflows: u64,
-    /// Numbers of flagged and of sampled simulations from whose scenario the system cannot start.
-    /// They leave the estimate. The other engine gives them no verdict either, so they are flagged.
-    pub invalid_starts: [u64; 2],
-    /// Numbers of flagged and of sampled simulations of the system without a verdict.
-    pub without_verdict: [u64; 2],
-    /// The simulations of the system without a verdict, by reason.
-    pub ends: EndCounts,
+    /// How the flagged and the sampled simulations of the system ended. Invalid starts leave the
+    /// estimate. The other engine gives them no verdict either, so they are flagged.
+    pub ends: [EndCounts; 2],
     /// Violations of the system, those nearest to the center of the distribution first.
     pub failures: Vec<Failure>,
     /// Whether all simulations are finished. Simulations of an interrupted chunk do not count.
@@ -53,9 +49,9 @@ pub struct ScreenedReport {
 impl ScreenedReport {
     /// Returns the failure rate of the system with its 95 % interval: see [`TwoPhase::estimate`].
     pub fn estimate(&self) -> Estimate {
-        let [flagged, sampled] = self.invalid_starts;
+        let [flagged, sampled] = self.ends.map(|ends| ends.invalid_starts);
         let counts = self.counts.without(flagged, sampled);
-        if self.ends.total() < counts.flagged + counts.sampled {
+        if self.all_ends().total() < counts.flagged + counts.sampled {
             counts.estimate(CONFIDENCE)
         } else {
             Estimate { n: counts.trials, ..Estimate::default() }
@@ -65,7 +61,7 @@ impl ScreenedReport {
     /// Returns an upper bound of the failure rate in which every simulation of the system without a
     /// verdict counts as a failure; `None` without any verdict.
     pub fn bound_with_undecided(&self) -> Option<f64> {
-        let [flagged, sampled] = self.without_verdict;
+        let [flagged, sampled] = self.ends.map(|ends| ends.total());
         let counts = TwoPhase {
             flagged_events: self.counts.flagged_events + flagged,
             sampled_events: self.counts.sampled_events + sampled,
@@ -73,6 +69,13 @@ impl ScreenedReport {
         };
         let report = ScreenedReport { counts, failures: Vec::new(), ..*self };
         report.estimate().high
+    }
+
+    /// Returns how all simulations of the system ended.
+    pub fn all_ends(&self) -> EndCounts {
+        let [mut all, sampled] = self.ends;
+        all.add_all(sampled);
+        all
     }
 
     /// Returns the number of simulations of the system.
@@ -103,9 +106,7 @@ pub fn screened_risk(
     let mut counts = TwoPhase::default();
     let mut screened_without_verdict = 0;
     let mut overflows = 0;
-    let mut without_verdict = [0; 2];
-    let mut ends = EndCounts::default();
-    let mut invalid_starts = [0; 2];
+    let mut ends = [EndCounts::default(); 2];
     // The stream of the draws is that of Monte Carlo.
     let mut random = Sequence::new(seed.child(0).0, 0);
     let mut sample = Sequence::new(seed.child(0).0, 1);
@@ -146,20 +147,18 @@ pub fn screened_risk(
         let flagged = chosen(&selection.flagged);
         let sampled = chosen(&selection.sampled);
         screened.set(base + count);
-        let mut chunk_ends = EndCounts::default();
-        // The numbers of violations, of invalid starts, and of others without a verdict.
-        let mut simulate = |draws: &[Draw]| -> Result<[u64; 3], RiskError> {
+        // The number of violations, and the ends.
+        let mut simulate = |draws: &[Draw]| -> Result<(u64, EndCounts), RiskError> {
             let outcomes = experiment.simulate(draws)?;
             is_complete &= outcomes.len() == draws.len();
             let is_failed = |outcome: &&Outcome| outcome.robustness.is_some_and(is_violated);
             let failed = outcomes.iter().filter(is_failed).count() as u64;
             let mut own = EndCounts::default();
             outcomes.iter().for_each(|outcome| outcome.count(&mut own));
-            chunk_ends.add_all(own);
-            Ok([failed, own.invalid_starts, own.total()])
+            Ok((failed, own))
         };
-        let [flagged_events, flagged_invalid, flagged_undecided] = simulate(&flagged)?;
-        let [sampled_events, sampled_invalid, sampled_undecided] = simulate(&sampled)?;
+        let (flagged_events, flagged_ends) = simulate(&flagged)?;
+        let (sampled_events, sampled_ends) = simulate(&sampled)?;
         // A part of a chunk would be biased: its flagged trials are repeated first.
         if !is_complete {
             break;
@@ -171,19 +170,14 @@ pub fn screened_risk(
         counts.sampled_events += sampled_events;
         screened_without_verdict += selection.without_verdict;
         overflows += selection.overflows;
-        without_verdict[0] += flagged_undecided;
-        without_verdict[1] += sampled_undecided;
-        ends.add_all(chunk_ends);
-        invalid_starts[0] += flagged_invalid;
-        invalid_starts[1] += sampled_invalid;
+        ends[0].add_all(flagged_ends);
+        ends[1].add_all(sampled_ends);
         confirmed = counts.flagged + counts.sampled;
     }
     Ok(ScreenedReport {
         counts,
         screened_without_verdict,
         overflows,
-        invalid_starts,
-        without_verdict,
         ends,
         failures: experiment.distinct_failures(SHOWN.0, SHOWN.1),
         is_complete,

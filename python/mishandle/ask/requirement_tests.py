@@ -329,12 +329,12 @@ class Test:
                 f"none of {found.simulations} simulations has a verdict about {self._formula()}",
                 found.simulations
             )
-        without = found.without_verdict
-        if without.share is None or without.share > without.max_share:
+        why = _native.inconclusive_text(_without_verdict(found))
+        if why is not None:
             return Outcome(
                 False,
-                f"no conclusion about {self._formula()}: {_without_verdict(found)}, more than "
-                f"{100 * without.max_share:g} % (max_without_verdict)",
+                f"no conclusion about {self._formula()}: {_ends(found)}; "
+                f"{why.removeprefix('no conclusion: ')}",
                 found.simulations
             )
         least = min(
@@ -486,7 +486,11 @@ def _value(value: Any) -> str:
 
 
 def _without_verdict(found: Falsification) -> str:
-    return _native.without_verdict_text(json.dumps(dataclasses.asdict(found.without_verdict)))
+    return json.dumps(dataclasses.asdict(found.without_verdict))
+
+
+def _ends(found: Falsification) -> str:
+    return _native.without_verdict_text(_without_verdict(found))
 
 
 def _caveats(found: Falsification) -> str:
@@ -497,5 +501,5 @@ def _caveats(found: Falsification) -> str:
             f"differ by {found.largest_difference:g}): this outcome can be another one next time"
         )
     if found.without_verdict.share or found.without_verdict.invalid_starts:
-        notes.append(_without_verdict(found))
+        notes.append(_ends(found))
     return "".join(f"\nnote: {note}" for note in notes)

@@ -30,14 +30,20 @@ pub(in crate::run) fn screened_evaluation_result(
         seed: Seed(failure.request.seed.0),
         robustness: failure.robustness.map(Into::into),
     });
+    let ends = report.all_ends();
     Evaluation {
+        without_verdict: WithoutVerdict {
+            share: report.failures.share_without_verdict(report.ends),
+            max_share: resolved.plan.max_without_verdict,
+            ends,
+        },
         metrics: Metrics {
             simulations: report.failures.trials,
-            diverged: report.ends.diverged,
-            invalid: report.ends.invalid,
-            failed: report.ends.failed + report.ends.invalid_starts,
-            invalid_starts: report.ends.invalid_starts,
-            undecided: report.ends.undecided,
+            diverged: ends.diverged,
+            invalid: ends.invalid,
+            failed: ends.failed + ends.invalid_starts,
+            invalid_starts: ends.invalid_starts,
+            undecided: ends.undecided,
             strict_undecided: 0,
             careful_undecided: None,
             violations: report.violations,

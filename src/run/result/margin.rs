@@ -10,8 +10,7 @@ use crate::run::margin::MarginOutcome;
 
 /// Returns the result of a search for the smallest disturbance. `run` is the path of its run file.
 pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run: &Path) -> results::Margin {
-    let MarginOutcome { margin, each_category, simulations, repeats, is_complete } = found;
-    let passed = margin.largest_without_violation();
+    let MarginOutcome { margin, each_category, passed, simulations, repeats, is_complete, .. } = found;
     let witness = |witness: &Witness| {
         let Witness { episode, norms, axes } = witness;
         results::Witness {
@@ -36,7 +35,7 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
         is_random: space_depends_on_seed(resolved),
         is_complete: *is_complete,
         without_verdict: WithoutVerdict::default(),
-        smallest_without_verdict: margin.smallest_without_verdict,
+        smallest_without_verdict: found.smallest_without_verdict,
         categories: categories(&resolved.space, space_of(found).unwrap_or(&resolved.space)),
         each_category: each_category
             .iter()
@@ -46,6 +45,7 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
         no_violation_up_to: passed.map(|level| level.amplitude),
         no_violation_simulations: passed.map(|level| level.verdicts()),
         no_violation_seeds: passed.map(|level| level.seeds),
+        no_violation_is_exhaustive: passed.map(|level| level.is_exhaustive),
         witness: margin.witness.as_ref().map(witness),
         reasons: None,
     }

@@ -3,7 +3,7 @@ use std::path::Path;
 use mishandle_evaluation::TwoPhase;
 use mishandle_results as results;
 use mishandle_results::{
-    AxisDistribution, EndCounts, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
+    AxisDistribution, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
     WithoutVerdict,
 };
 use mishandle_risk::{
@@ -65,6 +65,7 @@ pub(crate) fn screened_risk_result(
 ) -> results::Risk {
     let counts = report.counts;
     let estimate = report.estimate();
+    let ends = report.all_ends();
     let finding = Finding { flagged: counts.flagged_events, audit_sample: counts.sampled_events };
     results::Risk {
         method: Method::MonteCarlo.name().to_string(),
@@ -75,23 +76,24 @@ pub(crate) fn screened_risk_result(
             low: estimate.low,
             high: estimate.high,
             source: Method::MonteCarlo.name().to_string(),
-            assumption: (report.ends.total() > 0).then(|| ALL_PASS.to_string()),
+            assumption: (ends.total() > 0).then(|| ALL_PASS.to_string()),
         }),
-        without_verdict: WithoutVerdict::new(
-            EndCounts { simulations: counts.trials - report.ends.invalid_starts, ..report.ends },
-            resolved.plan.max_without_verdict,
-        ),
+        without_verdict: WithoutVerdict {
+            share: counts.share_without_verdict(report.ends),
+            max_share: resolved.plan.max_without_verdict,
+            ends,
+        },
         bounds: [estimate.low.unwrap_or(0.0), report.bound_with_undecided().unwrap_or(1.0)],
         monte_carlo: MonteCarlo {
             simulations: counts.trials,
             failures: counts.flagged_events + counts.sampled_events,
-            invalid_starts: report.invalid_starts.iter().sum(),
-            without_verdict: report.ends.total(),
+            invalid_starts: ends.invalid_starts,
+            without_verdict: ends.total(),
             bound_with_undecided: report.bound_with_undecided().map(Into::into),
             failure_rate: estimate,
         },
         screening: Some(Screening {
-            confirmed_without_verdict: report.ends.total(),
+            confirmed_without_verdict: ends.total(),
             findings: Some([("failure", finding)].into_iter().collect()),
             ..screening(&counts, report.screened_without_verdict, report.overflows, resolved)
         }),

@@ -1,9 +1,9 @@
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use mishandle::plan::{EvaluatePlan, Until};
-use mishandle::run::{Engine, inconclusive_text};
+use mishandle::run::Engine;
 use mishandle::store::{RunFile, RunWriter};
 use mishandle::{Plan, ResolvedPlan};
 use mishandle_report::comparison_page;
@@ -37,13 +37,13 @@ A and B are run files of `mishandle evaluate` with the same target, space, seed 
 episodes. They are compared pair by pair. With --against, both controllers are evaluated first, and
 the run files are kept in runs/.
 
-Exit code 1 means that B fails in a simulation in which A succeeds, 2 also that no random simulation
-of A or of B has a verdict. With --exact, the runs may be of any question: simulations at the same
-place (trial and number) are compared if they have the same scenario and seed. Exit code 0 means
-then that all trials, simulations and traces are the same to the bit, also if the files were written
-by different programs; 1 that they differ; 2 an error. With --expect, no target is simulated: the
-number that is fixed beforehand is computed, and the rule that stops by itself is simulated on
-random verdicts.")]
+Exit code 1 means that B fails in a simulation in which A succeeds, 2 also that too many simulations
+of A or of B have no verdict (max-without-verdict), unless B violates the formula there. With
+--exact, the runs may be of any question: simulations at the same place (trial and number) are
+compared if they have the same scenario and seed. Exit code 0 means then that all trials,
+simulations and traces are the same to the bit, also if the files were written by different
+programs; 1 that they differ; 2 an error. With --expect, no target is simulated: the number that is
+fixed beforehand is computed, and the rule that stops by itself is simulated on random verdicts.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
@@ -101,10 +101,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         // Fails before the simulations if the output cannot be written.
         drop(output::create(out, command.force)?);
     }
-    // Plan keys belong to the simulations, engine keys to the reading.
+    // Keys of the plan belong to the simulations, others to the reading and the conclusion.
     let keys = &command.subject.keys.keys;
-    let is_of_runs = command.second.is_some();
-    let skip_check = is_of_runs && flags::settings(keys, "compare")?.engine.skip_check;
+    let (settings, max_share) = match command.second {
+        Some(_) => flags::settings_of_runs(keys, "compare")?,
+        None => Default::default(),
+    };
+    let skip_check = settings.engine.skip_check;
     let paths = match (&command.subject.target, &command.second) {
         (Some(first), Some(second)) => {
             let paths = [PathBuf::from(first), second.clone()];
@@ -127,7 +130,10 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     }
     let a = run::read(&first, skip_check)?;
     let b = run::read(&second, skip_check)?;
-    let found = mishandle::inspect::compare(&a, &b, shell_command)?;
+    let mut found = mishandle::inspect::compare(&a, &b, shell_command)?;
+    if let Some(max_share) = max_share {
+        found.set_max_share(max_share);
+    }
     if let Some(out) = &command.out {
         output::write_atomically(out, command.force, comparison_page(&found, [&a, &b])?.as_bytes())?;
         output::message(&format!("Page: {}", shell_quote(&out.to_string_lossy())));
@@ -143,9 +149,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         "the controllers were not compared: no random simulation of one of them has a verdict"
     );
     for (name, run) in [("A", &found.first), ("B", &found.second)] {
-        if let (Some(text), false) = (inconclusive_text(&run.without_verdict), found.is_violated()) {
-            bail!("{name}: {text}");
-        }
+        run::answers::conclude(&run.without_verdict, found.new_violations > 0).context(name)?;
     }
     Ok(if !found.new_failures.is_empty() { ExitStatus::Violated } else { ExitStatus::Done })
 }

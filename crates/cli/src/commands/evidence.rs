@@ -34,7 +34,8 @@ but ssh-keygen, for the signature. A replay takes the time of the simulation. Ex
 all agrees, 1 that something differs, that the signature does not count, or that not all can be
 verified (systems in Python, programs, time limits, runs that are not finished, pages of another
 build, a signature without ssh-keygen), 2 that the folder or FILE cannot be read. -k
-evidence.replay=0 asks for no replay of runs, so none can be missing.")]
+evidence.replay=0 replays nothing: no run is then missing, but each counterexample of a check is not
+verified.")]
 pub struct Arguments {
     /// Run files, and folders of `mishandle check`
     #[arg(value_name = "RUN", required_unless_present = "verify")]

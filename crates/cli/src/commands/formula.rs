@@ -47,8 +47,8 @@ Examples:
       --parameter band=0:1 -k formula.resolution.band=0.01 logs/*.csv
 
 Exit code 1 means a warning with --strict; notes do not count. With parameters, it means that even
-the loosest values violate the formula. docs/guide/requirements.md describes the traps and the
-search for values, docs/reference/patterns.md the patterns."
+the loosest values violate the formula, or that no log supports a value. docs/guide/requirements.md
+describes the traps and the search for values, docs/reference/patterns.md the patterns."
 )]
 pub struct Arguments {
     /// Formula, and files with a log each, - for stdin; with --pattern, logs only

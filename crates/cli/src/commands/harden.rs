@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Args;
 use mishandle::harden::{HardenProgress, harden, harden_folder, resume};
 use mishandle::plan::HardenPlan;
-use mishandle::run::{Device, Opening, inconclusive_text};
+use mishandle::run::{Device, Opening};
 use mishandle::{MishandleError, Plan};
 use mishandle_text::shell_path;
 
@@ -30,7 +30,8 @@ A round searches for failures in the space, trains the controller on them, and i
 upper bound of the failure rate falls and no other measure gets worse (-k harden.allow names
 exceptions). The final comparison uses scenarios and seeds that no search, training or decision
 used. Everything is in the folder beside --out: better.harden for better.safetensors. Exit code 0: a
-controller was accepted and written. 1: none was.
+controller was accepted and written. 1: none was. 2: also if too many simulations have no verdict
+(max-without-verdict).
 
 A trainer is a program of yours for controllers that this program cannot train, such as ONNX models:
 docs/guide/harden.md lists its arguments. A command that a file names, also that of --resume, needs
@@ -116,12 +117,11 @@ pub fn run(command: &Arguments, gpu: Option<&Device>) -> Result<ExitStatus> {
         output::line(&hardening::text(&found))?;
     }
     output::message(&format!("Folder of all runs: {quoted}"));
-    let searched = found.searches.last().is_some_and(|search| search.failures > 0);
-    if let (Some(text), false) = (inconclusive_text(&found.without_verdict), searched) {
-        bail!(text);
+    if found.without_verdict.is_too_large() {
+        let has_failure = found.searches.last().is_some_and(|search| search.failures > 0);
+        return run::answers::conclude(&found.without_verdict, has_failure);
     }
-    let is_done = found.after.is_some() && !found.without_verdict.is_too_large();
-    Ok(if is_done { ExitStatus::Done } else { ExitStatus::Violated })
+    Ok(if found.after.is_some() { ExitStatus::Done } else { ExitStatus::Violated })
 }
 
 fn plan(command: &Arguments) -> Result<Plan> {

@@ -22,7 +22,8 @@ use crate::run::{self, answers, question};
 
 Distributions: uniform, log-uniform, normal:MEAN:STD, triangular:MODE, and weights:W0:W1:... with a
 weight for each value of a discrete axis. All are truncated to the bounds of the axis. The method
-`sequence` is for tasks only. Exit code 1 means that a simulation violated the formula.")]
+`sequence` is for tasks only. Exit code 1 means that a simulation violated the formula, 2 also that
+too many have no verdict (max-without-verdict).")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,

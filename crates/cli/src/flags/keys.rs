@@ -15,6 +15,8 @@ use toml::{Table, Value};
 /// Keys of a plan that stand outside of its tables.
 const TOP: &str = "";
 
+const MAX_SHARE: &str = "max-without-verdict";
+
 /// Tables and single keys of plans that a command reads.
 const TABLES: [(&str, &[&str]); 24] = [
     ("evaluate", &[TOP, "axes", "requirements", "guard", "evaluate", "screening", "size", "engine"]),
@@ -134,6 +136,17 @@ pub fn settings(assignments: &[Assignment], command: &str) -> Result<Settings> {
     let mut planned = Planned::from(Table::new());
     planned.assign(assignments, command, Values::One)?;
     planned.settings("a resumed run takes from its file")
+}
+
+/// As [`settings`], with the largest share of simulations without a verdict that the assignments
+/// state: recorded simulations do not depend on it.
+pub fn settings_of_runs(assignments: &[Assignment], command: &str) -> Result<(Settings, Option<f64>)> {
+    let (share, others): (Vec<_>, Vec<_>) =
+        assignments.iter().cloned().partition(|assignment| assignment.key == MAX_SHARE);
+    let mut planned = Planned::from(Table::new());
+    planned.assign(&share, command, Values::One)?;
+    let share = planned.table.remove(MAX_SHARE).map(Value::try_into).transpose()?;
+    Ok((settings(&others, command)?, share))
 }
 
 /// The assignment of a text to a key.

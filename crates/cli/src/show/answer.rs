@@ -9,8 +9,9 @@ use super::{evaluation, falsification, hardening, margin, metamorphic, risk};
 /// `meaning` says what they count as.
 pub fn without_verdict(found: &WithoutVerdict, meaning: &str) -> String {
     let EndCounts { invalid_starts, .. } = found.ends;
-    let undecided = without_verdict_text(&EndCounts { invalid_starts: 0, ..found.ends });
-    let left_out = without_verdict_text(&EndCounts { invalid_starts, ..EndCounts::default() });
+    let text = |ends: EndCounts| without_verdict_text(&WithoutVerdict { ends, ..*found });
+    let undecided = text(EndCounts { invalid_starts: 0, ..found.ends });
+    let left_out = text(EndCounts { invalid_starts, ..EndCounts::default() });
     let parts: Vec<String> =
         undecided.map(|text| format!("{text}; {meaning}")).into_iter().chain(left_out).collect();
     if parts.is_empty() { String::new() } else { format!("{}\n", parts.join("; ")) }

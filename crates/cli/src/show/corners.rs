@@ -3,7 +3,7 @@
 use mishandle::results::{AxisFacts, BoxPoint, CornerPoint, Corners};
 use mishandle_text::plural;
 
-use super::{output, simulation};
+use super::output;
 
 /// Kind of the axes of the initial state.
 const START: &str = "start";
@@ -50,23 +50,23 @@ fn center(report: &Corners) -> Option<&CornerPoint> {
 /// Describes the failed simulations at points that count whose failure is not a violation of the
 /// formula.
 fn without_verdict(axes: &[AxisFacts], report: &Corners) -> Vec<String> {
-    type Count = fn(&CornerPoint) -> u32;
-    let reasons: [(Count, &str); 4] = [
-        (|point| point.diverged, simulation::DIVERGED),
-        (|point| point.invalid, simulation::INVALID),
-        (|point| point.failed, simulation::FAILED),
-        (|point| point.undecided, simulation::UNDECIDED),
-    ];
-    let describe = |(count, reason): (Count, &str)| {
-        let points: Vec<&CornerPoint> = counted(report, BoxPoint::Corner)
-            .chain(center(report))
-            .filter(|point| count(point) > 0)
-            .collect();
-        let places: Vec<String> = points.iter().map(|point| coordinates(axes, point)).collect();
-        let total: u32 = points.into_iter().map(count).sum();
-        (total > 0).then(|| format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
+    let reasons = |point: &CornerPoint| {
+        let ends = point.ends();
+        let [diverged, invalid, failed, undecided] = ends.reasons();
+        [diverged, invalid, failed, undecided, (ends.invalid_starts, "did not start")]
     };
-    reasons.into_iter().filter_map(describe).collect()
+    let points: Vec<_> = counted(report, BoxPoint::Corner)
+        .chain(center(report))
+        .map(|point| (coordinates(axes, point), reasons(point)))
+        .collect();
+    let describe = |kind: usize| {
+        let ended: Vec<_> = points.iter().filter(|(_, reasons)| reasons[kind].0 > 0).collect();
+        let (_, reason) = ended.first()?.1[kind];
+        let places: Vec<String> = ended.iter().map(|(place, _)| place.clone()).collect();
+        let total: u64 = ended.iter().map(|(_, reasons)| reasons[kind].0).sum();
+        Some(format!("{} {reason} at {}", plural(total, "simulation"), listed(&places)))
+    };
+    (0..5).filter_map(describe).collect()
 }
 
 /// Names the coordinates of the points.

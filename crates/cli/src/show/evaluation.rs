@@ -1,6 +1,6 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Control, Estimate, Evaluation, StartRegion};
+use mishandle::results::{Control, Estimate, Evaluation, StartRegion, WithoutVerdict};
 use mishandle::run::without_verdict_text;
 use mishandle_text::{p_value_text, plural};
 
@@ -115,7 +115,7 @@ fn control_text(control: &Control) -> String {
         0 => String::new(),
         n => format!("\nleft out: {}", plural(n, "pair")),
     };
-    let ends = without_verdict_text(&control.without_verdict);
+    let ends = without_verdict_text(&WithoutVerdict::new(control.without_verdict, 1.0));
     let ends = ends.map_or(String::new(), |ends| format!("\nin the control: {ends}"));
     format!("{found}{left_out}{ends}\ncontrol: the same starts and seeds, and at nominal {axes}{once}")
 }

@@ -17,10 +17,10 @@ pub fn text(found: &Margin) -> String {
         ]
     };
     let rows: Vec<Vec<String>> = std::iter::once(header).chain(found.levels.iter().map(row)).collect();
-    let conclusion = match (&found.witness, found.passed()) {
+    let conclusion = match (&found.witness, found.no_violation_up_to) {
         (Some(witness), _) => witness_text(found, witness),
-        (None, Some(level)) => {
-            format!("no violation in {}, up to the largest disturbance of the space", evidence(found, level))
+        (None, Some(_)) => {
+            format!("no violation in {}, up to the largest disturbance of the space", evidence(found))
         }
         (None, None) if found.is_complete => format!(
             "no violation was found, which says nothing about the space{}",
@@ -99,13 +99,13 @@ fn result(level: &Level, found: &Margin) -> String {
 }
 
 /// Describes the simulations on which a claim that nothing fails rests.
-fn evidence(found: &Margin, level: &Level) -> String {
-    let all = match level {
-        Level { is_exhaustive: true, .. } => ", which are all scenarios".to_string(),
-        Level { seeds, .. } if found.is_random => format!(" with {}", plural(*seeds, "seed")),
+fn evidence(found: &Margin) -> String {
+    let all = match (found.no_violation_is_exhaustive, found.no_violation_seeds) {
+        (Some(true), _) => ", which are all scenarios".to_string(),
+        (_, Some(seeds)) if found.is_random => format!(" with {}", plural(seeds, "seed")),
         _ => String::new(),
     };
-    format!("{}{all}", plural(level.verdicts(), "simulation"))
+    format!("{}{all}", plural(found.no_violation_simulations.unwrap_or(0), "simulation"))
 }
 
 fn witness_text(found: &Margin, witness: &Witness) -> String {
@@ -141,11 +141,11 @@ fn witness_text(found: &Margin, witness: &Witness) -> String {
             text.push_str(": the failure is the luck of its seed");
         }
     }
-    if let Some(level) = found.passed() {
+    if let Some(amplitude) = found.no_violation_up_to {
         text.push_str(&format!(
             "\nup to amplitude {}, no violation in {}",
-            decimal(level.amplitude, 4),
-            evidence(found, level)
+            decimal(amplitude, 4),
+            evidence(found)
         ));
     }
     text

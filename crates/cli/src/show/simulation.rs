@@ -69,16 +69,6 @@ fn noise_text(noise: &Noise) -> String {
     }
 }
 
-/// Reasons why a simulation has no verdict.
-pub const DIVERGED: &str = "diverged";
-
-pub const INVALID: &str = "ended in a value that is not finite";
-
-/// Reason of failed simulations.
-pub const FAILED: &str = "did not start, crashed or took too long";
-
-pub const UNDECIDED: &str = "left the formula undecided";
-
 /// Returns a paragraph about the screened simulations without a verdict; empty if all have one.
 pub fn without_gpu_verdict(simulations: u64, overflows: u64) -> String {
     if simulations == 0 {

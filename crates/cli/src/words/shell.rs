@@ -126,7 +126,7 @@ fn has_flag(key: Key) -> bool {
     let has_key = |command: &str| reads_key(command, key.name());
     let is_key = FLAGS.iter().any(|(command, _)| has_key(command));
     let is_flag = |(command, name): &(String, String)| name == flag(key) && (!is_key || has_key(command));
-    // The flags `--controller` and `--target` are those of a question, not of a moved file.
+    // `--controller` and `--target` name the subject of a question, not a moved file.
     !key.name().starts_with("engine.") && FLAGS.iter().any(is_flag)
 }
 

@@ -164,7 +164,7 @@ impl Writer<'_> {
         let normalized = self.add("InstanceNormalization", &[&grouped, &ones, &zeros]);
         let epsilon = node.attribute.iter().filter(|own| own.name.as_deref() == Some("epsilon"));
         self.set_attributes(epsilon.cloned().collect());
-        // One row for each channel, so that its weights are those of a row.
+        // Each channel becomes a row, so the weights of a channel multiply one row.
         let [start, end, rest, axis] = [0, 2, -1, 1].map(|number| self.integers(&[number]));
         let rows = self.add("Slice", &[&size, &start, &end]);
         let rows = self.add("Concat", &[&rows, &rest]);

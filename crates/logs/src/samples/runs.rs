@@ -30,8 +30,8 @@ impl Run {
 
 /// Returns the row with which each run of a clock starts but the first one. NaN is a missing time.
 ///
-/// A run starts where the time goes back to the start of the run before, or to less than half a
-/// step after it, and the times that follow pass through those of the run before again.
+/// A run starts where the time goes back to the start of the last run, or to less than half a step
+/// after it, and the next times pass the times of the last run again.
 pub fn restarts(secs: &[f64]) -> Vec<usize> {
     let rows: Vec<usize> = (0..secs.len()).filter(|row| !secs[*row].is_nan()).collect();
     let times: Vec<f64> = rows.iter().map(|row| secs[*row]).collect();
@@ -56,7 +56,7 @@ pub fn restarts(secs: &[f64]) -> Vec<usize> {
 /// Number of times of a run that the next one passes, from which on they are more than late rows.
 pub(crate) const SURE: usize = 3;
 
-/// Returns whether the times from one on that goes back pass those of a run again, before they go
+/// Returns whether times that start at an earlier time pass the times of a run again, before they go
 /// back once more.
 fn is_passed_again(run: &[f64], latest: f64, times: &[f64]) -> bool {
     let (first, start) = (run[0], times[0]);

@@ -40,7 +40,7 @@ pub fn check_markdown(found: &Check) -> String {
         code(&found.target),
         code(&found.requirements_file),
         summary(found),
-        without_verdict(&found.without_verdict.ends),
+        without_verdict(&found.without_verdict),
         matrix(found),
         evidence(found),
         runs(found)

@@ -18,7 +18,7 @@ pub fn check_page(found: &Check, figures: &CheckFigures) -> String {
         "<p>{}.{} Simulations are evidence about what was simulated: a requirement that is not \
          violated in them is not proved.</p>\n{}</section>\n",
         summary(found),
-        without_verdict(&found.without_verdict.ends),
+        without_verdict(&found.without_verdict),
         matrix(found)
     );
     let requirements = (1..).zip(&found.requirements);
