@@ -34,6 +34,7 @@ pub(crate) mod rows;
 pub(crate) mod same_plan;
 mod screened_columns;
 mod units;
+mod vacuity;
 pub(crate) mod violation;
 mod without_verdict;
 
@@ -62,6 +63,7 @@ pub use opening::Opening;
 pub(crate) use opening::continue_run;
 pub use opening::create_run;
 pub(crate) use preflight::preflight;
+pub(crate) use vacuity::asks_nothing;
 pub use random_rows::has_random_rows;
 pub use repeats::{RepeatedScenario, counterexample_repeats, failure_text, repeat_scenario};
 pub use requirements::requirements;
