@@ -19,16 +19,19 @@ const VERDICTS: [&str; 6] =
 /// Start of the names of the verdicts of named requirements.
 pub(crate) const REQUIREMENT: &str = "requirement_";
 
-/// Start of the names of the verdicts that say why a named requirement asks nothing; alone, the
-/// name of that of the formula of a search. The value is that of [`Vacuity::code`].
+/// Start of the names of the verdicts that say why a named requirement asks nothing: the value is
+/// that of [`Vacuity::code`].
 pub(crate) const VACUITY: &str = "vacuity_";
+
+/// Name of the same verdict of the formula of a search.
+pub(crate) const SEARCH_VACUITY: &str = "vacuity";
 
 /// Returns the names of all verdicts of a run.
 pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
     let parts = (1..=resolved.stored_parts).map(|i| format!("part_{i}"));
     let others = &resolved.specification.others;
     let named = |start: &'static str| others.iter().map(move |(name, _)| format!("{start}{name}"));
-    let of_search = resolved.plan.falsify.iter().map(|_| VACUITY.to_string());
+    let of_search = resolved.plan.falsify.iter().map(|_| SEARCH_VACUITY.to_string());
     let names = VERDICTS.map(String::from).into_iter().chain(parts);
     names.chain(named(REQUIREMENT)).chain(named(VACUITY)).chain(of_search).collect()
 }

@@ -6,7 +6,7 @@ use mishandle_stl::{Formula, Vacuity};
 use mishandle_store::{RunFile, Simulation};
 
 use crate::error::MishandleError;
-use crate::run::rows::VACUITY;
+use crate::run::rows::SEARCH_VACUITY;
 
 /// Adds the finding of a simulation, which a verdict of its row has.
 pub(super) fn count(vacuous: &mut Vacuous, row: &Simulation, column: Option<usize>) {
@@ -37,7 +37,7 @@ pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) ->
 /// Returns why no simulation of a search asks anything with the formula of the search itself.
 pub(super) fn of_search(run: &RunFile) -> Result<Option<String>, MishandleError> {
     let header = run.header();
-    let column = header.verdicts.iter().position(|name| name == VACUITY);
+    let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
     let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
     for row in run.simulations() {
         let row = row?;
