@@ -175,8 +175,17 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others, vacuities) =
-            verdict;
+        let (
+            robustness,
+            success,
+            strict,
+            careful,
+            dangerous_steps,
+            completion_step,
+            parts,
+            others,
+            vacuities,
+        ) = verdict;
         let (vacuity, codes) = vacuities;
         Ok(Episode {
             request: request.clone(),

@@ -6,9 +6,9 @@ use mishandle_stl::is_violated;
 use mishandle_store::{RunFile, RunKind};
 
 use crate::error::MishandleError;
-use crate::run::{asks_nothing, has_random_rows};
 use crate::run::rows::{REQUIREMENT, VACUITY};
 use crate::run::vacuity;
+use crate::run::{asks_nothing, has_random_rows};
 
 /// Returns the findings about each named requirement of a run; `None` if it has none.
 ///

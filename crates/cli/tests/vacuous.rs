@@ -89,7 +89,11 @@ fn a_verdict_that_asks_nothing_says_so_everywhere_and_is_no_evidence() {
             assert_eq!(cell["verdict"], verdict, "{formula}");
             cell["evidence"].as_str().filter(|text| text.contains("asks nothing")).map(String::from)
         });
-        files_say(&bench, &["text/report.html", "text/report.md", "text/junit.xml", "json/check.json"], truth);
+        files_say(
+            &bench,
+            &["text/report.html", "text/report.md", "text/junit.xml", "json/check.json"],
+            truth,
+        );
         let named = format!("toy/car-following --requirement 'R={formula}'");
         let first = |found: &Value| reason(&found["requirements"][0]);
         asks(&bench, &format!("evaluate {named} --episodes 5 --out OUT.sqlite"), truth, 0, first);
@@ -97,7 +101,8 @@ fn a_verdict_that_asks_nothing_says_so_everywhere_and_is_no_evidence() {
         files_say(&bench, &["page.html", "page.md"], truth);
         let search = "--search random --trials 1 --budget 5 -k falsify.isolate=false -k report.repeats=0";
         asks(&bench, &format!("falsify {named} {search} --out named-OUT.sqlite"), truth, 1, first);
-        let alone = format!("falsify toy/car-following --formula '{formula}' {search} --out alone-OUT.sqlite");
+        let alone =
+            format!("falsify toy/car-following --formula '{formula}' {search} --out alone-OUT.sqlite");
         asks(&bench, &alone, truth, 1, reason);
         bench.check("report alone-text.sqlite --out page.html --force", 0);
         files_say(&bench, &["page.html"], truth);

@@ -104,7 +104,8 @@ fn create(
 ) -> Result<MishandleMonitor, MishandleStatus> {
     let mut formulas = Vec::with_capacity(texts.len());
     for text in texts {
-        let parsed = Formula::parse(text).map_err(|error| invalid(format_args!("formula `{text}`: {error}")))?;
+        let parsed =
+            Formula::parse(text).map_err(|error| invalid(format_args!("formula `{text}`: {error}")))?;
         parsed.check_names(&names).map_err(|error| invalid(format_args!("{error}")))?;
         formulas.push(parsed);
     }

@@ -137,8 +137,7 @@ fn section(section: &LogSection, id: usize) -> String {
     );
     out.extend(verdict.description.as_ref().map(|description| format!("<p>{}</p>\n", text(description))));
     out += &tiles(verdict);
-    const CUT: &str =
-        "A window extends past the end of the log and is cut there: samples after the end could change the verdict";
+    const CUT: &str = "A window extends past the end of the log and is cut there: samples after the end could change the verdict";
     let nothing = verdict.asks_nothing.as_ref().map(|reason| format!("Asks nothing: {}", with_code(reason)));
     let traps = verdict.traps.iter().map(|trap| with_code(trap));
     let cut = verdict.cuts_windows.then(|| CUT.to_string());

@@ -255,9 +255,8 @@ struct RequirementMonitor {
 
 impl RequirementMonitor {
     fn new(formula: &Formula, signals: &[String], clock: Clock) -> Result<RequirementMonitor, RolloutError> {
-        let vacuous = formula.vacuous().map(|vacuous| FormulaMonitor::new(&vacuous, signals, clock));
-        let monitor = FormulaMonitor::new(formula, signals, clock)?;
-        Ok(RequirementMonitor { monitor, vacuous: vacuous.transpose()? })
+        let vacuous = formula.vacuous().and_then(|found| FormulaMonitor::new(&found, signals, clock).ok());
+        Ok(RequirementMonitor { monitor: FormulaMonitor::new(formula, signals, clock)?, vacuous })
     }
 
     /// Returns the robustness at time 0, and why the requirement holds and asks nothing.

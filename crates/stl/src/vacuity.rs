@@ -67,7 +67,8 @@ impl Formula {
         };
         let nodes = self.nodes.iter().zip(&roles).filter_map(node).collect();
         // The names of signals stay, so that their numbers do.
-        let found = Formula { signals: self.signals.clone(), nodes, origins: Vec::new(), defined: Vec::new() };
+        let found =
+            Formula { signals: self.signals.clone(), nodes, origins: Vec::new(), defined: Vec::new() };
         (!premises.is_empty()).then_some(found)
     }
 
