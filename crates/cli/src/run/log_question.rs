@@ -181,11 +181,12 @@ pub fn status<'a>(
 /// # Errors
 /// As for [`status`].
 pub fn status_of<'a>(verdicts: impl Iterator<Item = &'a LogVerdict> + Clone) -> Result<ExitStatus> {
-    let found = verdicts.clone().map(|found| {
+    let fails = verdicts.clone().any(LogVerdict::fails);
+    let found = verdicts.map(|found| {
         let name = found.name.clone().unwrap_or_else(|| found.formula.clone());
         (name, found.severity, found.asks_nothing.as_deref())
     });
-    status(verdicts.clone().any(LogVerdict::fails), found)
+    status(fails, found)
 }
 
 /// Returns the error if logs or requirements have no verdict.
