@@ -63,13 +63,13 @@ pub fn formula_label(report: &RunReport) -> String {
 /// Returns the verdict: a sentence of HTML, and one about simulations without a verdict.
 pub fn headline(report: &RunReport) -> String {
     let ends = report.answer.as_ref().map(|answer| answer.without_verdict().ends);
-    let mut text = verdict(report) + &ends.map_or(String::new(), |ends| without_verdict(&ends));
+    let mut out = verdict(report) + &ends.map_or(String::new(), |ends| without_verdict(&ends));
     if let Some(Answer::Falsification(found)) = &report.answer
         && let Some(reason) = &found.asks_nothing
     {
-        text += &format!(" They ask nothing: {}.", crate::html::text(reason));
+        out += &format!(" They ask nothing: {}.", text(reason));
     }
-    text
+    out
 }
 
 /// Returns the sentence about simulations without a verdict after a space; empty if all have one.
