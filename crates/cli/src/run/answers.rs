@@ -44,9 +44,7 @@ fn add_further(asked: &mut Asked) -> Result<()> {
             ));
         }
         // Two bars at a time would write into the line of each other.
-        if shown.as_ref().is_none_or(|(of, _)| *of != part) {
-            shown = None;
-        }
+        drop(shown.take_if(|(of, _)| *of != part));
         let unit = match part {
             FurtherPart::Physics => "simulations that check the physics",
             _ => "repeats",
@@ -55,7 +53,8 @@ fn add_further(asked: &mut Asked) -> Result<()> {
         bar.set_length(all);
         bar.set_position(done);
         control_flow()
-    })
+    })?;
+    Ok(())
 }
 
 /// Prints the answer of `evaluate`.
