@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from mishandle.ask.requirement_tests import ATTRIBUTE, Limits, Outcome, Requirement, Test
+from mishandle.ask.requirement_tests import (
+    ATTRIBUTE, Limits, Outcome, Requirement, Test, tested
+)
 from mishandle.errors import InvalidTypeError, MishandleError
 
 FOLDER = ".mishandle"
@@ -101,7 +103,8 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
     if required is None:
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
-    given = pyfuncitem.obj(**arguments)
+    with tested():
+        given = pyfuncitem.obj(**arguments)
     mistake = ""
     try:
         outcome = _test(pyfuncitem, required, given).run()

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use mishandle::plan::{LogSettings, MonitorSettings, Settings};
-use mishandle::results::Severity;
+use mishandle::results::{FormulaTrap, Severity};
 use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor};
 use mishandle_logs::{
     Column, Evaluation, Log, LogError, NamedSamples, OpenLog, Options, Requirement, Samples, Signals, Source,
     TimeValues, Times, Topic,
 };
+use mishandle_requirements::start_traps;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -174,6 +175,7 @@ pub fn monitor(
     }
     let requirement = |(name, text): (Option<String>, String)| {
         let formula = Formula::parse(&text).map_err(plain)?;
+        let traps = start_traps(&formula).iter().map(FormulaTrap::at_start).collect();
         Ok(Requirement {
             name,
             formula,
@@ -181,6 +183,7 @@ pub fn monitor(
             unit,
             description: None,
             units: BTreeMap::new(),
+            traps,
         })
     };
     let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;

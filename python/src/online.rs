@@ -30,8 +30,11 @@ impl PyOnlineMonitor {
         samples: Option<usize>,
     ) -> PyResult<Self> {
         let parsed = formulas.iter().map(|text| Formula::parse(text)).collect::<Result<Vec<_>, _>>();
-        let monitor =
-            OnlineMonitor::new(&parsed.map_err(plain)?, &signals, clock(period)?, samples).map_err(plain)?;
+        let parsed = parsed.map_err(plain)?;
+        for formula in &parsed {
+            formula.check_names(&signals).map_err(plain)?;
+        }
+        let monitor = OnlineMonitor::new(&parsed, &signals, clock(period)?, samples).map_err(plain)?;
         Ok(PyOnlineMonitor {
             monitor,
             formulas: formulas.len(),

@@ -81,6 +81,7 @@ pub fn ask(
     };
     let ((answer, mut warnings), exception) = in_run(py, target, out, resume, work)?;
     warnings.extend(untested(&answer));
+    warnings.extend(answer.asks_nothing().iter().map(|found| format!("not violated: asks nothing: {found}")));
     Ok((json(&answer)?, exception, warnings))
 }
 

@@ -13,7 +13,7 @@ use mishandle::rollout::{
     Episode, Request, RolloutError, Scenario, Seed, Space, Specification, System, Target, Verdict,
 };
 use mishandle::run::{CONTROL_TRIAL, Engine, Opening, system_of};
-use mishandle::stl::Trace;
+use mishandle::stl::{Trace, Vacuity};
 use mishandle::{MishandleError as Error, Plan, ResolvedPlan};
 use numpy::ndarray::Array2;
 use numpy::{PyArray2, PyReadonlyArray2};
@@ -38,6 +38,7 @@ type VerdictTuple = (
     Option<usize>,
     Vec<f64>,
     Vec<Option<f64>>,
+    (u8, Vec<u8>),
 );
 
 /// An episode: end, step, index, number of control steps, verdict, sum of the rewards, digest of
@@ -114,7 +115,10 @@ fn sent<'py>(py: Python<'py>, episode: &Episode) -> EpisodeTuple<Bound<'py, PyAr
     let parts = verdict.parts.clone();
     let Verdict { robustness, success, strict, careful, dangerous_steps, completion_step, .. } = *verdict;
     let others = verdict.others.clone();
-    let verdict = (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others);
+    let codes = verdict.other_vacuities.iter().copied().map(Vacuity::code).collect();
+    let vacuities = (Vacuity::code(verdict.vacuity), codes);
+    let verdict =
+        (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others, vacuities);
     (end.to_string(), step, index, *steps, verdict, *total_reward, digest, samples)
 }
 
@@ -171,7 +175,18 @@ impl RemoteSystem {
             Some(samples) => trace(names, samples.as_array(), *episode_steps)?,
             None => Trace::new(names.clone()),
         };
-        let (robustness, success, strict, careful, dangerous_steps, completion_step, parts, others) = verdict;
+        let (
+            robustness,
+            success,
+            strict,
+            careful,
+            dangerous_steps,
+            completion_step,
+            parts,
+            others,
+            vacuities,
+        ) = verdict;
+        let (vacuity, codes) = vacuities;
         Ok(Episode {
             request: request.clone(),
             end: end_of(&end, step, index)?,
@@ -185,6 +200,8 @@ impl RemoteSystem {
                 completion_step,
                 parts,
                 others,
+                vacuity: Vacuity::from_code(vacuity),
+                other_vacuities: codes.into_iter().map(Vacuity::from_code).collect(),
             },
             reason: String::new(),
             total_reward,

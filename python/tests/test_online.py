@@ -195,6 +195,10 @@ class Errors(unittest.TestCase):
                 monitor.push_many(rows)
         self.assertEqual(len(monitor), 0)
 
+    def test_a_formula_without_a_signal_is_refused(self):
+        with self.assertRaisesRegex(ValueError, "reads no signal"):
+            OnlineMonitor("always(1 <= 2)", ["x"])
+
     def test_names_and_indices(self):
         with self.assertRaisesRegex(ValueError, "same name"):
             OnlineMonitor("x <= 1", ["x", "x"])

@@ -182,6 +182,33 @@ def test_diverging():
         self.write(source.replace("OPTIONS", ', plan={"max_without_verdict": 0.99}'))
         self.pytest(expected=0)
 
+    def test_what_asks_nothing_passes_no_test(self) -> None:
+        for formula in ("gap >= 2", "always(gap <= -60 implies gap >= 2)"):
+            self.write(GAP.replace("always(gap >= 2)", formula))
+            self.assertIn("not violated: asks nothing: ", self.pytest(expected=1))
+
+    def test_nothing_passes_where_the_plugin_simulates_nothing(self) -> None:
+        off = ["-p", "no:mishandle"]
+        self.write(GAP)
+        self.assertIn("-p mishandle.pytest_plugin", self.pytest(*off, expected=1))
+        with_target = GAP.replace("space=SPACE", 'target="toy/noisy"').replace("return car", "pass")
+        self.write(with_target)
+        self.assertIn("would simulate nothing", self.pytest(*off, expected=1))
+        methods = "".join(f"    {line}\n" for line in GAP.split("\n\n")[1].splitlines())
+        methods = methods.replace("test_gap()", "test_gap(self)")
+        case = f"\nimport unittest\nFACTOR = 1.0\n\nclass TestCar(unittest.TestCase):\n{methods}"
+        self.write(case)
+        for words in ([], off):
+            self.assertIn("unittest.TestCase", self.pytest(*words, expected=1))
+        command = [sys.executable, "-m", "unittest", "test_car"]
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("would simulate nothing", done.stderr)
+        # A method of another class is tested, also inside another decorator.
+        patched = methods.replace("@mish", "@unittest.mock.patch('os.sep', '/')\n    @mish", 1)
+        self.write(f"\nimport unittest.mock\nFACTOR = 1.0\n\nclass TestCar:\n{patched}")
+        self.assertIn("violated: always(gap >= 2)", self.pytest(expected=1))
+
     def test_a_nondeterministic_system_is_called_so(self) -> None:
         self.write(
             """

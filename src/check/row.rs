@@ -4,12 +4,15 @@ use std::path::PathBuf;
 
 use mishandle_evaluation::{clopper_pearson, count_end};
 use mishandle_results as results;
-use mishandle_results::{CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, WithoutVerdict};
+use mishandle_results::{
+    CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, Vacuous, WithoutVerdict,
+};
 use mishandle_store::{RunFile, Simulation, SimulationEnd};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
+use crate::run::asks_nothing;
 use crate::run::end_text;
 use crate::run::rows::{REQUIREMENT, episode_end};
 
@@ -29,6 +32,10 @@ pub(super) struct Row {
     maximum: Option<Number>,
     /// The first simulation without a verdict, and why it has none.
     unclear: Option<String>,
+    /// Its formula.
+    formula: String,
+    /// The simulations that ask nothing of the controller.
+    vacuous: Vacuous,
     /// Whether the scenarios of a run can differ.
     varies: bool,
     /// Path, trial and number of the simulation with the minimum robustness.
@@ -43,6 +50,8 @@ impl Row {
     /// Adds a run whose simulations ended so.
     fn add(&mut self, found: &results::Requirement, ends: &EndCounts, run: &RunFile, is_random: bool) {
         let counts = if is_random { &mut self.random } else { &mut self.searched };
+        self.formula.clone_from(&found.formula);
+        self.vacuous.add_all(found.vacuous);
         counts.simulations += found.simulations;
         counts.violated += found.violated;
         counts.without_verdict += ends.simulations - found.simulations;
@@ -160,6 +169,10 @@ impl Row {
         if invalid_starts > 0 {
             let left_out = plural(invalid_starts, "scenario");
             sentence += &format!("; left out: {left_out}, from which the target cannot start");
+        }
+        let reason = asks_nothing(&self.formula, self.vacuous, self.simulations());
+        if let (CheckVerdict::NotViolated, Some(reason)) = (verdict, reason) {
+            return (CheckVerdict::AsksNothing, format!("{sentence}; asks nothing: {reason}"));
         }
         if let (CheckVerdict::NotViolated, true, Some(robustness)) =
             (verdict, self.is_constant(), self.minimum)

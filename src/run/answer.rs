@@ -8,6 +8,7 @@ use crate::plan::Plan;
 use crate::run::axis_rates::axis_rates;
 use crate::run::cause::isolation;
 use crate::run::requirements::requirements;
+use crate::run::vacuity;
 use crate::run::without_verdict::without_verdict;
 
 /// Adds the share of simulations without a verdict, the success rates over the values of axes, the
@@ -21,7 +22,11 @@ pub(super) fn add_recorded_parts(
     let without_verdict = without_verdict(answer, run, plan.max_without_verdict)?;
     match answer {
         Answer::Evaluation(found) => found.without_verdict = without_verdict,
-        Answer::Falsification(found) => found.without_verdict = without_verdict,
+        Answer::Falsification(found) => {
+            found.without_verdict = without_verdict;
+            found.warnings.clone_from(&run.header().preflight);
+            found.asks_nothing = vacuity::of_search(run)?;
+        }
         Answer::Margin(found) => found.without_verdict = without_verdict,
         Answer::Metamorphic(found) => found.without_verdict = without_verdict,
         Answer::Risk(found) => found.without_verdict = without_verdict,

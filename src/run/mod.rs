@@ -34,6 +34,7 @@ pub(crate) mod rows;
 pub(crate) mod same_plan;
 mod screened_columns;
 mod units;
+mod vacuity;
 pub(crate) mod violation;
 mod without_verdict;
 
@@ -70,4 +71,5 @@ pub(crate) use risk::check_risk_method;
 pub use risk::{risk_assumption, risk_refusals, risk_scenarios};
 pub use rows::recorded_episode;
 pub use units::{run_simulations, run_trial};
+pub(crate) use vacuity::asks_nothing;
 pub use without_verdict::{compared_without_verdict, inconclusive_text, without_verdict_text};

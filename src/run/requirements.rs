@@ -1,13 +1,14 @@
 //! Named requirements over the simulations of a run.
 
 use mishandle_evaluation::{Corners, wilson};
-use mishandle_results::Requirement;
+use mishandle_results::{Requirement, Vacuous};
 use mishandle_stl::is_violated;
 use mishandle_store::{RunFile, RunKind};
 
 use crate::error::MishandleError;
-use crate::run::has_random_rows;
-use crate::run::rows::REQUIREMENT;
+use crate::run::rows::{REQUIREMENT, VACUITY};
+use crate::run::vacuity;
+use crate::run::{asks_nothing, has_random_rows};
 
 /// Returns the findings about each named requirement of a run; `None` if it has none.
 ///
@@ -22,6 +23,8 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
     let named = header.verdicts.iter().enumerate().filter_map(|(column, verdict)| {
         let name = verdict.strip_prefix(REQUIREMENT)?.to_string();
         let formula = text(verdict);
+        let vacuity = format!("{VACUITY}{name}");
+        let vacuity = header.verdicts.iter().position(|verdict| *verdict == vacuity);
         let empty = Requirement {
             name,
             formula,
@@ -32,10 +35,12 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
             maximum_robustness: None,
             trial: None,
             simulation: None,
+            vacuous: Vacuous::default(),
+            asks_nothing: None,
         };
-        Some((column, empty))
+        Some((column, vacuity, empty))
     });
-    let mut found: Vec<(usize, Requirement)> = named.collect();
+    let mut found: Vec<(usize, Option<usize>, Requirement)> = named.collect();
     if found.is_empty() {
         return Ok(None);
     }
@@ -44,12 +49,13 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
         if header.kind == RunKind::Evaluate && simulation.trial == Corners::TRIAL {
             continue;
         }
-        for (column, requirement) in &mut found {
+        for (column, vacuity, requirement) in &mut found {
             let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else {
                 continue;
             };
             requirement.simulations += 1;
             requirement.violated += u64::from(is_violated(robustness));
+            vacuity::count(&mut requirement.vacuous, &simulation, *vacuity);
             if requirement.minimum_robustness.is_none_or(|least| robustness.total_cmp(&least.0).is_lt()) {
                 requirement.minimum_robustness = Some(robustness.into());
                 requirement.trial = Some(simulation.trial);
@@ -62,7 +68,8 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
     }
     // A trial that ends at its first violation has a biased share of violations, too.
     let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
-    let with_rate = |(_, requirement): (usize, Requirement)| Requirement {
+    let with_rate = |(_, _, requirement): (_, _, Requirement)| Requirement {
+        asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, requirement.simulations),
         violation_rate: is_rate.then(|| wilson(requirement.violated, requirement.simulations)),
         ..requirement
     };

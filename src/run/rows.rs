@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use mishandle_rollout::{Episode, EpisodeEnd, Request, Scenario, Seed, Verdict};
-use mishandle_stl::Trace;
+use mishandle_stl::{Trace, Vacuity};
 use mishandle_store as store;
 use mishandle_store::Simulation;
 
@@ -11,18 +11,29 @@ use crate::error::{MishandleError, changed};
 use crate::resolve::ResolvedPlan;
 
 /// Names of the verdicts that are stored in addition to the robustness. If the search needs
-/// the parts of the robustness, they follow. The robustness of each named requirement comes last.
+/// the parts of the robustness, they follow, then the robustness of each named requirement, and why
+/// each asks nothing. Of a search, the last one is why its own formula asks nothing.
 const VERDICTS: [&str; 6] =
     ["success", "strict", "dangerous_steps", "completion_step", "total_reward", "careful"];
 
 /// Start of the names of the verdicts of named requirements.
 pub(crate) const REQUIREMENT: &str = "requirement_";
 
+/// Start of the names of the verdicts that say why a named requirement asks nothing: the value is
+/// that of [`Vacuity::code`].
+pub(crate) const VACUITY: &str = "vacuity_";
+
+/// Name of the same verdict of the formula of a search.
+pub(crate) const SEARCH_VACUITY: &str = "vacuity";
+
 /// Returns the names of all verdicts of a run.
 pub(crate) fn verdict_names(resolved: &ResolvedPlan) -> Vec<String> {
     let parts = (1..=resolved.stored_parts).map(|i| format!("part_{i}"));
-    let others = resolved.specification.others.iter().map(|(name, _)| format!("{REQUIREMENT}{name}"));
-    VERDICTS.map(String::from).into_iter().chain(parts).chain(others).collect()
+    let others = &resolved.specification.others;
+    let named = |start: &'static str| others.iter().map(move |(name, _)| format!("{start}{name}"));
+    let of_search = resolved.plan.falsify.iter().map(|_| SEARCH_VACUITY.to_string());
+    let names = VERDICTS.map(String::from).into_iter().chain(parts);
+    names.chain(named(REQUIREMENT)).chain(named(VACUITY)).chain(of_search).collect()
 }
 
 /// Converts an episode of a plan to a stored simulation. Only a counterexample keeps its trace.
@@ -41,7 +52,14 @@ pub(crate) fn row(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         verdict.careful,
     ];
     // An episode without a verdict has none of them.
-    let others = (0..resolved.specification.others.len()).map(|i| verdict.others.get(i).copied().flatten());
+    let named = 0..resolved.specification.others.len();
+    let others = named.clone().map(|i| verdict.others.get(i).copied().flatten());
+    let code = |rho: Option<f64>, found: Option<Vacuity>| rho.map(|_| f64::from(Vacuity::code(found)));
+    let vacuities = named.map(|i| {
+        let rho = verdict.others.get(i).copied().flatten();
+        code(rho, verdict.other_vacuities.get(i).copied().flatten())
+    });
+    let of_search = resolved.plan.falsify.iter().map(|_| code(verdict.robustness, verdict.vacuity));
     // The value is a lower bound if the simulation stopped because it is above the threshold.
     let is_bound = matches!(episode.end, EpisodeEnd::Stopped { .. })
         && request.stop_threshold.is_some_and(|threshold| verdict.robustness > Some(threshold));
@@ -57,7 +75,7 @@ pub(crate) fn row(episode: &Episode, resolved: &ResolvedPlan) -> Simulation {
         stop_threshold: request.stop_threshold,
         end: stored_end(episode.end),
         steps: episode.steps as u32,
-        verdicts: verdicts.into_iter().chain(parts).chain(others).collect(),
+        verdicts: verdicts.into_iter().chain(parts).chain(others).chain(vacuities).chain(of_search).collect(),
         reason: episode.reason.clone(),
         trace_digest: Some(episode.trace_digest.unwrap_or_else(|| trace.digest())),
         trace: is_falsified.then_some(trace),
@@ -155,6 +173,7 @@ pub(crate) fn episode(simulation: &Simulation, resolved: &ResolvedPlan) -> Resul
     let episode = recorded_episode(simulation);
     let further = simulation.verdicts.get(VERDICTS.len()..).unwrap_or_default();
     let (parts, others) = further.split_at(further.len().min(resolved.stored_parts));
+    let others = &others[..others.len().min(resolved.specification.others.len())];
     // Either all parts are present or none, because a formula can have no finite value.
     let parts = parts.iter().copied().collect::<Option<Vec<f64>>>().unwrap_or_default();
     let request = Request { needs_parts: resolved.stored_parts > 0, ..episode.request };

@@ -50,12 +50,11 @@ pub(crate) fn decode(stored: &StoredTrace) -> Vec<ScreenedEpisode> {
                 robustness: value(3, row),
                 success: value(4, row),
                 strict: value(5, row),
-                // No screened question reads it.
-                careful: None,
                 dangerous_steps: count(6, row),
                 completion_step: count(7, row),
                 parts: parts.collect::<Option<Vec<_>>>().unwrap_or_default(),
-                others: Vec::new(),
+                // No screened question reads the others.
+                ..Verdict::default()
             },
             has_overflowed: at(8) == 1,
         }
@@ -113,7 +112,7 @@ mod tests {
             dangerous_steps: Some(7),
             completion_step: Some(0),
             parts: vec![f64::NEG_INFINITY, -0.0],
-            others: Vec::new(),
+            ..Verdict::default()
         };
         let ends = (0..12).map(|code| end(code, code + 1, code + 2));
         let mut outcomes: Vec<ScreenedEpisode> = ends

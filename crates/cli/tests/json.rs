@@ -128,8 +128,8 @@ fn every_document_satisfies_its_schema() {
     let commands = [
         ("list", "list", 0),
         ("list", "list toy/noisy", 0),
-        ("monitor", "monitor --formula 'd < 1' d.csv", 0),
-        ("monitor --explain", "monitor --explain --formula 'd < 1' d.csv", 0),
+        ("monitor", "monitor --formula 'd < 1' d.csv", 2),
+        ("monitor --explain", "monitor --explain --formula 'always(d < 1)' d.csv", 0),
         ("formula --parameter", "formula 'always(d < c)' --parameter c=0:1 d.csv", 0),
         ("run", "run grid.toml --out grid", 0),
         ("evaluate", "evaluate point-reaching --controller expert --episodes 12 --out e.sqlite", 0),

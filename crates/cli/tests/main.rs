@@ -51,5 +51,6 @@ mod terminal;
 mod train;
 mod train_failures;
 mod training;
+mod vacuous;
 mod verdicts;
 mod view;

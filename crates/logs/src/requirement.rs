@@ -28,6 +28,8 @@ pub struct Requirement {
     pub description: Option<String>,
     /// Units of signals, which are shown with their values.
     pub units: BTreeMap<String, String>,
+    /// What often means something else than its author thinks.
+    pub traps: Vec<String>,
 }
 
 impl Requirement {
@@ -112,7 +114,10 @@ impl NamedSamples {
     /// As for [`Samples::verdict`].
     pub fn verdict(&self, requirement: &Requirement, strict_horizon: bool) -> Result<LogVerdict> {
         let Requirement { name, formula, severity, description, .. } = requirement;
-        let found = self.samples.verdict(formula, &requirement.evaluation(strict_horizon))?;
+        let evaluation = requirement.evaluation(strict_horizon);
+        let found = self.samples.verdict(formula, &evaluation)?;
+        let is_violated = is_violated(found.robustness);
+        let vacuity = self.samples.vacuity(formula, &evaluation).filter(|_| !is_violated);
         Ok(LogVerdict {
             log: self.name.clone(),
             name: name.clone(),
@@ -120,7 +125,9 @@ impl NamedSamples {
             severity: *severity,
             formula: formula.to_string(),
             robustness: found.robustness.into(),
-            violated: is_violated(found.robustness),
+            violated: is_violated,
+            asks_nothing: vacuity.map(|found| found.reason(formula)),
+            traps: requirement.traps.clone(),
             cuts_windows: found.cuts_windows,
             samples: found.samples.map(|samples| samples as u64),
             missing_values: self.samples.missing as u64,
@@ -176,6 +183,7 @@ pub fn document(
             formula: verdict.formula.clone(),
             robustness: Some(verdict.robustness),
             violated: Some(verdict.violated),
+            asks_nothing: verdict.asks_nothing.clone(),
         })
     });
     let named: Vec<RequirementVerdict> = named.collect();
@@ -186,6 +194,7 @@ pub fn document(
     Monitor {
         robustness: first.robustness,
         violated: first.violated,
+        asks_nothing: first.asks_nothing,
         windows: if strict_horizon { Windows::Whole } else { Windows::Cut },
         cuts_windows: first.cuts_windows,
         robustness_signal: values.map(|values| values.into_iter().map(|(_, value)| Number(value)).collect()),

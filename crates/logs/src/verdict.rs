@@ -2,8 +2,8 @@
 
 use mishandle_results::{Choice, Key, Remedy};
 use mishandle_stl::{
-    Clock, DenseMonitor, DenseSignal, Diagnosis, Formula, Monitor, MonitorError, SubformulaNode, TimeUnit,
-    Trace, Windows, is_violated,
+    Clock, DenseMonitor, DenseSignal, Diagnosis, Formula, Monitor, MonitorError, OnlineMonitor,
+    SubformulaNode, TimeUnit, Trace, Vacuity, Windows, is_satisfied, is_violated,
 };
 use mishandle_text::{number_text, visible};
 
@@ -116,6 +116,28 @@ impl Samples {
             }
             Signals::Dense(signals) => dense(signals, formula, evaluation),
         }
+    }
+
+    /// Returns why a formula that holds asks nothing of the samples; `None` if it asks something.
+    pub(crate) fn vacuity(&self, formula: &Formula, evaluation: &Evaluation) -> Option<Vacuity> {
+        let by_first = match &self.signals {
+            // A log of one sample is a state, which that sample has to decide.
+            Signals::Even { trace, .. } if trace.len() < 2 => return None,
+            Signals::Even { trace, .. } => {
+                let clock = self.clock(formula, evaluation).ok().flatten()?;
+                let formulas = std::slice::from_ref(formula);
+                let monitor = OnlineMonitor::new(formulas, trace.names(), clock, None);
+                monitor.is_ok_and(|mut monitor| {
+                    monitor.push_trace(trace, 0..1).is_ok() && monitor.verdict(0) == Some(true)
+                })
+            }
+            Signals::Dense(_) => formula.is_state_predicate(),
+        };
+        if by_first {
+            return Some(Vacuity::FirstSample);
+        }
+        let vacuous = self.robustness_signal(&formula.vacuous()?, evaluation).ok()?;
+        vacuous.first().is_some_and(|(_, value)| is_satisfied(*value)).then_some(Vacuity::Premise)
     }
 
     /// Returns how the bounds of a formula count the samples; `None` in dense time.

@@ -104,8 +104,10 @@ fn create(
 ) -> Result<MishandleMonitor, MishandleStatus> {
     let mut formulas = Vec::with_capacity(texts.len());
     for text in texts {
-        let parsed = Formula::parse(text);
-        formulas.push(parsed.map_err(|error| invalid(format_args!("formula `{text}`: {error}")))?);
+        let parsed =
+            Formula::parse(text).map_err(|error| invalid(format_args!("formula `{text}`: {error}")))?;
+        parsed.check_names(&names).map_err(|error| invalid(format_args!("{error}")))?;
+        formulas.push(parsed);
     }
     let clock = match period {
         0.0 => Clock::unknown(),

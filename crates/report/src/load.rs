@@ -221,13 +221,18 @@ impl RunReport {
             format!("{}: {simulations}, the first of them {number} of trial {trial}: {reason}", found.end)
         });
         notes.extend(preflight.chain(reasons));
+        let requirements = requirements(run)?.unwrap_or_default();
+        notes.extend(requirements.iter().filter_map(|found| {
+            let reason = found.asks_nothing.as_ref()?;
+            Some(format!("Requirement {} asks nothing: {reason}.", found.name))
+        }));
         Ok(RunReport {
             path: path.to_string(),
             words,
             plan,
             answer,
             witness: witness.transpose()?,
-            requirements: requirements(run)?.unwrap_or_default(),
+            requirements,
             axes: header.axes.iter().map(recorded_axis).collect(),
             header,
             counts,

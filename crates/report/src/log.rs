@@ -100,7 +100,7 @@ fn overview(sections: &[LogSection]) -> String {
         let cells = [
             Some(log),
             has_names.then_some(name),
-            Some(judgment(verdict).to_string()),
+            Some(judgment(verdict)),
             Some(number(verdict.robustness.0)),
             Some(first.map_or("–".to_string(), |found| at(found.start, found.start_sample))),
             Some(format!("<code>{}</code>", text(&verdict.formula))),
@@ -113,11 +113,12 @@ fn overview(sections: &[LogSection]) -> String {
     table("Verdicts, worst first", &head, &rows)
 }
 
-fn judgment(verdict: &LogVerdict) -> &'static str {
+fn judgment(verdict: &LogVerdict) -> String {
     match (verdict.violated, verdict.fails()) {
-        (true, true) => "<span class=\"fail\">violated</span>",
-        (true, false) => "violated (warning)",
-        (false, _) => "<span class=\"pass\">satisfied</span>",
+        (true, true) => "<span class=\"fail\">violated</span>".to_string(),
+        (true, false) => "violated (warning)".to_string(),
+        (false, _) if verdict.asks_nothing.is_some() => verdict.words().to_string(),
+        (false, _) => "<span class=\"pass\">satisfied</span>".to_string(),
     }
 }
 
@@ -136,9 +137,14 @@ fn section(section: &LogSection, id: usize) -> String {
     );
     out.extend(verdict.description.as_ref().map(|description| format!("<p>{}</p>\n", text(description))));
     out += &tiles(verdict);
-    if verdict.cuts_windows {
-        out += "<ul class=\"notes\"><li>A window extends past the end of the log and is cut there: samples after the end could \
-                change the verdict.</li></ul>\n";
+    const CUT: &str = "A window extends past the end of the log and is cut there: samples after the end could change the verdict";
+    let nothing = verdict.asks_nothing.as_ref().map(|reason| format!("Asks nothing: {}", with_code(reason)));
+    let traps = verdict.traps.iter().map(|trap| with_code(trap));
+    let cut = verdict.cuts_windows.then(|| CUT.to_string());
+    let notes: String =
+        nothing.into_iter().chain(traps).chain(cut).map(|note| format!("<li>{note}.</li>")).collect();
+    if !notes.is_empty() {
+        out += &format!("<ul class=\"notes\">{notes}</ul>\n");
     }
     if !sentences.is_empty() {
         let items = sentences.iter().map(|sentence| format!("<li>{}</li>", with_code(sentence)));

@@ -30,8 +30,7 @@ fn run(report: &RunReport) -> String {
     );
     let row = |found: &Requirement| {
         let least = found.minimum_robustness.map_or("–".to_string(), |least| number(least.0));
-        let violated = format!("{} of {}", found.violated, found.simulations);
-        vec![escaped(&found.name), code(&found.formula), violated, least]
+        vec![escaped(&found.name), code(&found.formula), found.violated_text(), least]
     };
     let requirements: Vec<Vec<String>> = report.requirements.iter().map(row).collect();
     if !requirements.is_empty() {

@@ -40,7 +40,7 @@ pub fn requirements(report: &RunReport) -> String {
         vec![
             text(&found.name),
             format!("<code>{}</code>", text(&found.formula)),
-            format!("{} of {}", found.violated, found.simulations),
+            found.violated_text(),
             found.minimum_robustness.map_or("–".to_string(), |least| number(least.0)),
         ]
     };

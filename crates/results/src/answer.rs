@@ -105,6 +105,24 @@ impl Answer {
         found.as_deref().unwrap_or_default()
     }
 
+    /// Returns why requirements ask nothing in the simulations, as `NAME: REASON` or as the reason
+    /// of the formula of a search. Empty if one is violated.
+    pub fn asks_nothing(&self) -> Vec<String> {
+        let named = self.requirements();
+        if self.is_violated() || named.iter().any(|found| found.violated > 0) {
+            return Vec::new();
+        }
+        let alone = match self {
+            // Named requirements say it of themselves.
+            Answer::Falsification(found) if named.is_empty() => found.asks_nothing.clone(),
+            _ => None,
+        };
+        let reason = |found: &Requirement| {
+            found.asks_nothing.as_ref().map(|reason| format!("{}: {reason}", found.name))
+        };
+        named.iter().filter_map(reason).chain(alone).collect()
+    }
+
     /// Returns the counts of the screening; `None` without it.
     pub fn screening(&self) -> Option<&Screening> {
         match self {

@@ -10,8 +10,8 @@ words! {
 
     /// Verdict of a requirement.
     pub enum CheckVerdict {
-        Violated = "violated", NotViolated = "not violated", NoVerdict = "no verdict",
-        NotApplicable = "not applicable",
+        Violated = "violated", NotViolated = "not violated", AsksNothing = "not violated: asks nothing",
+        NoVerdict = "no verdict", NotApplicable = "not applicable",
     }
 
     /// Scenarios of a run of a check.
@@ -124,7 +124,8 @@ pub struct CheckCell {
     /// Name of the controller.
     pub controller: String,
     /// `violated`; `not violated` in the simulations that were run, which proves nothing about
-    /// others; `no verdict`: the simulations do not decide, or too many of them have no verdict; or
+    /// others; `not violated: asks nothing`: it holds in each of them whatever the controller does,
+    /// because the first sample decides it or its premise never holds; `no verdict`: the simulations do not decide, or too many of them have no verdict; or
     /// `not applicable`: the target lacks signals of the formula.
     pub verdict: CheckVerdict,
     /// The evidence in a sentence.
@@ -239,7 +240,7 @@ impl Check {
     /// Returns whether a cell gives exit code 2: a requirement that counts was not checked.
     pub fn is_open(&self, cell: &CheckCell) -> bool {
         let is_unchecked = match cell.verdict {
-            CheckVerdict::NoVerdict => true,
+            CheckVerdict::AsksNothing | CheckVerdict::NoVerdict => true,
             CheckVerdict::NotApplicable => !self.allows_inapplicable,
             CheckVerdict::Violated | CheckVerdict::NotViolated => false,
         };

@@ -54,6 +54,29 @@ impl EndCounts {
     }
 }
 
+/// Simulations that satisfy a requirement and ask nothing of the controller, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Vacuous {
+    /// Number of simulations whose first sample alone satisfies it, whatever follows.
+    pub first_sample: u64,
+    /// Number of others in which its premises do not hold, so that it requires nothing.
+    pub premise: u64,
+}
+
+impl Vacuous {
+    /// Adds other counts.
+    pub fn add_all(&mut self, other: Vacuous) {
+        self.first_sample += other.first_sample;
+        self.premise += other.premise;
+    }
+
+    /// Returns the number of simulations.
+    pub fn total(&self) -> u64 {
+        self.first_sample + self.premise
+    }
+}
+
 /// The simulations of a question without a verdict: one rule for all questions.
 ///
 /// Nothing is known about a simulation that diverges, crashes, takes too long or leaves the formula

@@ -3,7 +3,7 @@ use serde::Serialize;
 use crate::word::words;
 use crate::{
     CheckedFailure, EndReasons, Estimate, Modes, Named, Number, PhysicsCheck, Repeats, Scenario, Screening,
-    Seed, Subject, WithoutVerdict,
+    Seed, Subject, Vacuous, WithoutVerdict,
 };
 
 /// Counterexamples that the trials of a search found.
@@ -62,6 +62,11 @@ pub struct Falsification {
     /// One-sided 95 % upper bound of the failure rate if no simulation of uniform random samples
     /// (`random`) fails; `null` otherwise.
     pub failure_rate_bound: Option<f64>,
+    /// Why no simulation asks anything of the controller, so that none is evidence; `null`
+    /// otherwise.
+    pub asks_nothing: Option<String>,
+    /// Warnings of the checks before the first simulation.
+    pub warnings: Vec<String>,
     /// Each named requirement over all simulations; missing without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub requirements: Option<Vec<Requirement>>,
@@ -159,6 +164,18 @@ pub struct Requirement {
     pub trial: Option<u32>,
     /// Number of this simulation.
     pub simulation: Option<u32>,
+    /// The simulations that ask nothing of the controller.
+    pub vacuous: Vacuous,
+    /// Why all of them ask nothing, so that they are no evidence; `null` otherwise.
+    pub asks_nothing: Option<String>,
+}
+
+impl Requirement {
+    /// Returns the number of violations in words.
+    pub fn violated_text(&self) -> String {
+        let mark = if self.asks_nothing.is_some() { ": asks nothing" } else { "" };
+        format!("{} of {}{mark}", self.violated, self.simulations)
+    }
 }
 
 /// The axes that cause the failure of a counterexample: simulations with its seed that move it

@@ -92,7 +92,7 @@ pub use controller::{ActionInterface, Controller, ControllerExport, ControllerIm
 pub use counterexamples::{Counterexamples, ExportedCounterexample, Exports, Minimized};
 pub use demonstrations::Demonstrations;
 pub use document::{SCHEMA, Versioned};
-pub use ends::{EndCounts, WithoutVerdict};
+pub use ends::{EndCounts, Vacuous, WithoutVerdict};
 pub use estimate::{Estimate, QUANTILES, Quantile, Repeats};
 pub use evaluation::{
     BoxPoint, Control, CornerPoint, Corners, Evaluation, Metrics, ScreenedFailure, StartRegion,

@@ -20,6 +20,8 @@ pub struct Monitor {
     /// Whether the formula is violated. At a robustness of 0, `<=`, `>=` and `==` hold, and `<`,
     /// `>` and `!=` do not.
     pub violated: bool,
+    /// Why the formula is satisfied and asks nothing of the log; `null` otherwise.
+    pub asks_nothing: Option<String>,
     /// `cut`: windows are cut at the end of the trace, as in RTAMT; `whole` with
     /// `log.strict-horizon`.
     pub windows: Windows,
@@ -61,6 +63,10 @@ pub struct LogVerdict {
     pub robustness: Number,
     /// Whether it is violated.
     pub violated: bool,
+    /// Why it is satisfied and asks nothing of the log; `null` otherwise.
+    pub asks_nothing: Option<String>,
+    /// What often means something else than its author thinks: only the first sample counts.
+    pub traps: Vec<String>,
     /// Whether the robustness depends on a window that is cut.
     pub cuts_windows: bool,
     /// Number of samples; `null` with `log.dense`.
@@ -82,6 +88,15 @@ pub struct LogVerdict {
 }
 
 impl LogVerdict {
+    /// Returns the verdict in words.
+    pub fn words(&self) -> &'static str {
+        match (self.violated, &self.asks_nothing) {
+            (true, _) => "violated",
+            (false, Some(_)) => "satisfied: asks nothing",
+            (false, None) => "satisfied",
+        }
+    }
+
     /// Returns whether the verdict gives exit code 1.
     pub fn fails(&self) -> bool {
         self.violated && self.severity != Severity::Warning
@@ -161,6 +176,8 @@ pub struct MonitorChange {
     pub high: Number,
     /// Whether the formula is violated; `null` as long as this is not certain.
     pub violated: Option<bool>,
+    /// Why it is satisfied and asks nothing of the log; `null` otherwise.
+    pub asks_nothing: Option<String>,
     /// The first violation of a part of the formula that is known; `null` if the formula is not
     /// violated, and if none is known. Parts are the operands of `and` below `always`.
     pub violation: Option<FirstViolation>,

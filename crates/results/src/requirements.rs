@@ -89,6 +89,14 @@ pub struct FormulaTrap {
     pub instead: Option<String>,
 }
 
+impl FormulaTrap {
+    /// Returns what happens at the first sample, and what to write for others.
+    pub fn at_start(&self) -> String {
+        let instead = self.instead.as_ref().map(|instead| format!("; for other samples, write {instead}"));
+        format!("{}{}", self.why, instead.unwrap_or_default())
+    }
+}
+
 /// A formula and its sub-formulas on a trace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

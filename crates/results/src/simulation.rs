@@ -49,6 +49,8 @@ pub struct RequirementVerdict {
     pub robustness: Option<Number>,
     /// Whether it is violated; `null` without a verdict.
     pub violated: Option<bool>,
+    /// Why it is satisfied and asks nothing; `null` otherwise.
+    pub asks_nothing: Option<String>,
 }
 
 /// The share of the variance of the robustness that comes from the scenario; the rest comes from

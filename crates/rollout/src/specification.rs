@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use mishandle_stl::{
-    Bounds, Clock, Decomposition, Formula, Monitor, MonitorError, OnlineMonitor, Trace, is_satisfied,
-    is_violated,
+    Bounds, Clock, Decomposition, Formula, Monitor, MonitorError, OnlineMonitor, Trace, Vacuity,
+    is_satisfied, is_violated,
 };
 
 use crate::{EpisodeEnd, NamedFormula, Request, RolloutError};
@@ -133,6 +133,11 @@ pub struct Verdict {
     pub parts: Vec<f64>,
     /// Robustness at time 0 of each of the [other requirements](Specification::others).
     pub others: Vec<Option<f64>>,
+    /// Why the requirement holds and asks nothing of the episode; `None` if it is violated, has no
+    /// verdict, or asks something.
+    pub vacuity: Option<Vacuity>,
+    /// The same of each of the other requirements.
+    pub other_vacuities: Vec<Option<Vacuity>>,
 }
 
 impl Verdict {
@@ -161,13 +166,13 @@ impl Verdict {
 /// does not allocate.
 #[derive(Debug)]
 pub struct SpecificationMonitor {
-    requirement: FormulaMonitor,
+    requirement: RequirementMonitor,
     success: Option<FormulaMonitor>,
     strict: Option<FormulaMonitor>,
     careful: Option<FormulaMonitor>,
     safe: Option<FormulaMonitor>,
     completion: Option<FormulaMonitor>,
-    others: Vec<FormulaMonitor>,
+    others: Vec<RequirementMonitor>,
     formula: Formula,
     clock: Clock,
     /// The parts of the requirement for episodes of this many samples.
@@ -232,6 +237,53 @@ impl FormulaMonitor {
         // An empty window has an infinite value: the formula depends on no sample of the trace.
         Ok(found.filter(|rho| rho.is_finite()))
     }
+
+    /// Returns whether the first sample alone satisfies the formula, whatever follows.
+    fn is_satisfied_by_first(&mut self, trace: &Trace, samples: usize) -> bool {
+        self.online.reset();
+        self.online.state_samples(Some(samples));
+        self.online.push_trace(trace, 0..1).is_ok() && is_satisfied(self.online.bounds(0).low)
+    }
+}
+
+/// A requirement, and where it asks nothing.
+#[derive(Debug)]
+struct RequirementMonitor {
+    monitor: FormulaMonitor,
+    vacuous: Option<FormulaMonitor>,
+}
+
+impl RequirementMonitor {
+    fn new(formula: &Formula, signals: &[String], clock: Clock) -> Result<RequirementMonitor, RolloutError> {
+        let vacuous = formula.vacuous().and_then(|found| FormulaMonitor::new(&found, signals, clock).ok());
+        Ok(RequirementMonitor { monitor: FormulaMonitor::new(formula, signals, clock)?, vacuous })
+    }
+
+    /// Returns the robustness at time 0, and why the requirement holds and asks nothing.
+    fn at_start(
+        &mut self,
+        trace: &Trace,
+        samples: usize,
+    ) -> Result<(Option<f64>, Option<Vacuity>), RolloutError> {
+        let robustness = self.monitor.at_start(trace, samples)?;
+        let vacuity = match robustness {
+            // A trace of one sample is a state, which the first sample alone has to decide.
+            Some(rho) if is_satisfied(rho) && trace.len() > 1 => {
+                let holds = |found: &mut FormulaMonitor, trace: &Trace| {
+                    found.at_start(trace, samples).is_ok_and(|rho| rho.is_some_and(is_satisfied))
+                };
+                if self.monitor.is_satisfied_by_first(trace, samples) {
+                    Some(Vacuity::FirstSample)
+                } else if self.vacuous.as_mut().is_some_and(|found| holds(found, trace)) {
+                    Some(Vacuity::Premise)
+                } else {
+                    None
+                }
+            }
+            _ => None,
+        };
+        Ok((robustness, vacuity))
+    }
 }
 
 impl SpecificationMonitor {
@@ -251,7 +303,7 @@ impl SpecificationMonitor {
         let optional = |formula: &Option<Formula>| formula.as_ref().map(monitor).transpose();
         let of_episodes = |formula: &Formula| match formula.check_names(signals) {
             Err(source) => Err(RolloutError::Monitor { formula: formula.to_string(), source }),
-            Ok(()) => monitor(formula),
+            Ok(()) => RequirementMonitor::new(formula, signals, clock),
         };
         Ok(SpecificationMonitor {
             requirement: of_episodes(&specification.requirement)?,
@@ -285,12 +337,12 @@ impl SpecificationMonitor {
             Some(known) if known.0 == samples => known,
             _ => (samples, decomposition(&self.formula, self.clock, samples)?),
         };
-        let found = self.requirement.monitor.parts(trace, &parts);
+        let found = self.requirement.monitor.monitor.parts(trace, &parts);
         self.parts = Some((length, parts));
         match found {
             Ok(parts) => Ok(parts.unwrap_or_default()),
             Err(MonitorError::Undefined { .. }) => Ok(Vec::new()),
-            Err(source) => Err(self.requirement.error(source)),
+            Err(source) => Err(self.requirement.monitor.error(source)),
         }
     }
 
@@ -313,7 +365,8 @@ impl SpecificationMonitor {
         let mut verdict = match self.verdict(trace, samples) {
             Err(RolloutError::Monitor { source: MonitorError::Undefined { step, .. }, .. }) => {
                 *end = EpisodeEnd::Undefined { step };
-                return Ok(Verdict { others: self.others(trace, samples)?, ..Verdict::default() });
+                let (others, other_vacuities) = self.others(trace, samples)?;
+                return Ok(Verdict { others, other_vacuities, ..Verdict::default() });
             }
             verdict => verdict?,
         };
@@ -354,8 +407,8 @@ impl SpecificationMonitor {
             }
             None => None,
         };
-        let robustness = self.requirement.at_start(trace, samples)?;
-        let others = self.others(trace, samples)?;
+        let (robustness, vacuity) = self.requirement.at_start(trace, samples)?;
+        let (others, other_vacuities) = self.others(trace, samples)?;
         Ok(Verdict {
             robustness,
             success,
@@ -365,14 +418,21 @@ impl SpecificationMonitor {
             completion_step,
             parts: Vec::new(),
             others,
+            vacuity,
+            other_vacuities,
         })
     }
 
-    /// Returns the robustness of each other requirement. Where one is undefined, only its own value
-    /// is missing.
-    fn others(&mut self, trace: &Trace, samples: usize) -> Result<Vec<Option<f64>>, RolloutError> {
-        let value = |monitor: &mut FormulaMonitor| match monitor.at_start(trace, samples) {
-            Err(RolloutError::Monitor { source: MonitorError::Undefined { .. }, .. }) => Ok(None),
+    /// Returns the robustness of each other requirement, and why it asks nothing. Where one is
+    /// undefined, only its own value is missing.
+    #[expect(clippy::type_complexity, reason = "the two lists of a verdict")]
+    fn others(
+        &mut self,
+        trace: &Trace,
+        samples: usize,
+    ) -> Result<(Vec<Option<f64>>, Vec<Option<Vacuity>>), RolloutError> {
+        let value = |monitor: &mut RequirementMonitor| match monitor.at_start(trace, samples) {
+            Err(RolloutError::Monitor { source: MonitorError::Undefined { .. }, .. }) => Ok((None, None)),
             found => found,
         };
         self.others.iter_mut().map(value).collect()

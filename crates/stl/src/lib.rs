@@ -64,6 +64,7 @@ mod subformula;
 mod syntax;
 mod trace;
 mod until;
+mod vacuity;
 mod verdict;
 
 pub use clock::{Clock, TimeUnit};
@@ -83,4 +84,5 @@ pub use spelling::nearest;
 pub use subformula::SubformulaNode;
 pub use syntax::{Parameter, SyntaxBound, SyntaxKind, SyntaxNode};
 pub use trace::Trace;
+pub use vacuity::Vacuity;
 pub use verdict::{is_satisfied, is_violated};

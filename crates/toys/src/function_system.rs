@@ -68,11 +68,9 @@ impl FunctionSystem {
                 robustness,
                 success: robustness,
                 strict: robustness,
-                careful: None,
                 dangerous_steps: robustness.map(|rho| usize::from(is_violated(rho))),
                 completion_step: robustness.filter(|rho| is_satisfied(*rho)).map(|_| 1),
-                parts: Vec::new(),
-                others: Vec::new(),
+                ..Verdict::default()
             },
             reason: String::new(),
             total_reward: 0.0,

@@ -1,7 +1,10 @@
 """Requirements as tests: what :func:`requirement` states about a function, and how it is decided.
 It does not need pytest."""
 
+import contextlib
+import contextvars
 import dataclasses
+import functools
 import hashlib
 import json
 import os
@@ -9,8 +12,8 @@ import pathlib
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar, cast
 
 from typing_extensions import Unpack
 
@@ -19,7 +22,9 @@ from mishandle.ask.falsification import Falsification, falsify
 from mishandle.ask.simulations import regress
 from mishandle.base.files import write_text
 from mishandle.base.fingerprints import Watch
-from mishandle.errors import InvalidTypeError, InvalidValueError, MissingPackageError
+from mishandle.errors import (
+    InvalidStateError, InvalidTypeError, InvalidValueError, MissingPackageError
+)
 from mishandle.plots import close, plot_trace
 from mishandle.results import RegressionTest, Trial
 from mishandle.runs.documents import write_counterexample
@@ -33,6 +38,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 ATTRIBUTE = "__mishandle_requirement__"
 """Attribute of a function with a requirement."""
+
+_is_tested = contextvars.ContextVar("_is_tested", default=False)
+"""Whether the next call of a function with a requirement is that of the plugin."""
 
 STATE = "state.json"
 KNOWN = "known"
@@ -94,7 +102,8 @@ def requirement(
     """States a requirement that pytest tests: a search tries to violate it.
 
     The decorated function returns the system, and can use fixtures and parameters. It returns
-    nothing if ``target`` is given.
+    nothing if ``target`` is given. It raises an error unless the plugin for pytest calls it: a
+    method of ``unittest.TestCase`` fails, because nothing would be simulated.
 
     Parameters
     ----------
@@ -134,10 +143,32 @@ def requirement(
     )
 
     def decorate(function: Function) -> Function:
-        setattr(function, ATTRIBUTE, found)
-        return function
+        @functools.wraps(function)
+        def test(*args: Any, **kwargs: Any) -> Any:
+            if not _is_tested.get():
+                raise InvalidStateError(
+                    f"{function.__name__} has a requirement, which only the plugin for pytest "
+                    "tests, and this call would simulate nothing: run it with `pytest -p "
+                    "mishandle.pytest_plugin`; in a unittest.TestCase, write a function instead of "
+                    "a method, or call mishandle.falsify"
+                )
+            _is_tested.set(False)
+            return function(*args, **kwargs)
+
+        setattr(test, ATTRIBUTE, found)
+        return cast(Function, test)
 
     return decorate
+
+
+@contextlib.contextmanager
+def tested() -> Iterator[None]:
+    """Allows one call of a function with a requirement, whose result the caller tests."""
+    before = _is_tested.set(True)
+    try:
+        yield
+    finally:
+        _is_tested.reset(before)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -336,6 +367,18 @@ class Test:
                 f"no conclusion about {self._formula()}: {_ends(found)}; "
                 f"{why.removeprefix('no conclusion: ')}",
                 found.simulations
+            )
+        reasons = [
+            f"{each.name}: {each.asks_nothing}" for each in found.requirements or []
+            if each.asks_nothing is not None
+        ]
+        if not found.requirements and found.asks_nothing is not None:
+            reasons = [found.asks_nothing]
+        if reasons:
+            return Outcome(
+                False,
+                f"no conclusion about {self._formula()}: not violated: asks nothing: "
+                + "; ".join(reasons), found.simulations
             )
         least = min(
             trial.minimum_robustness for trial in found.trials

@@ -44,6 +44,8 @@ pub(in crate::run) fn falsification_result(
         restricted_mean_simulations: found.restricted_mean_simulations,
         smooth_region: None,
         failure_rate_bound: None,
+        asks_nothing: None,
+        warnings: Vec::new(),
         trials: found.trials.iter().map(|found| trial(facts, found)).collect(),
         requirements: None,
         reasons: None,

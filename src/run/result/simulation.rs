@@ -44,6 +44,11 @@ fn requirements(resolved: &ResolvedPlan, episode: &Episode) -> Option<Vec<Requir
             formula: formula.to_string(),
             robustness: robustness.map(Into::into),
             violated: robustness.map(is_violated),
+            asks_nothing: episode
+                .verdict
+                .other_vacuities
+                .get(index)
+                .and_then(|found| found.map(|found| found.reason(formula))),
         }
     };
     (!others.is_empty()).then(|| others.iter().enumerate().map(verdict).collect())

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
-use mishandle::results::{LogExplanations, LogVerdict};
+use mishandle::results::LogExplanations;
 use mishandle_text::plural;
 
 use crate::exit_status::ExitStatus;
@@ -44,7 +44,8 @@ Examples:
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
 the pipe gives the verdict of the whole log. docs/reference/json.md has the keys of a line.
 
-Exit code 1 means that a formula is violated at time 0; requirements with the severity `warning`
+Exit code 1 means that a formula is violated at time 0, 2 that a formula asks nothing of any log:
+the first sample decides it, or its premise never holds. Requirements with the severity `warning`
 do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of
 formulas."
 )]
@@ -133,7 +134,6 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     if let Some(path) = &command.markdown {
         output::write_atomically(path, command.force, log_verdicts::markdown(verdicts).as_bytes())?;
     }
-    let fails = verdicts.iter().any(LogVerdict::fails);
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
     let note = cut.filter(|_| !command.json).map(|cut| {
         let samples = cut.samples.map(|samples| format!(", which has {}", plural(samples, "sample")));
@@ -156,7 +156,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         output::message(&note);
     }
     log_question::check_all(without, sources.len())?;
-    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+    log_question::status_of(verdicts.iter())
 }
 
 /// Explains the verdicts, worst first.
@@ -167,7 +167,7 @@ fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
         Ok(())
     })?;
     mishandle_logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
-    let fails = found.iter().any(|(explained, _)| explained.verdict.fails());
+    let status = log_question::status_of(found.iter().map(|(explained, _)| &explained.verdict));
     if is_json {
         let explanations = found.into_iter().map(|(explained, _)| explained).collect();
         output::json(&LogExplanations { explanations })?;
@@ -177,5 +177,5 @@ fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
         output::line(&texts.join("\n\n\n"))?;
     }
     log_question::check_all(without, question.sources.len())?;
-    Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done })
+    status
 }

@@ -12,7 +12,7 @@ use mishandle_text::plural;
 use super::question::Asked;
 use super::{ExitStatus, control_flow};
 use crate::show::progress::Bar;
-use crate::show::{evaluation, falsification, margin, metamorphic, mode_survey, output, risk};
+use crate::show::{escape, evaluation, falsification, margin, metamorphic, mode_survey, output, risk};
 
 /// Prints the answer of a question.
 pub fn show(mut asked: Asked, as_json: bool) -> Result<ExitStatus> {
@@ -93,7 +93,22 @@ fn of_evaluation(asked: &Asked, found: &Evaluation, as_json: bool) -> Result<Exi
         counted.is_empty() || counted.iter().any(|point| point.has_verdict()),
         "no simulation at the corners and the center of the initial box has a verdict, so they were not tested"
     );
-    Ok(ExitStatus::Done)
+    asks_something(asked)?;
+    // Beside one that asks nothing, a violation is the conclusion.
+    let named = found.requirements.iter().flatten();
+    let is_violated = named.clone().any(|requirement| requirement.violated > 0);
+    let asks_nothing = named.into_iter().any(|requirement| requirement.asks_nothing.is_some());
+    Ok(if is_violated && asks_nothing { ExitStatus::Violated } else { ExitStatus::Done })
+}
+
+/// Checks that each requirement asks something.
+///
+/// # Errors
+/// If one asks nothing, and none is violated.
+fn asks_something(asked: &Asked) -> Result<()> {
+    let reasons = asked.answer.asks_nothing();
+    ensure!(reasons.is_empty(), "not violated: asks nothing: {}", escape::name(&reasons.join("; ")));
+    Ok(())
 }
 
 /// Prints the answer of `falsify`.
@@ -127,6 +142,7 @@ fn of_falsification(asked: &Asked, found: &Falsification, as_json: bool) -> Resu
         "no simulation has a verdict, so the controller was not tested; the run file contains the end of each simulation"
     );
     if found.falsified_trials == 0 {
+        asks_something(asked)?;
         return Ok(if is_violated { ExitStatus::Violated } else { ExitStatus::Done });
     }
     output::message(&format!("Replay the first counterexample: mishandle replay {}", asked.name));

@@ -3,15 +3,16 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use mishandle::plan::LogSettings;
 use mishandle::results::{LogExplanation, LogVerdict, Severity};
 use mishandle_logs::{Evaluation, NamedSamples, Options, Requirement, Source};
 use mishandle_text::plural;
 
 use super::logs::{self, Unparsed};
+use crate::exit_status::ExitStatus;
 use crate::flags::LogQuestion;
-use crate::show::output;
+use crate::show::{escape, output};
 
 /// Formulas, and the logs that they are about.
 pub struct Question<'a> {
@@ -148,6 +149,44 @@ impl Question<'_> {
         }
         Ok(errors.len())
     }
+}
+
+/// Returns the exit status of verdicts, one of which can fail: each with its requirement and the
+/// reason for which it asks nothing.
+///
+/// # Errors
+/// If none fails, and a requirement that is no warning asks nothing of any log.
+pub fn status<'a>(
+    fails: bool,
+    found: impl IntoIterator<Item = (String, Severity, Option<&'a str>)>,
+) -> Result<ExitStatus> {
+    if fails {
+        return Ok(ExitStatus::Violated);
+    }
+    let mut reasons: BTreeMap<String, Option<&str>> = BTreeMap::new();
+    for (requirement, severity, reason) in found {
+        let reason = reason.filter(|_| severity != Severity::Warning);
+        let known = reasons.entry(requirement).or_insert(reason);
+        *known = known.and(reason);
+    }
+    let first = reasons.iter().find_map(|(requirement, reason)| Some((requirement, (*reason)?)));
+    if let Some((requirement, reason)) = first {
+        bail!("{} is satisfied and asks nothing: {}", escape::name(requirement), escape::name(reason));
+    }
+    Ok(ExitStatus::Done)
+}
+
+/// Returns the exit status of verdicts on logs.
+///
+/// # Errors
+/// As for [`status`].
+pub fn status_of<'a>(verdicts: impl Iterator<Item = &'a LogVerdict> + Clone) -> Result<ExitStatus> {
+    let fails = verdicts.clone().any(LogVerdict::fails);
+    let found = verdicts.map(|found| {
+        let name = found.name.clone().unwrap_or_else(|| found.formula.clone());
+        (name, found.severity, found.asks_nothing.as_deref())
+    });
+    status(fails, found)
 }
 
 /// Returns the error if logs or requirements have no verdict.

@@ -79,8 +79,12 @@ pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Resu
     for Unparsed { name, text, severity, unit, description, units } in written {
         let formula = formula(name.as_deref(), &text, log, options)?;
         output::warn_about(&formula);
-        start_traps(&formula).iter().for_each(warn_of_start);
-        requirements.push(Requirement { name, formula, severity, unit, description, units });
+        let traps = start_traps(&formula);
+        for trap in &traps {
+            output::message(&format!("{}: {}", trap.severity, escape::name(&trap.at_start())));
+        }
+        let traps = traps.iter().map(FormulaTrap::at_start).collect();
+        requirements.push(Requirement { name, formula, severity, unit, description, units, traps });
     }
     let reads = |signal: &str| {
         requirements.iter().any(|found: &Requirement| found.formula.signals().contains(&signal))
@@ -91,18 +95,6 @@ pub fn parsed(written: Vec<Unparsed>, log: &[Source], options: &Options) -> Resu
         bail!("[units] names `{signal}`, which no formula reads");
     }
     Ok(requirements)
-}
-
-/// Says that only the first sample counts, and what to write instead.
-fn warn_of_start(trap: &FormulaTrap) {
-    let instead =
-        trap.instead.as_ref().map(|instead| format!("; for other samples, write {}", escape::name(instead)));
-    output::message(&format!(
-        "{}: {}{}",
-        trap.severity,
-        escape::name(&trap.why),
-        instead.unwrap_or_default()
-    ));
 }
 
 /// Parses a formula, with a hint about the names in the log.

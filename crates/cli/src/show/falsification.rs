@@ -155,6 +155,9 @@ fn trials_text(found: &Falsification) -> String {
             percent(bound)
         ));
     }
+    if let (0, Some(reason)) = (found.falsified_trials, &found.asks_nothing) {
+        text.push_str(&format!("\nnot violated: asks nothing: {}", escape::name(reason)));
+    }
     text.push_str(&counterexample_text(found));
     text.push_str(&physics::count_text(found.trials.iter().filter_map(|trial| trial.physics.as_ref())));
     if has_repeats {

@@ -1,6 +1,6 @@
 //! Verdicts on recorded logs: as text, Markdown and JUnit.
 
-use mishandle::results::{LogVerdict, Number, Severity};
+use mishandle::results::{LogVerdict, Number};
 use mishandle_text::{number_text, xml_text};
 
 use super::{escape, output};
@@ -18,9 +18,9 @@ pub fn shown(found: &[LogVerdict], has_logs: bool) -> String {
 
 /// Returns the verdict as text: when the formula is violated, how long, and by which part.
 pub fn text(found: &LogVerdict) -> String {
-    let verdict = if found.violated { "violated" } else { "satisfied" };
-    let mut lines =
-        vec![format!("robustness {} at time 0: {verdict}", number_text(found.robustness.0 + 0.0))];
+    let robustness = number_text(found.robustness.0 + 0.0);
+    let mut lines = vec![format!("robustness {robustness} at time 0: {}", found.words())];
+    lines.extend(found.asks_nothing.as_ref().map(|reason| format!("asks nothing: {}", escape::name(reason))));
     // A part can be violated although the formula is not, where the formula has an `or`.
     if found.violated {
         for violation in found.violations.iter().take(LISTED) {
@@ -54,7 +54,16 @@ pub fn instant(sample: usize, time: f64) -> String {
 
 /// Returns the table of several verdicts.
 fn table(found: &[LogVerdict], has_logs: bool) -> String {
-    output::table(&rows(found, has_logs))
+    output::table(&rows(found, has_logs)) + &reasons(found)
+}
+
+/// Returns a line for each of the first verdicts that ask nothing.
+fn reasons(found: &[LogVerdict]) -> String {
+    let reason = |verdict: &LogVerdict| {
+        let reason = escape::name(verdict.asks_nothing.as_ref()?);
+        Some(format!("\n{} asks nothing: {reason}", title(verdict)))
+    };
+    found.iter().filter_map(reason).take(LISTED).collect()
 }
 
 fn rows(found: &[LogVerdict], has_logs: bool) -> Vec<Vec<String>> {
@@ -67,16 +76,15 @@ fn rows(found: &[LogVerdict], has_logs: bool) -> Vec<Vec<String>> {
     };
     rows.push(kept(head.map(String::from)));
     for verdict in found {
-        let state = match (verdict.violated, verdict.severity) {
-            (true, Severity::Warning) => "violated (warning)",
-            (true, Severity::Critical | Severity::Error) => "violated",
-            (false, _) => "satisfied",
-        };
         let first = verdict.violations.first().filter(|_| verdict.violated);
         rows.push(kept([
             escape::name(&verdict.log),
             escape::name(verdict.name.as_deref().unwrap_or("-")),
-            state.to_string(),
+            if verdict.violated && !verdict.fails() {
+                format!("{} ({})", verdict.words(), verdict.severity)
+            } else {
+                verdict.words().to_string()
+            },
             number_text(verdict.robustness.0 + 0.0),
             first.map_or("-".to_string(), |violation| at(violation.start, violation.start_sample)),
             total(verdict).unwrap_or_else(|| "-".to_string()),
@@ -180,8 +188,9 @@ pub fn junit(found: &[LogVerdict]) -> String {
     for log in logs {
         let cases: Vec<&LogVerdict> = found.iter().filter(|verdict| verdict.log == log).collect();
         let failures = cases.iter().copied().filter(|case| case.fails()).count();
+        let skipped = cases.iter().filter(|case| case.asks_nothing.is_some()).count();
         text += &format!(
-            "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failures}\">\n",
+            "  <testsuite name=\"{}\" tests=\"{}\" failures=\"{failures}\" skipped=\"{skipped}\">\n",
             xml_text(log),
             cases.len()
         );
@@ -189,16 +198,19 @@ pub fn junit(found: &[LogVerdict]) -> String {
             let name = xml_text(case.name.as_deref().unwrap_or(&case.formula));
             text += &format!("    <testcase classname=\"{}\" name=\"{name}\">\n", xml_text(log));
             let message = format!("{}\n{}", case.formula, self::text(case));
-            if case.fails() {
-                let summary = format!("robustness {}", number_text(case.robustness.0));
-                text += &format!(
-                    "      <failure message=\"{}\">{}</failure>\n",
-                    xml_text(&summary),
-                    xml_text(&message)
-                );
-            } else {
-                text += &format!("      <system-out>{}</system-out>\n", xml_text(&message));
-            }
+            let robustness = format!("robustness {}", number_text(case.robustness.0));
+            let element = match &case.asks_nothing {
+                _ if case.fails() => Some(("failure", robustness)),
+                Some(reason) => Some(("skipped", format!("{}: {reason}", case.words()))),
+                None => None,
+            };
+            let message = xml_text(&message);
+            text += &match element {
+                Some((name, summary)) => {
+                    format!("      <{name} message=\"{}\">{message}</{name}>\n", xml_text(&summary))
+                }
+                None => format!("      <system-out>{message}</system-out>\n"),
+            };
             text += "    </testcase>\n";
         }
         text += "  </testsuite>\n";

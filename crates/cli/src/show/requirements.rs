@@ -15,13 +15,23 @@ pub fn text(found: Option<&[Requirement]>) -> String {
         let place = requirement.trial.zip(requirement.simulation);
         rows.push(vec![
             escape::name(&requirement.name).to_string(),
-            format!("{} of {}", requirement.violated, requirement.simulations),
+            requirement.violated_text(),
             requirement.minimum_robustness.map_or("-".to_string(), |least| decimal(least.0, 4)),
             place.map_or("-".to_string(), |(trial, number)| format!("trial {trial}, simulation {number}")),
             escape::name(&requirement.formula).to_string(),
         ]);
     }
-    format!("\n\n{}", output::table(&rows))
+    format!("\n\n{}{}", output::table(&rows), reasons(found, |found| (&found.name, &found.asks_nothing)))
+}
+
+/// Returns a line for each requirement that asks nothing.
+fn reasons<T>(found: &[T], reason: impl Fn(&T) -> (&String, &Option<String>)) -> String {
+    let line = |found: &T| {
+        let (name, reason) = reason(found);
+        let reason = escape::name(reason.as_ref()?);
+        Some(format!("\n{} asks nothing: {reason}", escape::name(name)))
+    };
+    found.iter().filter_map(line).collect()
 }
 
 /// Returns a table of the verdicts of requirements on one trace, after an empty line; nothing
@@ -33,6 +43,7 @@ pub fn verdicts_text(found: Option<&[RequirementVerdict]>) -> String {
     for requirement in found {
         let verdict = match requirement.violated {
             Some(true) => "violated",
+            Some(false) if requirement.asks_nothing.is_some() => "satisfied: asks nothing",
             Some(false) => "satisfied",
             None => "no verdict",
         };
@@ -43,5 +54,5 @@ pub fn verdicts_text(found: Option<&[RequirementVerdict]>) -> String {
             escape::name(&requirement.formula).to_string(),
         ]);
     }
-    format!("\n\n{}", output::table(&rows))
+    format!("\n\n{}{}", output::table(&rows), reasons(found, |found| (&found.name, &found.asks_nothing)))
 }

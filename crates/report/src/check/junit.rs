@@ -30,7 +30,7 @@ fn element(found: &Check, cell: &CheckCell) -> Option<&'static str> {
     match cell.verdict {
         _ if found.fails(cell) => Some("failure"),
         _ if found.is_open(cell) => Some("error"),
-        CheckVerdict::NotApplicable | CheckVerdict::NoVerdict => Some("skipped"),
+        CheckVerdict::NotApplicable | CheckVerdict::NoVerdict | CheckVerdict::AsksNothing => Some("skipped"),
         _ => None,
     }
 }

@@ -17,15 +17,11 @@ pub fn summary(found: &Check) -> String {
         };
         format!("{} {verdict}{mark}", found.count(verdict))
     };
-    let counts = [
-        CheckVerdict::Violated,
-        CheckVerdict::NotViolated,
-        CheckVerdict::NoVerdict,
-        CheckVerdict::NotApplicable,
-    ]
-    .map(count)
-    .join(", ");
-    format!("{}: {counts}", plural(found.cells.len() as u64, "verdict"))
+    // Only requirements that are not well written ask nothing.
+    let is_shown =
+        |verdict: &CheckVerdict| *verdict != CheckVerdict::AsksNothing || found.count(*verdict) > 0;
+    let counts: Vec<String> = CheckVerdict::ALL.iter().copied().filter(is_shown).map(count).collect();
+    format!("{}: {}", plural(found.cells.len() as u64, "verdict"), counts.join(", "))
 }
 
 /// Returns the matrix and the evidence in Markdown.

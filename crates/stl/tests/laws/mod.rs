@@ -13,3 +13,4 @@ mod parts;
 mod random_signals;
 mod spans;
 mod statements;
+mod vacuity;

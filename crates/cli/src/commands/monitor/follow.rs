@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use mishandle::plan::Settings;
 use mishandle::results::{FirstViolation, MonitorChange, MonitorEvent, Number, Severity};
-use mishandle::stl::Formula;
+use mishandle::stl::{Formula, Vacuity};
 use mishandle_logs::{Answer, Follow, Following, LogError, Next, Requirement, Watch, Watched};
 use mishandle_text::plural;
 
@@ -22,6 +22,10 @@ const WAIT: Duration = Duration::from_millis(50);
 struct Followed<'a> {
     requirement: &'a Requirement,
     watch: Watch,
+    /// Its formula where it asks nothing, without an implication `None`.
+    vacuous: Option<Watch>,
+    /// Why it is satisfied and asks nothing.
+    asks_nothing: Option<String>,
     /// The last answer that was printed.
     known: Answer,
 }
@@ -56,6 +60,7 @@ fn follow(
                     MonitorEvent::Interrupted,
                     requirement,
                     &Answer::UNKNOWN,
+                    None,
                     0,
                     &follow,
                 ))?;
@@ -70,9 +75,18 @@ fn follow(
             continue;
         }
         // Each has its own monitor, so that an error of one takes no verdict from the others.
-        let watched = [Watched { formula: requirement.formula.clone(), unit: requirement.unit }];
-        match Watch::new(&watched, follow.signals(), settings.log.period, settings.log.strict_horizon) {
-            Ok(watch) => followed.push(Followed { requirement, watch, known: Answer::UNKNOWN }),
+        let watch = |formula: Formula| {
+            let watched = [Watched { formula, unit: requirement.unit }];
+            Watch::new(&watched, follow.signals(), settings.log.period, settings.log.strict_horizon)
+        };
+        match watch(requirement.formula.clone()) {
+            Ok(found) => followed.push(Followed {
+                requirement,
+                watch: found,
+                vacuous: requirement.formula.vacuous().and_then(|formula| watch(formula).ok()),
+                asks_nothing: None,
+                known: Answer::UNKNOWN,
+            }),
             // A choice that the command line lacks is not missing in one requirement alone.
             Err(error) if error.is_undecided() => return Err(error.into()),
             Err(error) => errors.push((index, error)),
@@ -95,16 +109,18 @@ fn follow(
         let mut index = 0;
         while next != Next::Waiting && index < followed.len() {
             let count = followed.len();
-            let Followed { requirement, watch, known } = &mut followed[index];
+            let Followed { requirement, watch, vacuous, asks_nothing, known } = &mut followed[index];
             if known.verdict.is_some() {
                 index += 1;
                 continue;
             }
-            let pushed = match next {
+            let push = |watch: &mut Watch| match next {
                 Next::Sample => watch.push(follow.sample(), follow.time()),
                 _ => watch.finish(),
             };
-            if let Err(error) = pushed {
+            // An error of the formula is one of its own, too.
+            vacuous.take_if(|watch| push(watch).is_err());
+            if let Err(error) = push(watch) {
                 if count == 1 {
                     return Err(error.into());
                 }
@@ -121,7 +137,14 @@ fn follow(
                 None => continue,
             };
             known.clone_from(answer);
-            output::json_line(&change(event, requirement, answer, samples, &follow))?;
+            let holds = |watch: &Watch| watch.answer(0).verdict == Some(true);
+            let vacuity = match answer.verdict {
+                Some(true) if samples == 1 && next == Next::Sample => Some(Vacuity::FirstSample),
+                Some(true) if vacuous.as_ref().is_some_and(holds) => Some(Vacuity::Premise),
+                _ => None,
+            };
+            *asks_nothing = vacuity.map(|found| found.reason(&requirement.formula));
+            output::json_line(&change(event, requirement, answer, asks_nothing.clone(), samples, &follow))?;
         }
         let is_violated = |found: &Followed<'_>| {
             found.requirement.severity != Severity::Warning && found.known.verdict == Some(false)
@@ -131,7 +154,12 @@ fn follow(
         if is_decided || next == Next::End || (fails && !asked.keep_going) {
             notes(&followed, samples, &follow);
             log_question::check_all(Without::requirements(without), 1)?;
-            return Ok(if fails { ExitStatus::Violated } else { ExitStatus::Done });
+            let reasons = followed.iter().map(|found| {
+                let Requirement { name, formula, severity, .. } = found.requirement;
+                let name = name.clone().unwrap_or_else(|| formula.to_string());
+                (name, *severity, found.asks_nothing.as_deref())
+            });
+            return log_question::status(fails, reasons);
         }
         if interrupt::requested() {
             for found in followed.iter().filter(|found| found.known.verdict.is_none()) {
@@ -140,6 +168,7 @@ fn follow(
                     MonitorEvent::Interrupted,
                     found.requirement,
                     answer,
+                    None,
                     samples,
                     &follow,
                 ))?;
@@ -154,6 +183,7 @@ fn change(
     event: MonitorEvent,
     requirement: &Requirement,
     answer: &Answer,
+    asks_nothing: Option<String>,
     samples: usize,
     follow: &Follow,
 ) -> MonitorChange {
@@ -166,6 +196,7 @@ fn change(
         low: answer.bounds.low.into(),
         high: answer.bounds.high.into(),
         violated: answer.verdict.map(|is_satisfied| !is_satisfied),
+        asks_nothing,
         violation: answer.violation.as_ref().map(|violation| FirstViolation {
             formula: violation.formula.clone(),
             sample: violation.sample as u64,

@@ -1,0 +1,187 @@
+//! Requirements that hold whatever the controller does: each front says so, in each of its formats,
+//! and none counts them as evidence.
+
+use serde_json::Value;
+
+use crate::bench::{Bench, text};
+
+/// What is known of a requirement in each simulation of `toy/car-following`: gap and speed begin at
+/// 15 or more, the speed is never negative, and no gap is below -50 m or above 500 m.
+#[derive(Clone, Copy, PartialEq)]
+enum Truth {
+    /// It holds, and asks nothing for this reason.
+    Nothing(&'static str),
+    /// It holds, and another trace could violate it.
+    Something,
+    Violated,
+}
+
+use Truth::{Nothing, Something, Violated};
+
+const FIRST: &str = "the first sample alone satisfies it";
+
+const FORMULAS: [(&str, Truth); 14] = [
+    ("gap >= 2", Nothing(FIRST)),
+    ("historically(gap >= 2)", Nothing(FIRST)),
+    ("gap >= 2 and speed >= 2", Nothing(FIRST)),
+    ("eventually(gap >= 2)", Nothing(FIRST)),
+    ("gap <= -60 implies always(speed <= 0)", Nothing(FIRST)),
+    ("eventually(gap <= -60 implies speed <= 0)", Nothing(FIRST)),
+    ("always(gap <= -60 implies speed <= 0)", Nothing("its premise `gap <= -60` does not hold")),
+    ("always(gap <= -60 implies eventually[0:1s](speed <= 0))", Nothing("its premise")),
+    ("always(speed >= 0 implies (gap <= -60 implies speed <= 0))", Nothing("its premises do not hold")),
+    ("always((gap <= -60 implies speed <= 0) and (gap <= -70 implies speed <= 0))", Nothing("its premises")),
+    ("always(gap >= -50)", Something),
+    ("always(speed >= 0 implies gap >= -50)", Something),
+    ("always((gap <= -60 implies speed <= 0) and gap >= -50)", Something),
+    ("always(gap >= 1000)", Violated),
+];
+
+const SIZE: &str = "--episodes 5 --budget 5 --seed 2";
+
+/// Runs a command with and without `--json`, and compares exit code, text and document.
+#[track_caller]
+fn asks(bench: &Bench, command: &str, truth: Truth, violated: i32, found: impl Fn(&Value) -> Option<String>) {
+    let code = match truth {
+        Nothing(_) => 2,
+        Something => 0,
+        Violated => violated,
+    };
+    let output = bench.run(&command.replace("OUT", "text"));
+    let shown = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(code), "{command}\n{shown}\n{}", text(&output.stderr));
+    let document = bench.json(&format!("{} --json", command.replace("OUT", "json")), code);
+    let reason = found(&document);
+    match truth {
+        Nothing(part) => {
+            assert!(shown.contains("asks nothing") && shown.contains(part), "{command}\n{shown}");
+            assert!(reason.as_ref().is_some_and(|reason| reason.contains(part)), "{command}\n{reason:?}");
+        }
+        Something | Violated => {
+            assert!(!shown.contains("asks nothing"), "{command}\n{shown}");
+            assert_eq!(reason, None, "{command}");
+        }
+    }
+}
+
+/// Compares the files that a command wrote.
+fn files_say(bench: &Bench, names: &[&str], truth: Truth) {
+    for name in names {
+        let content = std::fs::read_to_string(bench.path(name)).unwrap();
+        assert_eq!(content.to_lowercase().contains("asks nothing"), matches!(truth, Nothing(_)), "{name}");
+    }
+}
+
+#[test]
+fn a_verdict_that_asks_nothing_says_so_everywhere_and_is_no_evidence() {
+    let reason = |value: &Value| value["asks_nothing"].as_str().map(String::from);
+    for (formula, truth) in FORMULAS {
+        let bench = Bench::new();
+        bench.write("set.toml", &format!("[[requirement]]\nname = \"R\"\nformula = \"{formula}\"\n"));
+        let check = format!("check toy/car-following --requirements set.toml {SIZE} --out OUT");
+        let verdict = match truth {
+            Nothing(_) => "not violated: asks nothing",
+            Something => "not violated",
+            Violated => "violated",
+        };
+        asks(&bench, &check, truth, 1, |found| {
+            let cell = &found["cells"][0];
+            assert_eq!(cell["verdict"], verdict, "{formula}");
+            cell["evidence"].as_str().filter(|text| text.contains("asks nothing")).map(String::from)
+        });
+        files_say(
+            &bench,
+            &["text/report.html", "text/report.md", "text/junit.xml", "json/check.json"],
+            truth,
+        );
+        let named = format!("toy/car-following --requirement 'R={formula}'");
+        let first = |found: &Value| reason(&found["requirements"][0]);
+        asks(&bench, &format!("evaluate {named} --episodes 5 --out OUT.sqlite"), truth, 0, first);
+        bench.check("report text.sqlite --out page.html --markdown page.md", 0);
+        files_say(&bench, &["page.html", "page.md"], truth);
+        let search = "--search random --trials 1 --budget 5 -k falsify.isolate=false -k report.repeats=0";
+        asks(&bench, &format!("falsify {named} {search} --out named-OUT.sqlite"), truth, 1, first);
+        let alone =
+            format!("falsify toy/car-following --formula '{formula}' {search} --out alone-OUT.sqlite");
+        asks(&bench, &alone, truth, 1, reason);
+        bench.check("report alone-text.sqlite --out page.html --force", 0);
+        // The checks before a search also name a part that asks nothing.
+        let page = std::fs::read_to_string(bench.path("page.html")).unwrap();
+        assert_eq!(page.contains("They ask nothing"), matches!(truth, Nothing(_)), "{formula}");
+        bench.check("simulate toy/car-following --trace log.csv", 0);
+        let monitor = format!("monitor --formula '{formula}' log.csv");
+        asks(&bench, &monitor, truth, 1, |found| {
+            assert_eq!(reason(found), reason(&found["verdicts"][0]), "{formula}");
+            reason(found)
+        });
+        asks(&bench, &format!("monitor --requirements set.toml log.csv"), truth, 1, |found| {
+            reason(&found["requirements"][0])
+        });
+        let logs = format!("report --log log.csv --formula '{formula}' --out log.html --force");
+        bench.check(&logs, 0);
+        files_say(&bench, &["log.html"], truth);
+    }
+}
+
+/// The same answer comes while the log is written, and of several logs, one that asks is enough.
+#[test]
+fn a_log_that_asks_nothing_is_no_evidence_and_another_one_can_be() {
+    let bench = Bench::new();
+    bench.write("quiet.csv", "time,force,stop\n0,1,0\n0.5,1,0\n1,1,0\n");
+    bench.write("stops.csv", "time,force,stop\n0,1,0\n0.5,1,1\n1,0,1\n");
+    bench.write("pushes.csv", "time,force,stop\n0,9,1\n0.5,9,1\n1,9,1\n");
+    bench.write("once.csv", "time,force,stop\n0,1,0\n");
+    let formula = "always(stop >= 1 implies force <= 2)";
+    for (logs, code) in
+        [("quiet", 2), ("stops", 0), ("quiet stops", 0), ("quiet pushes", 1), ("quiet quiet", 2), ("once", 0)]
+    {
+        let files: String = logs.split(' ').map(|log| format!(" {log}.csv")).collect();
+        let shown = text(&bench.run(&format!("monitor --formula '{formula}'{files}")).stdout);
+        assert_eq!(shown.contains("asks nothing"), logs.contains("quiet"), "{shown}");
+        let junit = "--junit v.xml --markdown v.md --force";
+        bench.check(&format!("monitor --formula '{formula}'{files} {junit}"), code);
+        let content = std::fs::read_to_string(bench.path("v.xml")).unwrap();
+        assert_eq!(content.matches("<skipped").count(), logs.matches("quiet").count(), "{content}");
+        let content = std::fs::read_to_string(bench.path("v.md")).unwrap();
+        assert_eq!(content.contains("satisfied: asks nothing"), logs.contains("quiet"), "{content}");
+    }
+    for (formula, log, code) in [
+        (formula, "quiet.csv", 2),
+        (formula, "stops.csv", 0),
+        (formula, "pushes.csv", 1),
+        ("force <= 2", "stops.csv", 2),
+        ("always(force <= 2)", "stops.csv", 0),
+    ] {
+        for flags in ["", "-k log.strict-horizon=true"] {
+            let follow = format!("monitor --follow -k monitor.idle=0.1 {flags} --formula '{formula}' {log}");
+            let shown = bench.check(&follow, code);
+            let line: Value = serde_json::from_str(shown.trim()).unwrap();
+            assert_eq!(line["asks_nothing"].is_string(), code == 2, "{line}");
+            bench.check(&format!("monitor {flags} --formula '{formula}' {log}"), code);
+        }
+    }
+    // A violated formula has the trap, too.
+    let found = bench.json("monitor --formula 'force <= 2' pushes.csv --json", 1);
+    let trap = found["verdicts"][0]["traps"][0].as_str().unwrap();
+    assert!(trap.contains("only the first sample counts") && trap.contains("always(force <= 2)"), "{trap}");
+}
+
+/// A warning stays one, and a violation of another requirement comes first.
+#[test]
+fn severities_and_violations_decide_the_exit_code() {
+    let bench = Bench::new();
+    let nothing = "[[requirement]]\nname = \"N\"\nformula = \"gap >= 2\"\n";
+    let violated = "[[requirement]]\nname = \"V\"\nformula = \"always(gap >= 1000)\"\n";
+    let warning = nothing.replace("\"N\"", "\"N\"\nseverity = \"warning\"");
+    bench.check("simulate toy/car-following --trace log.csv", 0);
+    for (number, (set, code)) in
+        [(nothing.to_string(), 2), (warning, 0), (format!("{nothing}{violated}"), 1)].into_iter().enumerate()
+    {
+        bench.write("set.toml", &set);
+        let check = format!("check toy/car-following --requirements set.toml {SIZE} --out checked-{number}");
+        bench.check(&check, code);
+        bench.check("monitor --requirements set.toml log.csv", code);
+    }
+    let both = "--requirement 'N=gap >= 2' --requirement 'V=always(gap >= 1000)'";
+    bench.check(&format!("evaluate toy/car-following {both} --episodes 5 --out e.sqlite"), 1);
+}

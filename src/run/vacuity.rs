@@ -1,0 +1,51 @@
+//! Formulas that hold in simulations and ask nothing of the controller.
+
+use mishandle_requirements::start_traps;
+use mishandle_results::{TrapSeverity, Vacuous};
+use mishandle_stl::{Formula, Vacuity};
+use mishandle_store::{RunFile, Simulation};
+
+use crate::error::MishandleError;
+use crate::run::rows::SEARCH_VACUITY;
+
+/// Adds the finding of a simulation, which a verdict of its row has.
+pub(super) fn count(vacuous: &mut Vacuous, row: &Simulation, column: Option<usize>) {
+    let code = column.and_then(|column| row.verdicts.get(column).copied().flatten()).unwrap_or(0.0);
+    match Vacuity::from_code(code as u8) {
+        Some(Vacuity::FirstSample) => vacuous.first_sample += 1,
+        Some(Vacuity::Premise) => vacuous.premise += 1,
+        None => {}
+    }
+}
+
+/// Returns why all simulations with a verdict of a formula ask nothing; `None` if one asks
+/// something, and without any.
+pub(crate) fn asks_nothing(formula: &str, vacuous: Vacuous, simulations: u64) -> Option<String> {
+    if simulations == 0 || vacuous.total() < simulations {
+        return None;
+    }
+    let formula = Formula::parse(formula).ok()?;
+    let given = [(vacuous.first_sample, Vacuity::FirstSample), (vacuous.premise, Vacuity::Premise)];
+    let given = given.into_iter().filter(|(count, _)| *count > 0);
+    let reasons: Vec<String> = given.map(|(_, found)| found.reason(&formula)).collect();
+    let traps = start_traps(&formula).into_iter().filter(|trap| trap.severity == TrapSeverity::Warning);
+    let instead = traps.filter(|_| vacuous.first_sample > 0).find_map(|trap| trap.instead);
+    let instead = instead.map_or(String::new(), |text| format!("; for other samples, write {text}"));
+    Some(reasons.join(", or ") + &instead)
+}
+
+/// Returns why no simulation of a search asks anything with the formula of the search itself.
+pub(super) fn of_search(run: &RunFile) -> Result<Option<String>, MishandleError> {
+    let header = run.header();
+    let column = header.verdicts.iter().position(|name| name == SEARCH_VACUITY);
+    let (mut vacuous, mut simulations) = (Vacuous::default(), 0);
+    for row in run.simulations() {
+        let row = row?;
+        simulations += u64::from(row.robustness.is_some());
+        count(&mut vacuous, &row, column);
+        if vacuous.total() < simulations {
+            return Ok(None);
+        }
+    }
+    Ok(asks_nothing(&header.formula, vacuous, simulations))
+}
