@@ -162,7 +162,7 @@ fn times_of(column: &str, kind: &str, values: &TimeArgument<'_>, options: &Optio
 #[pyfunction]
 pub fn monitor(
     py: Python<'_>,
-    formulas: Vec<(Option<String>, String)>,
+    formulas: Vec<(Option<String>, Py<PyFormula>)>,
     logs: Vec<(LogArgument<'_>, Vec<usize>)>,
     call: &str,
 ) -> PyResult<(String, String, Vec<String>)> {
@@ -172,18 +172,15 @@ pub fn monitor(
     if values && logs.len() > 1 {
         return Err(InvalidValueError::new_err("plan[\"monitor\"][\"values\"] is about one log; pass one"));
     }
-    let requirement = |(name, text): (Option<String>, String)| {
-        let formula = Formula::parse(&text).map_err(plain)?;
-        Ok(Requirement {
-            name,
-            formula,
-            severity: Severity::Error,
-            unit,
-            description: None,
-            units: BTreeMap::new(),
-        })
+    let requirement = |(name, formula): (Option<String>, Py<PyFormula>)| Requirement {
+        name,
+        formula: formula.get().formula.clone(),
+        severity: Severity::Error,
+        unit,
+        description: None,
+        units: BTreeMap::new(),
     };
-    let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
+    let requirements: Vec<Requirement> = formulas.into_iter().map(requirement).collect();
     let mut names: Vec<String> = logs.iter().map(|((name, ..), _)| name.clone()).collect();
     mishandle_logs::tell_apart(&mut names);
     let mut count = 0;

@@ -173,6 +173,27 @@ class Names(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "written in backquotes"):
             Formula("always(/arm/q <= 2)")
 
+    def test_each_question_refuses_letters_of_columns_and_formulas_without_signals(self):
+        columns = {"p": [1.0, 2.0], "X": [0.0, 0.0]}
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, "log.csv")
+            path.write_text("p,X\n1,0\n2,0\n")
+            for text, part in [
+                ("X(p >= 0)", "in backquotes for the signal: `X`"),
+                ("always(1 <= 2)", "reads no signal")
+            ]:
+                for name, ask in {
+                    "robustness": lambda: mishandle.robustness(text, columns),
+                    "signal": lambda: Formula(text).robustness_signal(columns),
+                    "columns": lambda: mishandle.monitor(text, columns),
+                    "file": lambda: mishandle.monitor(text, path),
+                    "words": lambda: mishandle.formula(text, columns),
+                    "online": lambda: mishandle.OnlineMonitor(text, ["p", "X"]),
+                }.items():
+                    with self.subTest(text=text, question=name):
+                        with self.assertRaisesRegex(ValueError, part):
+                            ask()
+
     def test_messages_show_no_invisible_characters(self):
         with self.assertRaisesRegex(ValueError, r"it has a\\u202eb\\n, größe$"):
             mishandle.robustness("always(zz <= 2)", {"a\u202eb\n": [1.0], "größe": [1.0]})

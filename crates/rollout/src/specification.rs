@@ -239,8 +239,8 @@ impl SpecificationMonitor {
     /// seconds.
     ///
     /// # Errors
-    /// If a requirement reads no signal, or a formula contains an unknown signal or an interval
-    /// bound that is not a multiple of the control step.
+    /// If a formula reads no signal, or contains an unknown signal or an interval bound that is not
+    /// a multiple of the control step.
     pub fn new(
         specification: &Specification,
         signals: &Arc<[String]>,
@@ -249,12 +249,8 @@ impl SpecificationMonitor {
         let clock = Clock::steps(control_dt);
         let monitor = |formula: &Formula| FormulaMonitor::new(formula, signals, clock);
         let optional = |formula: &Option<Formula>| formula.as_ref().map(monitor).transpose();
-        let of_episodes = |formula: &Formula| match formula.check_names(signals) {
-            Err(source) => Err(RolloutError::Monitor { formula: formula.to_string(), source }),
-            Ok(()) => monitor(formula),
-        };
         Ok(SpecificationMonitor {
-            requirement: of_episodes(&specification.requirement)?,
+            requirement: monitor(&specification.requirement)?,
             success: optional(&specification.success)?,
             strict: optional(&specification.strict)?,
             careful: optional(&specification.careful)?,
@@ -263,7 +259,7 @@ impl SpecificationMonitor {
             others: specification
                 .others
                 .iter()
-                .map(|(_, formula)| of_episodes(formula))
+                .map(|(_, formula)| monitor(formula))
                 .collect::<Result<_, _>>()?,
             formula: specification.requirement.clone(),
             clock,
