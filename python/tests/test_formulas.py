@@ -1,6 +1,8 @@
 """Tests of formulas on traces: sub-formula signals, thresholds, samples of a violation, data
 frames."""
 
+import pathlib
+import tempfile
 import unittest
 
 import mishandle

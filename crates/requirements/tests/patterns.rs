@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use mishandle_requirements::{Context, PATTERNS, describe, pattern, pattern_page};
+use mishandle_requirements::{Context, describe, pattern, pattern_page, patterns};
 use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 /// Start of the page of patterns.
@@ -17,7 +17,7 @@ unit (`2s`, `50ms`), or counts samples.
 
 #[test]
 fn each_pattern_tells_its_two_traces_apart() {
-    for pattern in PATTERNS {
+    for pattern in patterns() {
         let verdicts: Vec<bool> = pattern
             .examples()
             .unwrap_or_else(|error| panic!("{}: {error}", pattern.name))
@@ -68,7 +68,7 @@ fn the_page_is_that_of_the_table() {
 /// A pattern is not a trap: only notes are allowed, and `settling` is meant up to the end.
 #[test]
 fn the_formulas_of_patterns_have_no_warning() {
-    for pattern in PATTERNS {
+    for pattern in patterns() {
         let (formula, _) = pattern.fill(&pattern.shown_settings()).expect("the settings are complete");
         let context = Context { period: Some(1.0), ..Context::default() };
         let found = describe(&formula, &context).expect("a formula");

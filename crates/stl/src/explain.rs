@@ -35,11 +35,10 @@ impl Formula {
     /// # Example
     /// ```
     /// use mishandle_stl::{Clock, EvaluationTime, Formula};
-    /// let formula = Formula::parse("always[50:300](finger_target_distance <= 0.12)").unwrap();
-    /// let lines = formula.explain(&Clock::steps(1.0 / 60.0), EvaluationTime::Start, |_|
-    /// "m").unwrap(); assert_eq!(lines, ["at every step from 50 to 300 (0.83 s to 5 s):
-    /// finger_target_distance is at most 0.12 m"]); assert_eq!(formula.symbols().to_string(),
-    /// "□[50:300](finger_target_distance ≤ 0.12)");
+    /// let formula = Formula::parse("always[50:300](distance <= 0.12)").unwrap();
+    /// let lines = formula.explain(&Clock::steps(1.0 / 60.0), EvaluationTime::Start, |_| "m").unwrap();
+    /// assert_eq!(lines, ["at every step from 50 to 300 (0.83 s to 5 s): distance is at most 0.12 m"]);
+    /// assert_eq!(formula.symbols().to_string(), "□[50:300](distance ≤ 0.12)");
     /// ```
     pub fn explain<'a>(
         &self,

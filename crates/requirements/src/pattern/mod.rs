@@ -2,6 +2,7 @@
 
 mod page;
 mod table;
+mod templates;
 
 use mishandle_results::{
     Choice, FormulaExample, Key, ParameterKind, PatternParameter, Remedy, RequirementPattern,
@@ -13,7 +14,6 @@ use crate::lanes::draw_shown;
 use crate::tree::Tree;
 
 pub use page::page;
-pub use table::PATTERNS;
 
 /// A parameter of a pattern.
 #[derive(Clone, Copy, Debug)]
@@ -58,13 +58,37 @@ pub struct Pattern {
     pub shown: Shown,
 }
 
+/// Patterns of one kind.
+#[derive(Clone, Copy, Debug)]
+pub struct Family {
+    /// Heading of the kind.
+    pub title: &'static str,
+    /// What the patterns have in common.
+    pub text: &'static str,
+    /// The patterns.
+    pub patterns: &'static [Pattern],
+}
+
+/// All patterns.
+pub const FAMILIES: &[Family] = &[
+    Family { title: "Patterns", text: "Windows are cut at the end of the trace.", patterns: table::GENERAL },
+    templates::SCOPES,
+    templates::EARS_TEMPLATES,
+    templates::FRET_TEMPLATES,
+];
+
+/// Returns all patterns.
+pub fn patterns() -> impl Iterator<Item = &'static Pattern> {
+    FAMILIES.iter().flat_map(|family| family.patterns)
+}
+
 /// Returns the pattern with this name.
 ///
 /// # Errors
 /// If no pattern has it.
 pub fn pattern(name: &str) -> Result<&'static Pattern> {
-    PATTERNS.iter().find(|pattern| pattern.name == name).ok_or_else(|| {
-        let known: Vec<&str> = PATTERNS.iter().map(|pattern| pattern.name).collect();
+    patterns().find(|pattern| pattern.name == name).ok_or_else(|| {
+        let known: Vec<&str> = patterns().map(|pattern| pattern.name).collect();
         let hint = nearest(name, known.iter().copied()).map_or_else(
             || format!("choose from: {}", known.join(", ")),
             |near| format!("did you mean `{near}`?"),
