@@ -71,7 +71,12 @@ pub struct Family {
 
 /// All patterns.
 pub const FAMILIES: &[Family] = &[
-    Family { title: "Patterns", text: "Windows are cut at the end of the trace.", patterns: table::GENERAL },
+    Family {
+        title: "General",
+        text: "A window ends with the trace, if not before: what is due in it must have come, and what lasts must \
+               have held so far.",
+        patterns: table::GENERAL,
+    },
     templates::SCOPES,
     templates::EARS_TEMPLATES,
     templates::FRET_TEMPLATES,

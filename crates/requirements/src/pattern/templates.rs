@@ -96,16 +96,17 @@ macro_rules! within {
     };
 }
 
-/// The formula of a condition in a scope that ends with `end`: up to there, `body` holds.
+/// The formula of a condition that holds in a scope which `end` closes. Without `end`, the first
+/// two scopes require nothing.
 macro_rules! up_to_end {
     (before $body:literal) => {
-        concat!("(always(not {end})) or ((", $body, ") until {end})")
+        concat!("(always(not {end})) or ((", $body, ") unless {end})")
     };
     (between $body:literal) => {
         concat!(
             "always(({begin} and not {end}) implies ((always(not {end})) or ((",
             $body,
-            ") until {end})))"
+            ") unless {end})))"
         )
     };
     (after_until $body:literal) => {
@@ -122,7 +123,8 @@ pub(super) const SCOPES: Family = Family {
            opens none. Each sample of `begin` opens a scope, but with `after` only the first one. On a finite \
            trace, `before` and `between` require nothing if `end` does not follow, and other scopes end with \
            the trace. An existence or a response that is missing at the end of its scope is violated; absence, \
-           invariant and precedence are satisfied.",
+           invariant and precedence are satisfied. What must not happen before an event that may never come \
+           is `precedence`.",
     patterns: &[
         template!("absence-before", DWYER, within!(before "{p} does not hold."), up_to_end!(before "not {p}"),
             [p b"0001" b"0100", end b"0010" b"0010"]),
@@ -157,13 +159,13 @@ pub(super) const SCOPES: Family = Family {
             "always(({begin} and not {end}) implies ((not {end}) until ({p} and not {end})))",
             [begin b"010010" b"010010", end b"000100" b"000100", p b"001001" b"001000"]),
         template!("precedence-before", DWYER, within!(before "{q} does not hold before {p} has held."),
-            "(always(not {end})) or ((not {q}) until ({p} or {end}))",
+            "(always(not {end})) or ((not {q}) unless ({p} or {end}))",
             [p b"0100" b"0010", q b"0010" b"0100", end b"0001" b"0001"]),
         template!("precedence-after", DWYER, within!(after "{q} does not hold before {p} has held."),
             "(not {begin}) unless ({begin} and ((not {q}) unless {p}))",
             [begin b"0100" b"0100", p b"0010" b"1001", q b"1011" b"0010"]),
         template!("precedence-between", DWYER, within!(between "{q} does not hold before {p} has held."),
-            "always(({begin} and not {end}) implies ((always(not {end})) or ((not {q}) until ({p} or {end}))))",
+            "always(({begin} and not {end}) implies ((always(not {end})) or ((not {q}) unless ({p} or {end}))))",
             [begin b"01000" b"01000", end b"00001" b"00001", p b"00100" b"10000", q b"10010" b"00010"]),
         template!("precedence-after-until", DWYER, within!(after_until "{q} does not hold before {p} has held."),
             "always(({begin} and not {end}) implies ((not {q}) unless ({p} or {end})))",
@@ -171,13 +173,13 @@ pub(super) const SCOPES: Family = Family {
         template!("response-globally", DWYER, within!(globally "{q} follows each time of {p}."),
             "always({p} implies eventually {q})", [p b"0100" b"0100", q b"0001" b"1000"]),
         template!("response-before", DWYER, within!(before "{q} follows each time of {p}."),
-            up_to_end!(before "{p} implies ((not {end}) until ({q} and not {end}))"),
+            up_to_end!(before "{p} implies ((not {end}) unless ({q} and not {end}))"),
             [p b"10001" b"10000", q b"01000" b"00010", end b"00010" b"00010"]),
         template!("response-after", DWYER, within!(after "{q} follows each time of {p}."),
             "always(({p} and once {begin}) implies eventually {q})",
             [begin b"0100" b"0100", p b"1010" b"0010", q b"0001" b"0100"]),
         template!("response-between", DWYER, within!(between "{q} follows each time of {p}."),
-            up_to_end!(between "{p} implies ((not {end}) until ({q} and not {end}))"),
+            up_to_end!(between "{p} implies ((not {end}) unless ({q} and not {end}))"),
             [begin b"010010" b"010010", end b"000100" b"000100", p b"001001" b"001000", q b"001000" b"000100"]),
         template!("response-after-until", DWYER, within!(after_until "{q} follows each time of {p}."),
             up_to_end!(after_until "{p} implies ((not {end}) until ({q} and not {end}))"),
