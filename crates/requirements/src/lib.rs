@@ -40,7 +40,7 @@ pub use lanes::{draw, with_values};
 pub use mining::{
     MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine, parse_with_ranges,
 };
-pub use pattern::{FAMILIES, Family, Pattern, Shown, Slot, page as pattern_page, pattern, patterns};
+pub use pattern::{Pattern, Shown, Slot, page as pattern_page, pattern, patterns};
 pub use template::{TEMPLATES, template};
 pub use traps::start_traps;
 pub use units::unit_of;

@@ -12,7 +12,8 @@ const INTRODUCTION: &str = "# Patterns of requirements
 and draws it. This page is made from the table of the program, whose traces are tested.
 
 A condition is a formula, such as `x >= 1`. A signal may be arithmetic with signals, such as `abs(a - b)`. A time has a
-unit (`2s`, `50ms`), or counts samples.
+unit (`2s`, `50ms`), or counts samples. The samples of a trace, such as `x 0 0.5 1`, are 1 s apart. The samples of
+`p 0010` are 0, 0, 1 and 0, and the parameter of this name is `p >= 1`.
 ";
 
 #[test]

@@ -147,7 +147,7 @@ fn templates_have_the_verdicts_of_their_definitions() {
     let mut templates = 0;
     for pattern in patterns() {
         let mut counts = [0, 0];
-        for number in 0..2_000 {
+        for number in 0..500 {
             let n = 1 + random.below(9) as usize;
             let leaves_defaults = number % 4 == 0;
             let column = |random: &mut Sequence| (0..n).map(|_| random.below(2) == 0).collect::<Vec<bool>>();
@@ -168,7 +168,7 @@ fn templates_have_the_verdicts_of_their_definitions() {
             counts[usize::from(expected)] += 1;
         }
         templates += usize::from(counts != [0, 0]);
-        assert!(counts == [0, 0] || counts.iter().all(|count| *count > 50), "{}: {counts:?}", pattern.name);
+        assert!(counts == [0, 0] || counts.iter().all(|count| *count > 20), "{}: {counts:?}", pattern.name);
     }
     // 25 of Dwyer, 5 of EARS, 9 of FRET.
     assert_eq!(templates, 39);

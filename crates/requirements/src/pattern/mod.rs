@@ -58,19 +58,14 @@ pub struct Pattern {
     pub shown: Shown,
 }
 
-/// Patterns of one kind.
-#[derive(Clone, Copy, Debug)]
-pub struct Family {
-    /// Heading of the kind.
-    pub title: &'static str,
-    /// What the patterns have in common.
-    pub text: &'static str,
-    /// The patterns.
-    pub patterns: &'static [Pattern],
+/// Patterns with a heading of the reference page and what they have in common.
+struct Family {
+    title: &'static str,
+    text: &'static str,
+    patterns: &'static [Pattern],
 }
 
-/// All patterns.
-pub const FAMILIES: &[Family] = &[
+const FAMILIES: &[Family] = &[
     Family {
         title: "General",
         text: "A window ends with the trace, if not before: what is due in it must have come, and what lasts must \

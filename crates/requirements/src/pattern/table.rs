@@ -6,8 +6,8 @@ pub(super) const DWYER: &str = "Dwyer, Avrunin and Corbett, Patterns in Property
                      ICSE 1999";
 const KONRAD: &str = "Konrad and Cheng, Real-time Specification Patterns, ICSE 2005";
 const MALER: &str = "Maler and Nickovic, Monitoring Temporal Properties of Continuous Signals, FORMATS 2004";
-const BOUFAIED: &str = "Boufaied, Jukss, Bianculli, Briand and Isasi Parache, Signal-Based Properties of Cyber-Physical \
-                        Systems: Taxonomy and Logic-based Characterization, Journal of Systems and Software 174, 2021";
+const BOUFAIED: &str = "Boufaied et al., Signal-Based Properties of Cyber-Physical Systems, Journal of Systems and Software \
+                        174, 2021";
 const ROBOTS: &str = "usual in specifications of manipulators; no published pattern";
 
 pub(super) const fn condition(name: &'static str, meaning: &'static str) -> Slot {

@@ -240,8 +240,7 @@ pub(super) const FRET_TEMPLATES: Family = Family {
             [scope b"11111" b"11111", condition b"01000" b"01000", response b"01100" b"01000", stop b"00010" b"00010"]),
         template!("fret-before", FRET,
             "While {scope}, upon {condition}, {response} holds before the first time of {stop} from then on, if there is one.",
-            "always(rise({scope} and {condition}) implies ((not ({scope} and {stop})) unless (({response} and not {stop}) or \
-             not {scope})))",
+            "always(rise({scope} and {condition}) implies (({response} or not {scope}) release not ({scope} and {stop})))",
             [scope b"11111" b"11111", condition b"01000" b"01000", response b"00100" b"00010", stop b"00010" b"00010"]),
         template!("fret-within", FRET,
             "While {scope}, upon {condition}, {response} holds at some time from then to {duration} later.",
