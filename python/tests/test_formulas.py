@@ -175,11 +175,11 @@ class Names(unittest.TestCase):
 
     def test_each_question_refuses_letters_of_columns_and_formulas_without_signals(self):
         log = {"p": [1.0, 2.0], "X": [0.0, 0.0]}
-        for text, part in [
-            ("X(p >= 0)", "in backquotes for the signal: `X`"), ("always(1 <= 2)", "reads no signal")
-        ]:
+        refusals = {"X(p >= 0)": "backquotes for the signal: `X`", "always(1 <= 2)": "no signal"}
+        for text, part in refusals.items():
             for ask in [
-                lambda text: mishandle.robustness(text, log), lambda text: mishandle.monitor(text, log),
+                lambda text: mishandle.robustness(text, log),
+                lambda text: mishandle.monitor(text, log),
                 lambda text: Formula(text).robustness_signal(log),
                 lambda text: mishandle.formula(text, log),
                 lambda text: mishandle.OnlineMonitor(text, ["p", "X"])
