@@ -46,7 +46,7 @@ class Formula:
 
 class OnlineMonitor:
     def __new__(
-        cls, formulas: list[str], signals: list[str], period: float | None, samples: int | None
+        cls, formulas: list[Formula], signals: list[str], period: float | None, samples: int | None
     ) -> OnlineMonitor: ...
     @property
     def signals(self) -> list[str]: ...
@@ -88,7 +88,7 @@ TableColumns = tuple[str | None, NDArray[np.int64] | None, list[tuple[str, NDArr
 
 def log_keys(call: str) -> tuple[str | None, list[str]]: ...
 def monitor(
-    formulas: list[tuple[str | None, str]], logs: list[tuple[Log, list[int]]], call: str
+    formulas: list[tuple[str | None, Formula]], logs: list[tuple[Log, list[int]]], call: str
 ) -> tuple[str, str, list[str]]: ...
 def log_robustness(formula: Formula, log: Log, call: str, decided_only: bool) -> float | None: ...
 def describe_formula(

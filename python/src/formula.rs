@@ -57,9 +57,13 @@ impl PyFormula {
         self.formula.needs_period(false)
     }
 
-    /// Returns a hint for a trace that lacks signals of the formula.
-    fn hint(&self, names: Vec<String>) -> Option<String> {
-        self.formula.check_names(&names).err().and_then(|error| error.hint())
+    /// Checks the names of a trace, and returns a hint if it lacks signals of the formula.
+    fn hint(&self, names: Vec<String>) -> PyResult<Option<String>> {
+        match self.formula.check_names(&names) {
+            Ok(()) => Ok(None),
+            Err(error @ MonitorError::UnknownSignal { .. }) => Ok(error.hint()),
+            Err(error) => Err(plain(error)),
+        }
     }
 
     /// Returns the syntax tree, in the order of `subformulas`.

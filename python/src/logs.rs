@@ -163,7 +163,7 @@ fn times_of(column: &str, kind: &str, values: &TimeArgument<'_>, options: &Optio
 #[pyfunction]
 pub fn monitor(
     py: Python<'_>,
-    formulas: Vec<(Option<String>, String)>,
+    formulas: Vec<(Option<String>, Py<PyFormula>)>,
     logs: Vec<(LogArgument<'_>, Vec<usize>)>,
     call: &str,
 ) -> PyResult<(String, String, Vec<String>)> {
@@ -173,10 +173,10 @@ pub fn monitor(
     if values && logs.len() > 1 {
         return Err(InvalidValueError::new_err("plan[\"monitor\"][\"values\"] is about one log; pass one"));
     }
-    let requirement = |(name, text): (Option<String>, String)| {
-        let formula = Formula::parse(&text).map_err(plain)?;
+    let requirement = |(name, formula): (Option<String>, Py<PyFormula>)| {
+        let formula = formula.get().formula.clone();
         let traps = start_traps(&formula).iter().map(FormulaTrap::at_start).collect();
-        Ok(Requirement {
+        Requirement {
             name,
             formula,
             severity: Severity::Error,
@@ -184,9 +184,9 @@ pub fn monitor(
             description: None,
             units: BTreeMap::new(),
             traps,
-        })
+        }
     };
-    let requirements = formulas.into_iter().map(requirement).collect::<PyResult<Vec<_>>>()?;
+    let requirements: Vec<Requirement> = formulas.into_iter().map(requirement).collect();
     let mut names: Vec<String> = logs.iter().map(|((name, ..), _)| name.clone()).collect();
     mishandle_logs::tell_apart(&mut names);
     let mut count = 0;

@@ -5,7 +5,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyList, PyString, PyTuple};
 
-use crate::formula::clock;
+use crate::formula::{PyFormula, clock};
 use crate::{InvalidTypeError, InvalidValueError, plain};
 
 /// An online monitor and the sample that Python passes. `mishandle.OnlineMonitor` is a subclass, so
@@ -24,17 +24,13 @@ impl PyOnlineMonitor {
     #[pyo3(signature = (formulas, signals, period, samples))]
     fn new(
         py: Python<'_>,
-        formulas: Vec<String>,
+        formulas: Vec<Py<PyFormula>>,
         signals: Vec<String>,
         period: Option<f64>,
         samples: Option<usize>,
     ) -> PyResult<Self> {
-        let parsed = formulas.iter().map(|text| Formula::parse(text)).collect::<Result<Vec<_>, _>>();
-        let parsed = parsed.map_err(plain)?;
-        for formula in &parsed {
-            formula.check_names(&signals).map_err(plain)?;
-        }
-        let monitor = OnlineMonitor::new(&parsed, &signals, clock(period)?, samples).map_err(plain)?;
+        let formulas: Vec<Formula> = formulas.iter().map(|formula| formula.get().formula.clone()).collect();
+        let monitor = OnlineMonitor::new(&formulas, &signals, clock(period)?, samples).map_err(plain)?;
         Ok(PyOnlineMonitor {
             monitor,
             formulas: formulas.len(),

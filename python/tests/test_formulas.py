@@ -173,6 +173,20 @@ class Names(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "written in backquotes"):
             Formula("always(/arm/q <= 2)")
 
+    def test_each_question_refuses_letters_of_columns_and_formulas_without_signals(self):
+        log = {"p": [1.0, 2.0], "X": [0.0, 0.0]}
+        refusals = {"X(p >= 0)": "backquotes for the signal: `X`", "always(1 <= 2)": "no signal"}
+        for text, part in refusals.items():
+            for ask in [
+                lambda text: mishandle.robustness(text, log),
+                lambda text: mishandle.monitor(text, log),
+                lambda text: Formula(text).robustness_signal(log),
+                lambda text: mishandle.formula(text, log),
+                lambda text: mishandle.OnlineMonitor(text, ["p", "X"])
+            ]:
+                with self.assertRaisesRegex(ValueError, part):
+                    ask(text)
+
     def test_messages_show_no_invisible_characters(self):
         with self.assertRaisesRegex(ValueError, r"it has a\\u202eb\\n, größe$"):
             mishandle.robustness("always(zz <= 2)", {"a\u202eb\n": [1.0], "größe": [1.0]})

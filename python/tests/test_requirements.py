@@ -67,6 +67,11 @@ class TestMine(unittest.TestCase):
         time = mishandle.mine("eventually[0:T](force >= 4)", {"T": (0, 1.5, "s")}, LOGS)
         self.assertEqual(time.points[0].formula, "eventually[0s:1s](force >= 4)")
 
+    def test_no_value_is_mined_that_no_log_asks_for(self):
+        log = {"held": [0.0, 0.0], "force": [9.0, 9.0]}
+        found = mishandle.mine("always(held >= 1 implies force <= c)", {"c": (0, 50)}, log)
+        self.assertEqual((found.outcome, found.points, found.per_trace), ("no-support", (), ()))
+
     def test_mistakes(self):
         for parameters, part in [
             ({"force": (0, 1)}, "reads no signal"), ({"c": (1, 0)}, "lower one first")

@@ -163,6 +163,7 @@ fn errors_have_texts_and_the_monitor_stays_usable() {
     assert!(text.contains("always(x <"), "{text}");
     assert!(refused("y <= 1", X, 0.0).1.contains('y'));
     assert!(refused("always(1 <= 2)", X, 0.0).1.contains("reads no signal"));
+    assert!(refused("X(x <= 1)", &["x", "X"], 0.0).1.contains("backquotes for the signal"));
     assert!(refused("always[0:1s](x <= 1)", X, 0.0).1.contains("period"));
     assert!(refused("x <= 1", X, -1.0).1.contains("-1 s"));
     assert!(refused("x <= 1", X, f64::NAN).1.contains("NaN"));

@@ -5,7 +5,7 @@
 //!   implication whose condition can never hold.
 //! - [`draw`] says when each sub-formula holds on a trace, and [`find_examples`] searches for a
 //!   trace that satisfies a formula and one that violates it.
-//! - [`PATTERNS`] are requirements with names, such as `response`, and [`Pattern::fill`] makes a
+//! - [`patterns`] are requirements with names, such as `response`, and [`Pattern::fill`] makes a
 //!   formula of one.
 //! - [`mine`] finds the tightest values of the parameters of a formula for which traces satisfy it.
 //! - [`RequirementFile`] is a file of requirements: identifiers, formulas, severities, and the
@@ -40,7 +40,7 @@ pub use lanes::{draw, with_values};
 pub use mining::{
     MAX_POINTS, MiningQuestion, NamedTrace, ParameterRange, check_names, mine, parse_with_ranges,
 };
-pub use pattern::{PATTERNS, Pattern, Shown, Slot, page as pattern_page, pattern};
+pub use pattern::{Pattern, Shown, Slot, page as pattern_page, pattern, patterns};
 pub use template::{TEMPLATES, template};
 pub use traps::start_traps;
 pub use units::unit_of;

@@ -6,4 +6,5 @@ mod mining;
 mod patterns;
 #[path = "../../stl/tests/processor_time.rs"]
 mod processor_time;
+mod templates;
 mod traps;

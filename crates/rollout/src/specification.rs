@@ -291,8 +291,8 @@ impl SpecificationMonitor {
     /// seconds.
     ///
     /// # Errors
-    /// If a requirement reads no signal, or a formula contains an unknown signal or an interval
-    /// bound that is not a multiple of the control step.
+    /// If a formula reads no signal, or contains an unknown signal or an interval bound that is not
+    /// a multiple of the control step.
     pub fn new(
         specification: &Specification,
         signals: &Arc<[String]>,
@@ -301,10 +301,7 @@ impl SpecificationMonitor {
         let clock = Clock::steps(control_dt);
         let monitor = |formula: &Formula| FormulaMonitor::new(formula, signals, clock);
         let optional = |formula: &Option<Formula>| formula.as_ref().map(monitor).transpose();
-        let of_episodes = |formula: &Formula| match formula.check_names(signals) {
-            Err(source) => Err(RolloutError::Monitor { formula: formula.to_string(), source }),
-            Ok(()) => RequirementMonitor::new(formula, signals, clock),
-        };
+        let of_episodes = |formula: &Formula| RequirementMonitor::new(formula, signals, clock);
         Ok(SpecificationMonitor {
             requirement: of_episodes(&specification.requirement)?,
             success: optional(&specification.success)?,

@@ -169,9 +169,15 @@ fn a_letter_that_is_also_a_signal_of_the_trace_is_refused() {
 #[test]
 fn a_formula_that_reads_no_signal_asks_nothing_of_a_trace() {
     let names = ["p".to_owned()];
-    for text in ["true", "always(1 <= 2)", "k = 3; always(k >= 2)"] {
+    for text in ["true", "always(1 <= 2)", "next(false)", "k = 3; always(k >= 2)"] {
         let formula = Formula::parse(text).unwrap();
-        assert_eq!(formula.check_names(&names), Err(MonitorError::NoSignal), "{text}");
+        let formulas = ["p <= 1".parse().unwrap(), formula.clone()];
+        let found = [
+            formula.check_names(&names).unwrap_err(),
+            OnlineMonitor::new(&formulas, &names, Clock::unknown(), None).unwrap_err(),
+            CutMonitor::new(&formulas, &names, Clock::unknown()).unwrap_err(),
+        ];
+        assert!(found.iter().all(|error| *error == MonitorError::NoSignal), "{text}: {found:?}");
     }
     assert_eq!(Formula::parse("p and true").unwrap().check_names(&names), Ok(()));
 }

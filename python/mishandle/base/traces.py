@@ -22,7 +22,7 @@ def columns_of(
 ) -> dict[str, NDArray[np.float64]]:
     """Returns some or all columns of a dictionary of arrays or of a data frame. Beside those in
     ``names``, there may be columns that are no numbers, such as time stamps, and columns of the
-    same name. ``hint`` is asked if columns are missing."""
+    same name. ``hint`` checks the names of all columns, and advises if some are missing."""
     trace = trace_of(trace)
     if isinstance(trace, Mapping):
         labels = list(trace)
@@ -34,8 +34,8 @@ def columns_of(
         )
     known = [str(label) for label in labels]
     missing = [name for name in names or [] if name not in known]
+    suggestion = hint(known) if hint is not None else None
     if missing:
-        suggestion = hint(known) if hint is not None else None
         raise InvalidValueError(
             f"the trace lacks the signals {_listed(missing)}; it has {_listed(known) or 'none'}"
             + (f"; {suggestion}" if suggestion else "")

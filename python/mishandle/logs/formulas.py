@@ -41,14 +41,14 @@ class Formula:
     """
 
     def __init__(self, text: str) -> None:
-        self._native = _native.Formula(text)
-        if self._native.chains_comparisons:
+        self.native = _native.Formula(text)
+        if self.native.chains_comparisons:
             warnings.warn(
                 "comparisons do not chain: `0.2 <= v <= 0.3` means `(0.2 <= v) <= 0.3`, as in "
                 f"RTAMT; write `0.2 <= v and v <= 0.3`. The formula is {text}",
                 stacklevel=2,
             )
-        for name in self._native.unused_definitions:
+        for name in self.native.unused_definitions:
             warnings.warn(
                 f"no statement reads the definition `{name}`; the formula is {self}", stacklevel=2
             )
@@ -56,7 +56,7 @@ class Formula:
     @property
     def signals(self) -> list[str]:
         """Names of its signals."""
-        return self._native.signals
+        return self.native.signals
 
     @property
     def needs_period(self) -> bool:
@@ -67,7 +67,7 @@ class Formula:
         ... ).needs_period
         (True, False)
         """
-        return self._native.needs_period
+        return self.native.needs_period
 
     @property
     def subformulas(self) -> "list[Formula]":
@@ -76,7 +76,7 @@ class Formula:
         >>> [str(part) for part in Formula("always(x <= 1 and y > 0)").subformulas]
         ['always(x <= 1 and y > 0)', 'x <= 1 and y > 0', 'x <= 1', 'y > 0']
         """
-        return [Formula(text) for text in self._native.subformulas]
+        return [Formula(text) for text in self.native.subformulas]
 
     @property
     def symbols(self) -> str:
@@ -85,7 +85,7 @@ class Formula:
         >>> Formula("always(x <= 1)").symbols
         '□(x ≤ 1)'
         """
-        return self._native.symbols
+        return self.native.symbols
 
     def robustness(
         self, log: Any, *, decided_only: bool = False, plan: Plan | None = None
@@ -111,11 +111,11 @@ class Formula:
             raise InvalidValueError(
                 f"{log} has {len(sources)} logs; ask mishandle.monitor for the verdict on each"
             )
-        return _native.log_robustness(self._native, sources[0], reading.call, decided_only)
+        return _native.log_robustness(self.native, sources[0], reading.call, decided_only)
 
     def hint(self, names: list[str]) -> str | None:
-        """Returns a hint for a log with columns of these names that lacks a signal."""
-        return self._native.hint(names)
+        """Checks the names of the columns of a log; returns a hint if it lacks a signal."""
+        return self.native.hint(names)
 
     def robustness_signal(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False
@@ -125,10 +125,7 @@ class Formula:
         >>> Formula("x <= 1").robustness_signal({"x": [0.5, 2.0]}).tolist()
         [0.5, -1.0]
         """
-        columns = self._columns(trace)
-        names = list(columns)
-        samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
-        return self._native.robustness_signal(names, samples, self._period(period), decided_only)
+        return self._signal(self._columns(trace), period, decided_only)
 
     def robustness_bounds(self, trace: Any, *, period: float | None = None) -> tuple[float, float]:
         """Returns the least and the greatest robustness at the first sample over all continuations
@@ -141,9 +138,8 @@ class Formula:
         (-inf, -2.0)
         """
         columns = self._columns(trace)
-        names = list(columns)
-        samples = np.column_stack(list(columns.values())) if names else np.zeros((0, 0))
-        return self._native.robustness_bounds(names, samples, self._period(period))
+        samples = np.column_stack(list(columns.values()))
+        return self.native.robustness_bounds(list(columns), samples, self._period(period))
 
     def subformula_signals(
         self, trace: Any, *, period: float | None = None, decided_only: bool = False
@@ -161,8 +157,7 @@ class Formula:
         """
         columns = self._columns(trace)
         return {
-            str(part): part.robustness_signal(columns, period=period, decided_only=decided_only)
-            for part in self.subformulas
+            str(part): part._signal(columns, period, decided_only) for part in self.subformulas
         }
 
     def thresholds(self, *, period: float = 1.0) -> list[tuple[str, float]]:
@@ -174,7 +169,7 @@ class Formula:
         """
         names = {_native.spelled(name): name for name in self.signals}
         found: list[tuple[str, float]] = []
-        for _, _, _, sides in self._native.nodes(period):
+        for _, _, _, sides in self.native.nodes(period):
             if sides is None:
                 continue
             for term, other in (sides, sides[::-1]):
@@ -207,15 +202,20 @@ class Formula:
         >>> Formula("eventually[0:1](x > 1)").violation({"x": [0, 0.5, 2]}).tolist()
         [True, True, False]
         """
-        values = [
-            part.robustness_signal(columns, period=period)
-            for columns in [self._columns(trace)]
-            for part in self.subformulas
-        ]
-        return violation(self._native.nodes(self._period(period)), values)
+        columns = self._columns(trace)
+        values = [part._signal(columns, period, False) for part in self.subformulas]
+        return violation(self.native.nodes(self._period(period)), values)
+
+    def _signal(
+        self, columns: dict[str, NDArray[np.float64]], period: float | None, decided_only: bool
+    ) -> NDArray[np.float64]:
+        samples = np.column_stack(list(columns.values()))
+        return self.native.robustness_signal(
+            list(columns), samples, self._period(period), decided_only
+        )
 
     def _period(self, given: float | None) -> float | None:
-        if given is None and self._native.needs_period:
+        if given is None and self.native.needs_period:
             raise InvalidValueError(
                 f"`{self}` has bounds in units of time; pass the time between two samples as "
                 "period, in seconds (columns with times are not read)"
@@ -232,7 +232,7 @@ class Formula:
         return hash(str(self))
 
     def __str__(self) -> str:
-        return str(self._native)
+        return str(self.native)
 
     def __repr__(self) -> str:
         return f"Formula({str(self)!r})"

@@ -77,7 +77,7 @@ class OnlineMonitor(_native.OnlineMonitor):
         if signals is not None and len(set(names)) < len(names):
             raise InvalidValueError(f"two signals have the same name: {', '.join(names)}")
         monitor = super().__new__(
-            cls, [str(formula) for formula in parsed], list(dict.fromkeys(names)), period, samples
+            cls, [formula.native for formula in parsed], list(dict.fromkeys(names)), period, samples
         )
         return monitor  # type: ignore[return-value]
 

@@ -12,7 +12,7 @@ from mishandle.base.documents import Plan
 from mishandle.errors import InvalidValueError
 from mishandle.logs.formulas import Formula
 from mishandle.logs.recordings import Reading
-from mishandle.logs.sources import native_logs
+from mishandle.logs.sources import Hint, native_logs
 
 Range = Union[tuple[float, float], tuple[float, float, str]]
 """Least and greatest value of a parameter; a bound of a window has a unit."""
@@ -66,7 +66,8 @@ def formula(
     """
     text = str(formula) if isinstance(formula, Formula) else formula
     reading = Reading("formula", plan)
-    named = _logs(log, Formula(text).signals, reading)
+    parsed = Formula(text)
+    named = _logs(log, parsed.signals, parsed.hint, reading)
     document, shown = _native.describe_formula(text, named, reading.call, dict(units or {}))
     return dataclasses.replace(results.build(FormulaDescription, json.loads(document)), text=shown)
 
@@ -115,18 +116,19 @@ def mine(
     for name, given_range in parameters.items():
         low, high, *rest = given_range
         ranges.append((name, float(low), float(high), rest[0] if rest else None))
-    named = _logs(log, _native.mined_signals(formula, ranges, reading.call), reading)
+    signals = _native.mined_signals(formula, ranges, reading.call)
+    named = _logs(log, signals, lambda known: None, reading)
     if not named:
         raise InvalidValueError("there is no log")
     document, text = _native.mine(formula, ranges, named, reading.call)
     return dataclasses.replace(results.build(Mining, json.loads(document)), text=text)
 
 
-def _logs(log: Any, signals: list[str], reading: Reading) -> list[Any]:
+def _logs(log: Any, signals: list[str], hint: Hint, reading: Reading) -> list[Any]:
     sources = [
         source
         for each in (log if isinstance(log, (list, tuple, Iterator)) else [log])
-        for source in native_logs(each, signals, lambda known: None, reading)
+        for source in native_logs(each, signals, hint, reading)
     ]
     return [
         (name or f"log {number}", files, topics)

@@ -25,6 +25,7 @@ NativeLog = tuple[str, list[tuple[Union[str, None], str]], list[NativeTopic]]
 
 
 Hint = Callable[[list[str]], Union[str, None]]
+"""Checks the names of all columns of a log, and advises if it lacks a signal."""
 
 
 def native_logs(
@@ -35,15 +36,15 @@ def native_logs(
         file = pathlib.Path(os.fspath(log))
         if lerobot_data.is_data_set(file):
             reading.check_effect([*TABLE, "time"], f"the data set {file}")
-            yield from (_of_recording(episode, signals) for episode in read_logs(file))
+            yield from (_of_recording(episode, signals, hint) for episode in read_logs(file))
         elif is_recording(file):
             reading.check_effect(TABLE, f"the recording {file}")
-            yield _of_recording(read_signals(file, signals, reading.time), signals)
+            yield _of_recording(read_signals(file, signals, reading.time), signals, hint)
         else:
             yield str(file), [(None, str(file))], []
     elif isinstance(log, Log):
         reading.check_effect([*TABLE, "time"], "a log that was read")
-        yield _of_recording(log, signals)
+        yield _of_recording(log, signals, hint)
     elif isinstance(log, Mapping) and log and all(_is_topic(part) for part in log.values()):
         yield _of_topics({str(name): part for name, part in log.items()}, signals, hint, reading)
     else:
@@ -89,7 +90,7 @@ def _of_topics(
     return "", [], topics
 
 
-def _of_recording(log: Log, signals: Sequence[str]) -> NativeLog:
+def _of_recording(log: Log, signals: Sequence[str], hint: Hint) -> NativeLog:
     reasons = dict(log.not_read)
     topics: list[NativeTopic] = []
     for topic in log.topics.values():
@@ -101,14 +102,14 @@ def _of_recording(log: Log, signals: Sequence[str]) -> NativeLog:
         ]
         if read or not signals:
             topics.append((topic.name or None, _of_log(topic), read))
-    _check_signals(log.name, signals, log.signals, reasons)
+    _check_signals(log.name, signals, log.signals, reasons, hint)
     return log.name, [], topics
 
 
 def _check_signals(
-    log: str, signals: Sequence[str], known: Sequence[str], reasons: Mapping[str, str],
-    hint: Hint | None = None
+    log: str, signals: Sequence[str], known: Sequence[str], reasons: Mapping[str, str], hint: Hint
 ) -> None:
+    suggestion = hint(list(known))
     missing = [signal for signal in signals if signal not in known]
     if not missing:
         return
@@ -123,7 +124,7 @@ def _check_signals(
         f"the trace lacks the signals {', '.join(missing)}; it has {', '.join(known) or 'none'}",
         *said,
         other,
-        hint(list(known)) if hint is not None else None,
+        suggestion,
     ]
     raise InvalidValueError(
         (f"trace {log}: " if log else "") + "; ".join(part for part in parts if part)

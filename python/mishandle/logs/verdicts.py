@@ -75,7 +75,7 @@ def monitor(formulas: Formulas, log: Any, *, plan: Plan | None = None) -> Monito
         ((name or f"log {number}", files, topics), readable)
         for number, ((name, files, topics), readable) in enumerate(sources, 1)
     ]
-    asked = [(name, str(formula)) for name, formula in parsed]
+    asked = [(name, formula.native) for name, formula in parsed]
     document, text, without = _native.monitor(asked, named, reading.call)
     return dataclasses.replace(
         results.build(Monitoring, json.loads(document)), text=text,

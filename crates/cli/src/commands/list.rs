@@ -7,7 +7,7 @@ use anyhow::Result;
 use clap::Args;
 use mishandle::MishandleError;
 use mishandle::plan::Values;
-use mishandle::requirements::{PATTERNS, Pattern};
+use mishandle::requirements::{Pattern, patterns};
 use mishandle::results::Listing;
 use mishandle::search::SEARCHES;
 use mishandle::tasks::tasks;
@@ -106,12 +106,12 @@ fn find(name: Option<&str>, preset: Option<&str>) -> Result<Listing> {
         found.controllers = tasks().into_iter().flat_map(of_task).collect();
     }
     if is("patterns") {
-        found.patterns = PATTERNS.iter().map(Pattern::result).collect();
+        found.patterns = patterns().map(Pattern::result).collect();
     }
     let Some(name) = name.filter(|name| !WORDS.contains(name)) else { return Ok(found) };
     if let Some(entry) = SEARCHES.iter().find(|entry| entry.name == name) {
         found.searches = vec![mishandle::resolve::search_result(entry)];
-    } else if let Some(pattern) = PATTERNS.iter().find(|pattern| pattern.name == name) {
+    } else if let Some(pattern) = patterns().find(|pattern| pattern.name == name) {
         found.patterns = vec![pattern.result()];
     } else {
         let plan = described_plan(name, preset);
@@ -132,7 +132,7 @@ fn with_names(name: &str, error: MishandleError) -> MishandleError {
     match error {
         MishandleError::UnknownName { kind: "target", known, .. } => {
             let searches = SEARCHES.iter().map(|entry| entry.name.to_string());
-            let patterns = PATTERNS.iter().map(|pattern| pattern.name.to_string());
+            let patterns = patterns().map(|pattern| pattern.name.to_string());
             let words = WORDS.map(String::from);
             let known = known.into_iter().chain(searches).chain(patterns).chain(words).collect();
             MishandleError::UnknownName { kind: "target", name: name.to_string(), known }

@@ -12,12 +12,6 @@ pub enum GuardError {
         /// The mistake.
         problem: MonitorError,
     },
-    /// The formula depends on no quantity.
-    #[error("the formula of the guard `{formula}` reads no quantity, so the guard never learns anything")]
-    Constant {
-        /// Text of the formula.
-        formula: String,
-    },
     /// An episode never decides the formula.
     #[error(
         "the formula of the guard `{formula}` needs {needed} control steps and an episode has {steps}, so the guard would \

@@ -37,9 +37,6 @@ impl Watch {
         // All names, so that an unknown one is an error that lists them.
         OnlineMonitor::new(std::slice::from_ref(formula), names, clock, None).map_err(error)?;
         let read: Vec<String> = formula.signals().iter().map(ToString::to_string).collect();
-        if read.is_empty() {
-            return Err(GuardError::Constant { formula: formula.to_string() });
-        }
         let columns = read.iter().filter_map(|name| names.iter().position(|known| known == name)).collect();
         let samples = episode_steps + 1;
         let monitor = OnlineMonitor::new(std::slice::from_ref(formula), &read, clock, Some(samples));

@@ -213,6 +213,9 @@ impl Group {
             let mut found = Vec::new();
             for (position, reach) in parts(&nodes) {
                 let Ok(part) = Formula::parse(&texts[position]) else { continue };
+                if part.signals().is_empty() {
+                    continue;
+                }
                 found.push(Part { text: texts[position].clone(), root: all.len(), reach, violation: None });
                 all.push(part);
             }

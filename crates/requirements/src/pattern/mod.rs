@@ -2,6 +2,7 @@
 
 mod page;
 mod table;
+mod templates;
 
 use mishandle_results::{
     Choice, FormulaExample, Key, ParameterKind, PatternParameter, Remedy, RequirementPattern,
@@ -13,7 +14,6 @@ use crate::lanes::draw_shown;
 use crate::tree::Tree;
 
 pub use page::page;
-pub use table::PATTERNS;
 
 /// A parameter of a pattern.
 #[derive(Clone, Copy, Debug)]
@@ -58,13 +58,37 @@ pub struct Pattern {
     pub shown: Shown,
 }
 
+/// Patterns with a heading of the reference page and what they have in common.
+struct Family {
+    title: &'static str,
+    text: &'static str,
+    patterns: &'static [Pattern],
+}
+
+const FAMILIES: &[Family] = &[
+    Family {
+        title: "General",
+        text: "A window ends with the trace, if not before: what is due in it must have come, and what lasts must \
+               have held so far.",
+        patterns: table::GENERAL,
+    },
+    templates::SCOPES,
+    templates::EARS_TEMPLATES,
+    templates::FRET_TEMPLATES,
+];
+
+/// Returns all patterns.
+pub fn patterns() -> impl Iterator<Item = &'static Pattern> {
+    FAMILIES.iter().flat_map(|family| family.patterns)
+}
+
 /// Returns the pattern with this name.
 ///
 /// # Errors
 /// If no pattern has it.
 pub fn pattern(name: &str) -> Result<&'static Pattern> {
-    PATTERNS.iter().find(|pattern| pattern.name == name).ok_or_else(|| {
-        let known: Vec<&str> = PATTERNS.iter().map(|pattern| pattern.name).collect();
+    patterns().find(|pattern| pattern.name == name).ok_or_else(|| {
+        let known: Vec<&str> = patterns().map(|pattern| pattern.name).collect();
         let hint = nearest(name, known.iter().copied()).map_or_else(
             || format!("choose from: {}", known.join(", ")),
             |near| format!("did you mean `{near}`?"),

@@ -2,40 +2,71 @@
 
 use std::fmt::Write;
 
-use super::PATTERNS;
+use super::{FAMILIES, Family, Pattern, Slot};
 
-/// Returns the page `docs/reference/patterns.md` after this text.
+/// Returns the page `docs/reference/patterns.md` after this text. A source and parameters that all
+/// patterns of a family share are stated once.
 pub fn page(introduction: &str) -> String {
     let mut text = introduction.to_owned();
-    for pattern in PATTERNS {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "\n## {}\n\n", pattern.name);
-        let _ = writeln!(text, "{}", filled(&format!("{} Source: {}.", code(pattern.words), pattern.source)));
-        let _ = write!(text, "\n```text\n{}\n```\n\n", pattern.formula);
-        text.push_str("| parameter | kind | default | meaning |\n|---|---|---|---|\n");
-        for slot in pattern.slots {
-            let default = slot.default.map_or("–".to_owned(), |default| format!("`{default}`"));
-            let _ =
-                writeln!(text, "| `{}` | {} | {default} | {} |", slot.name, slot.kind.name(), slot.meaning);
-        }
-        let settings: Vec<String> =
-            pattern.shown.settings.iter().map(|(name, value)| format!("{name} = `{value}`")).collect();
-        let intro = format!("With {}, one sample per second:", settings.join(", "));
-        let _ = write!(text, "\n{}\n\n| trace | signal | values |\n|---|---|---|\n", filled(&intro));
-        for (name, columns) in [("satisfies", pattern.shown.satisfies), ("violates", pattern.shown.violates)]
-        {
-            for (signal, values) in pattern.shown.signals.iter().zip(columns) {
-                let values: Vec<String> = values.iter().map(f64::to_string).collect();
-                let _ = writeln!(text, "| {name} | `{signal}` | {} |", values.join(", "));
+    for Family { title, text: about, patterns } in FAMILIES {
+        let source = patterns[0].source;
+        let is_shared = patterns.iter().all(|pattern| pattern.source == source);
+        let _ = write!(text, "\n## {title}\n\n");
+        if is_shared {
+            let mut slots: Vec<&Slot> = Vec::new();
+            for slot in patterns.iter().flat_map(|pattern| pattern.slots) {
+                if slots.iter().all(|known| known.name != slot.name) {
+                    slots.push(slot);
+                }
             }
+            write_about(&mut text, about, Some(source), slots);
+        } else {
+            write_about(&mut text, about, None, None);
         }
+        patterns.iter().for_each(|pattern| write_pattern(&mut text, pattern, is_shared));
     }
     text
 }
 
-/// Puts the parameters of a sentence into backquotes.
-fn code(words: &str) -> String {
-    words.replace(['{', '}'], "`")
+fn write_pattern(text: &mut String, pattern: &Pattern, is_shared: bool) {
+    // Writing to a string cannot fail.
+    let _ = write!(text, "\n### {}\n\n", pattern.name);
+    let words = pattern.words.replace(['{', '}'], "`");
+    let own = (!is_shared).then_some(pattern.slots);
+    write_about(text, &words, own.map(|_| pattern.source), own.into_iter().flatten());
+    let _ = write!(text, "\n```text\n{}\n```\n\n", pattern.formula);
+    let shown = &pattern.shown;
+    let trace = |columns: &[&[f64]]| {
+        let column = |(name, values): (&&str, &&[f64])| {
+            let values: Vec<String> = values.iter().map(f64::to_string).collect();
+            format!("`{name} {}`", values.join(if is_shared { "" } else { " " }))
+        };
+        shown.signals.iter().zip(columns).map(column).collect::<Vec<_>>().join(", ")
+    };
+    // The setting of a signal of a template follows from its name.
+    let settings = shown.settings.iter().filter(|(name, _)| !is_shared || !shown.signals.contains(name));
+    let settings: Vec<String> = settings.map(|(name, value)| format!("{name} = `{value}`")).collect();
+    let with = if settings.is_empty() { String::new() } else { format!(", with {}", settings.join(", ")) };
+    let verdicts =
+        format!("Satisfied by {}; violated by {}{with}.", trace(shown.satisfies), trace(shown.violates));
+    let _ = writeln!(text, "{}", filled(&verdicts));
+}
+
+/// Writes a sentence, where it comes from, and its parameters.
+fn write_about<'a>(
+    text: &mut String,
+    about: &str,
+    source: Option<&str>,
+    slots: impl IntoIterator<Item = &'a Slot>,
+) {
+    let source = source.map_or(String::new(), |source| format!(" Source: {source}."));
+    let _ = writeln!(text, "{}", filled(&format!("{about}{source}")));
+    let mut gap = "\n";
+    for slot in slots {
+        let default = slot.default.map_or(String::new(), |default| format!(", `{default}` by default"));
+        let _ = writeln!(text, "{gap}- `{}` ({}{default}): {}", slot.name, slot.kind.name(), slot.meaning);
+        gap = "";
+    }
 }
 
 /// Breaks a paragraph into lines of at most 120 characters.

@@ -1,16 +1,16 @@
-//! The table of patterns.
+//! The table of patterns without a scope.
 
 use super::{ParameterKind, Pattern, Shown, Slot};
 
-const DWYER: &str = "Dwyer, Avrunin and Corbett, Patterns in Property Specifications for Finite-State Verification, \
+pub(super) const DWYER: &str = "Dwyer, Avrunin and Corbett, Patterns in Property Specifications for Finite-State Verification, \
                      ICSE 1999";
 const KONRAD: &str = "Konrad and Cheng, Real-time Specification Patterns, ICSE 2005";
 const MALER: &str = "Maler and Nickovic, Monitoring Temporal Properties of Continuous Signals, FORMATS 2004";
-const BOUFAIED: &str = "Boufaied, Jukss, Bianculli, Briand and Isasi Parache, Signal-Based Properties of Cyber-Physical \
-                        Systems: Taxonomy and Logic-based Characterization, Journal of Systems and Software 174, 2021";
+const BOUFAIED: &str = "Boufaied et al., Signal-Based Properties of Cyber-Physical Systems, Journal of Systems and Software \
+                        174, 2021";
 const ROBOTS: &str = "usual in specifications of manipulators; no published pattern";
 
-const fn condition(name: &'static str, meaning: &'static str) -> Slot {
+pub(super) const fn condition(name: &'static str, meaning: &'static str) -> Slot {
     Slot { name, kind: ParameterKind::Condition, default: None, meaning }
 }
 
@@ -22,12 +22,12 @@ const fn number(name: &'static str, default: Option<&'static str>, meaning: &'st
     Slot { name, kind: ParameterKind::Number, default, meaning }
 }
 
-const fn time(name: &'static str, default: Option<&'static str>, meaning: &'static str) -> Slot {
+pub(super) const fn time(name: &'static str, default: Option<&'static str>, meaning: &'static str) -> Slot {
     Slot { name, kind: ParameterKind::Time, default, meaning }
 }
 
-/// All patterns, related ones together.
-pub const PATTERNS: &[Pattern] = &[
+/// Patterns without a scope, related ones together.
+pub(super) const GENERAL: &[Pattern] = &[
     Pattern {
         name: "invariant",
         words: "At every time, {p} holds.",
@@ -55,32 +55,6 @@ pub const PATTERNS: &[Pattern] = &[
         },
     },
     Pattern {
-        name: "absence-before",
-        words: "Before the first time at which {event} holds, {p} does not hold; if {event} never holds, {p} never does.",
-        formula: "(not {p}) unless {event}",
-        slots: &[condition("p", "what must not happen yet"), condition("event", "what allows it")],
-        source: DWYER,
-        shown: Shown {
-            settings: &[("p", "speed > 1"), ("event", "armed >= 1")],
-            signals: &["speed", "armed"],
-            satisfies: &[&[0.0, 0.5, 2.0], &[0.0, 0.0, 1.0]],
-            violates: &[&[0.0, 2.0, 2.0], &[0.0, 0.0, 1.0]],
-        },
-    },
-    Pattern {
-        name: "absence-after",
-        words: "From the first time on at which {event} holds, {p} does not hold.",
-        formula: "always((once {event}) implies not {p})",
-        slots: &[condition("event", "what forbids it"), condition("p", "what must not happen any more")],
-        source: DWYER,
-        shown: Shown {
-            settings: &[("event", "stop >= 1"), ("p", "speed > 1")],
-            signals: &["stop", "speed"],
-            satisfies: &[&[0.0, 1.0, 0.0, 0.0], &[2.0, 1.0, 0.0, 0.0]],
-            violates: &[&[0.0, 1.0, 0.0, 0.0], &[2.0, 1.0, 0.0, 2.0]],
-        },
-    },
-    Pattern {
         name: "while",
         words: "At every time at which {p} holds, {q} holds, too.",
         formula: "always({p} implies {q})",
@@ -91,24 +65,6 @@ pub const PATTERNS: &[Pattern] = &[
             signals: &["contact", "force"],
             satisfies: &[&[0.0, 1.0, 1.0, 0.0], &[15.0, 5.0, 10.0, 12.0]],
             violates: &[&[0.0, 1.0, 1.0, 0.0], &[15.0, 5.0, 11.0, 12.0]],
-        },
-    },
-    Pattern {
-        name: "between",
-        words: "From each time at which {begin} holds up to the next time at which {end} holds, {p} holds; at that last time \
-                it need not.",
-        formula: "always(((not {end}) since {begin}) implies {p})",
-        slots: &[
-            condition("begin", "what starts the requirement"),
-            condition("end", "what ends it"),
-            condition("p", "what holds in between"),
-        ],
-        source: DWYER,
-        shown: Shown {
-            settings: &[("begin", "pick >= 0.5"), ("end", "place >= 0.5"), ("p", "grip >= 0.2")],
-            signals: &["pick", "place", "grip"],
-            satisfies: &[&[0.0, 1.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 0.5, 0.5, 0.0, 0.0]],
-            violates: &[&[0.0, 1.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 0.0, 1.0, 0.0], &[0.0, 0.5, 0.0, 0.5, 0.0]],
         },
     },
     Pattern {

@@ -13,7 +13,6 @@ use crate::clock::Clock;
 use crate::error::MonitorError;
 use crate::formula::{Formula, Node};
 use crate::operator::Operator;
-use crate::program::columns;
 
 /// Stands for +∞, because a sample must be finite.
 const INSIDE: f64 = f64::MAX;
@@ -57,10 +56,10 @@ impl CutMonitor {
     /// Compiles `formulas` for samples of the signals `names`.
     ///
     /// # Errors
-    /// As for [`Monitor::new`](crate::Monitor::new).
+    /// As for [`OnlineMonitor::new`].
     pub fn new(formulas: &[Formula], names: &[String], clock: Clock) -> Result<CutMonitor, MonitorError> {
         // The rewritten formulas have no text, whose letters could be names.
-        formulas.iter().try_for_each(|formula| columns(formula, names).map(drop))?;
+        formulas.iter().try_for_each(|formula| formula.check_names(names))?;
         let formulas: Vec<Formula> = formulas.iter().map(cut).collect();
         let mut names = names.to_vec();
         names.push(SIGNAL.to_owned());

@@ -151,13 +151,14 @@ impl OnlineMonitor {
     /// of the whole trace; `None` if it is unknown.
     ///
     /// # Errors
-    /// As for [`Monitor::new`](crate::Monitor::new).
+    /// As for [`Monitor::new`](crate::Monitor::new), and if a formula reads no signal.
     pub fn new(
         formulas: &[Formula],
         names: &[String],
         clock: Clock,
         samples: Option<usize>,
     ) -> Result<OnlineMonitor, MonitorError> {
+        formulas.iter().try_for_each(|formula| formula.check_names(names))?;
         let graph = Graph::new(formulas, names, &clock)?;
         let cells = graph.nodes.iter().map(|node| Cell::new(node, samples.unwrap_or(usize::MAX))).collect();
         let parts = graph.roots.iter().map(|root| graph.parts(*root)).collect();

@@ -360,7 +360,7 @@ fn every_continuation_of_a_trace_has_a_robustness_within_the_bounds() {
     for _ in 0..20_000 {
         let samples = 2 + random.below(20);
         let size = 1 + random.below(5);
-        let text = Tree::random(&mut random, size, samples).write(&mut random);
+        let text = Tree::reading(&mut random, size, samples).write(&mut random);
         let start = 1 + random.below(samples - 1);
         let columns = random_columns(&mut random, start);
         if monitor(&text).decided_samples(samples) == 0 {

@@ -25,15 +25,17 @@ fn discrete(text: &str, columns: &[Vec<f64>]) -> Vec<Vec<u64>> {
     let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     let mut found = vec![bits(monitor.robustness_signal(&trace).unwrap())];
     found.push(bits(monitor.decided_robustness_signal(&trace).unwrap()));
-    let mut online = OnlineMonitor::new(std::slice::from_ref(&formula), &names, CLOCK(), None).unwrap();
-    let mut bounds = Vec::new();
-    for step in 0..trace.len() {
-        online.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>()).unwrap();
+    // Online monitors refuse a formula that reads no signal.
+    if let Ok(mut online) = OnlineMonitor::new(std::slice::from_ref(&formula), &names, CLOCK(), None) {
+        let mut bounds = Vec::new();
+        for step in 0..trace.len() {
+            online.push(&columns.iter().map(|column| column[step]).collect::<Vec<_>>()).unwrap();
+            bounds.extend([online.bounds(0).low, online.bounds(0).high]);
+        }
+        online.finish();
         bounds.extend([online.bounds(0).low, online.bounds(0).high]);
+        found.push(bits(&bounds));
     }
-    online.finish();
-    bounds.extend([online.bounds(0).low, online.bounds(0).high]);
-    found.push(bits(&bounds));
     found.push(bits(&[formula.diagnose(&trace, &CLOCK()).unwrap().robustness()]));
     let decided = formula.diagnose_decided(&trace, &CLOCK()).unwrap();
     found.push(bits(&decided.map(|found| found.robustness()).into_iter().collect::<Vec<_>>()));

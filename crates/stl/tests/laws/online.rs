@@ -26,12 +26,12 @@ fn bits(bounds: Bounds) -> (u64, u64) {
     (bounds.low.to_bits(), bounds.high.to_bits())
 }
 
-/// A random formula with its text, and a trace.
+/// A random formula that reads a signal, with its text, and a trace.
 fn case(random: &mut Random, case: usize) -> (Tree, String, Vec<Vec<f64>>) {
     let samples = 1 + random.below(if case.is_multiple_of(20) { 40 } else { 14 });
     let size = random.below(6);
     let n = 1 + samples * random.below(4) / 3;
-    let tree = Tree::random(random, size, n);
+    let tree = Tree::reading(random, size, n);
     let text = tree.write(random);
     (tree, text, NAMES.map(|_| random.column(samples)).to_vec())
 }

@@ -126,6 +126,25 @@ impl Tree {
         }
     }
 
+    /// Returns a random formula that reads a signal.
+    pub fn reading(random: &mut Random, size: usize, n: usize) -> Tree {
+        loop {
+            let tree = Tree::random(random, size, n);
+            if tree.reads() {
+                return tree;
+            }
+        }
+    }
+
+    fn reads(&self) -> bool {
+        match self {
+            Tree::Number(_) => false,
+            Tree::Signal(_) => true,
+            Tree::One(_, _, x) => x.reads(),
+            Tree::Two(_, _, x, y) => x.reads() || y.reads(),
+        }
+    }
+
     /// Arithmetic over signals and numbers.
     fn arithmetic(random: &mut Random, size: usize) -> Tree {
         match random.below(if size == 0 { 2 } else { 5 }) {
