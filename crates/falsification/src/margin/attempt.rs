@@ -104,7 +104,8 @@ impl<'a> Attempt<'a> {
         let Some(from) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
         let mut passes = 0.0;
         let mut fails = if steps_only(&self.space) { 0.0 } else { self.smallest() };
-        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted {
+        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted
+        {
             let middle = f64::midpoint(passes, fails);
             let scenario = scaled(&self.space, &from.scenario, middle);
             let mut episodes = self.system.rollout(&[Request::new(scenario, from.seed)])?;
