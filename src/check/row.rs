@@ -81,8 +81,8 @@ impl Row {
         self.random.without_verdict + self.searched.without_verdict
     }
 
-    /// Returns why the simulations allow no conclusion; `None` if they do. Many of one kind never make
-    /// up for the other kind.
+    /// Returns why the simulations allow no conclusion; `None` if they do. Many of one kind never
+    /// make up for the other kind.
     fn obstacle(&self) -> Option<&'static str> {
         let is_searched = self.searched != CheckCounts::default();
         let searched = is_searched.then_some((self.searched, "; no scenario of the searches started"));

@@ -151,8 +151,8 @@ pub fn differences<'r>(
 /// A run of a result with its file and its plan.
 type Named<'f, 'r> = (&'f CheckRun, &'r RunFile, Plan);
 
-/// Returns what the runs of a controller say about each requirement, and how their simulations ended.
-/// They must be the runs that a check makes, in its order: none can be left out.
+/// Returns what the runs of a controller say about each requirement, and how their simulations
+/// ended. They must be the runs that a check makes, in its order: none can be left out.
 fn rows(
     found: &Check,
     files: &[Named<'_, '_>],

@@ -167,7 +167,7 @@ mod tests {
         Margin { witness: None, levels, smallest_without_verdict, simulations: 0, is_complete: true }
     }
 
-    /// What one search does not show is no claim of all.
+    /// All searches together claim no more than each of them shows.
     #[test]
     fn the_claim_of_several_searches_is_the_smallest_one() {
         let safe = part(&[(1.0, 600)], None);

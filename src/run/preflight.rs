@@ -35,9 +35,9 @@ const MAX_LEVELS: usize = 5;
 ///
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, the same follows with each of
-/// [`Others`]. The probes end after a second or one percent of the question's simulations, whichever
-/// is more, for each of these. A probe that fails is skipped: the question itself reports such
-/// simulations. If the nominal one fails, few others may succeed, so that is a warning.
+/// [`Others`]. The probes end after a second or one percent of the question's simulations,
+/// whichever is more, for each of these. A probe that fails is skipped: the question itself reports
+/// such simulations. If the nominal one fails, few others may succeed, so that is a warning.
 ///
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::bench::{Bench, text};
 
-/// What is known of a requirement in each simulation of `toy/car-following`: gap and speed begin at
+/// The truth about a requirement in each simulation of `toy/car-following`: gap and speed begin at
 /// 15 or more, the speed is never negative, and no gap is below -50 m or above 500 m.
 #[derive(Clone, Copy, PartialEq)]
 enum Truth {

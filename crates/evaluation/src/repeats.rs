@@ -157,8 +157,9 @@ mod tests {
         assert!((share.value.unwrap() - 0.17).abs() < 0.005, "{share:?}");
     }
 
-    /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the variance
-    /// of its mean by the whole variance. Failures in a corner and rare ones decide the variance.
+    /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the
+    /// variance of its mean by the whole variance. Failures in a corner and rare ones decide the
+    /// variance.
     #[test]
     fn the_interval_contains_the_share_also_if_failures_sit_in_a_corner() {
         const REPLICATIONS: u64 = 500;
@@ -207,7 +208,7 @@ mod tests {
             }
             // Four standard errors below 95 %.
             assert!(covered as f64 >= 0.911 * REPLICATIONS as f64, "{name}: {covered}");
-            // All values are no information.
+            // An interval of all values would inform nobody.
             assert!(name != "line" || width < 0.35, "{width}");
         }
     }

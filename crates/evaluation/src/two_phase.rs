@@ -68,8 +68,8 @@ impl TwoPhase {
         }
     }
 
-    /// Returns the estimated fraction of the started simulations without a verdict, from the ends of
-    /// the flagged and of the sampled ones; `None` without an estimate.
+    /// Returns the estimated fraction of the started simulations without a verdict, from the ends
+    /// of the flagged and of the sampled ones; `None` without an estimate.
     pub fn share_without_verdict(&self, [flagged, sampled]: [EndCounts; 2]) -> Option<f64> {
         let events = TwoPhase { flagged_events: flagged.total(), sampled_events: sampled.total(), ..*self };
         events.without(flagged.invalid_starts, sampled.invalid_starts).estimate(0.95).value
@@ -136,8 +136,8 @@ mod tests {
 
     use super::*;
 
-    /// A fifth of the scenarios cannot start, and a tenth of the others has no verdict, of which the
-    /// indicator flags 70 %.
+    /// A fifth of the scenarios cannot start, and a tenth of the others has no verdict, of which
+    /// the indicator flags 70 %.
     #[test]
     fn the_share_without_a_verdict_stands_for_the_simulations_that_are_not_repeated() {
         let mut random = Sequence::new(3, 0);

@@ -28,7 +28,7 @@ pub struct Requirement {
     pub description: Option<String>,
     /// Units of signals, which are shown with their values.
     pub units: BTreeMap<String, String>,
-    /// What often means something else than its author thinks.
+    /// Parts that often mean something else than their author thinks.
     pub traps: Vec<String>,
 }
 

@@ -211,7 +211,8 @@ fn fronts_are_those_of_the_whole_grid() {
             let valid: Vec<[f64; 2]> =
                 grid(0).flat_map(|a| grid(1).map(move |b| [a, b])).filter(|values| all(values)).collect();
             assert_eq!(found.outcome.name() == "loosest-fails", valid.is_empty(), "{formula}");
-            // Only the implication can ask nothing: its condition holds nowhere with any tightest value.
+            // Only the implication can ask nothing: its condition holds nowhere with any tightest
+            // value.
             let is_tightest = |values: &&[f64; 2]| {
                 (0..2).all(|axis| {
                     let mut tighter = **values;

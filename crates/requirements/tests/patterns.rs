@@ -77,8 +77,8 @@ const WITHOUT_DEADLINE: [&str; 7] = [
     "fret-eventually",
 ];
 
-/// A pattern is not a trap: only notes are allowed, and `settling` is meant up to the end. A missing
-/// deadline is one, also if it is meant.
+/// A pattern is not a trap: only notes are allowed, and `settling` is meant up to the end. A
+/// missing deadline is one, also if it is meant.
 #[test]
 fn the_formulas_of_patterns_have_no_warning() {
     for pattern in patterns() {

@@ -193,8 +193,8 @@ fn the_shown_traces_of_templates_are_right_by_definition() {
     }
 }
 
-/// A precedence is no absence before an event: without the event, the first one is violated where
-/// the other one requires nothing.
+/// A precedence differs from an absence before an event: without the event, the first one is
+/// violated where the other one requires nothing.
 #[test]
 fn an_absence_before_an_event_requires_nothing_without_it() {
     let columns: Columns =

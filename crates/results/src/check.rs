@@ -125,8 +125,9 @@ pub struct CheckCell {
     pub controller: String,
     /// `violated`; `not violated` in the simulations that were run, which proves nothing about
     /// others; `not violated: asks nothing`: it holds in each of them whatever the controller does,
-    /// because the first sample decides it or its premise never holds; `no verdict`: the simulations do not decide, or too many of them have no verdict; or
-    /// `not applicable`: the target lacks signals of the formula.
+    /// because the first sample decides it or its premise never holds; `no verdict`: the
+    /// simulations do not decide, or too many of them have no verdict; or `not applicable`: the
+    /// target lacks signals of the formula.
     pub verdict: CheckVerdict,
     /// The evidence in a sentence.
     pub evidence: String,

@@ -166,7 +166,7 @@ pub struct Requirement {
     pub simulation: Option<u32>,
     /// The simulations that ask nothing of the controller.
     pub vacuous: Vacuous,
-    /// Why all of them ask nothing, so that they are no evidence; `null` otherwise.
+    /// Why all of them ask nothing, so that they do not count as evidence; `null` otherwise.
     pub asks_nothing: Option<String>,
 }
 

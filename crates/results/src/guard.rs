@@ -20,8 +20,8 @@ pub struct GuardTuning {
     pub requirement: String,
     /// Largest allowed share of successful training scenarios with an alarm.
     pub false_alarm_limit: f64,
-    /// The simulations without a verdict, in the training scenarios and in the held-out scenarios of
-    /// the controller alone and of the guarded controller.
+    /// The simulations without a verdict, in the training scenarios and in the held-out scenarios
+    /// of the controller alone and of the guarded controller.
     pub without_verdict: WithoutVerdict,
     /// Conclusion from the held-out scenarios, in sentences.
     pub verdict: String,

@@ -65,7 +65,7 @@ pub struct LogVerdict {
     pub violated: bool,
     /// Why it is satisfied and asks nothing of the log; `null` otherwise.
     pub asks_nothing: Option<String>,
-    /// What often means something else than its author thinks: only the first sample counts.
+    /// Parts that often mean something else than their author thinks: only the first sample counts.
     pub traps: Vec<String>,
     /// Whether the robustness depends on a window that is cut.
     pub cuts_windows: bool,

@@ -38,7 +38,7 @@ impl Vacuity {
     }
 }
 
-/// What becomes of a node.
+/// The part of a node in the formula without its conclusions.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Role {
     Kept,
@@ -72,7 +72,7 @@ impl Formula {
         (!premises.is_empty()).then_some(found)
     }
 
-    /// Returns what becomes of each node, and the last node of each premise.
+    /// Returns the role of each node, and the last node of each premise.
     fn roles(&self) -> (Vec<Role>, Vec<usize>) {
         let starts = self.starts();
         let mut roles = vec![Role::LeftOut; self.nodes.len()];

@@ -155,7 +155,7 @@ impl Question<'_> {
 /// reason for which it asks nothing.
 ///
 /// # Errors
-/// If none fails, and a requirement that is no warning asks nothing of any log.
+/// If none fails, and a requirement asks nothing of any log; warnings do not count.
 pub fn status<'a>(
     fails: bool,
     found: impl IntoIterator<Item = (String, Severity, Option<&'a str>)>,

@@ -97,9 +97,9 @@ impl<'a> Attempt<'a> {
         Ok(())
     }
 
-    /// Bisects from the witness toward nominal within the budget, so that the witness is the smallest
-    /// violation on this ray. As in a minimization, the simulations belong to no amplitude. Whole
-    /// steps are bisected before.
+    /// Bisects from the witness toward nominal within the budget, so that the witness is the
+    /// smallest violation on this ray. As in a minimization, the simulations belong to no
+    /// amplitude. Whole steps are bisected before.
     pub(super) fn bisect_ray(&mut self) -> Result<(), FalsificationError> {
         let Some(from) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
         let mut passes = 0.0;
@@ -354,7 +354,7 @@ impl<'a> Attempt<'a> {
         Ok(values)
     }
 
-    /// Counts simulations, and tells the caller.
+    /// Counts simulations, and reports them to the caller.
     fn count(&mut self, episodes: &[Episode]) {
         let undecided =
             episodes.iter().filter(|episode| episode.robustness().is_none() && episode.end.counts_in_rates());

@@ -56,8 +56,8 @@ pub fn restarts(secs: &[f64]) -> Vec<usize> {
 /// Number of times of a run that the next one passes, from which on they are more than late rows.
 pub(crate) const SURE: usize = 3;
 
-/// Returns whether times that start at an earlier time pass the times of a run again, before they go
-/// back once more.
+/// Returns whether times that start at an earlier time pass the times of a run again, before they
+/// go back once more.
 fn is_passed_again(run: &[f64], latest: f64, times: &[f64]) -> bool {
     let (first, start) = (run[0], times[0]);
     let rising = 1 + times.windows(2).take_while(|pair| pair[0] <= pair[1]).count();
