@@ -28,7 +28,7 @@ use crate::{InvalidStateError, raised};
 type RequestTuple = (Vec<Option<f64>>, u64, bool, Option<f64>);
 
 /// Robustness of requirement, success, strict and careful success, dangerous steps, completion
-/// step, and minimum and sample of each sub-formula.
+/// step, the parts, the other requirements, and the codes of why each asks nothing.
 type VerdictTuple = (
     Option<f64>,
     Option<f64>,
