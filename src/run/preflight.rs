@@ -35,9 +35,9 @@ const MAX_LEVELS: usize = 5;
 ///
 /// The first probe is the nominal scenario. The next ones set each axis to its bounds, and to its
 /// nominal value if the bounds agree. If that changes no trace, the same follows with each of
-/// [`Others`]. The probes end after a second or one percent of the question's simulations, whichever
-/// is more, for each of these. A probe that fails is skipped: the question itself reports such
-/// simulations. If the nominal one fails, few others may succeed, so that is a warning.
+/// [`Others`]. The probes end after a second or one percent of the question's simulations,
+/// whichever is more, for each of these. A probe that fails is skipped: the question itself reports
+/// such simulations. If the nominal one fails, few others may succeed, so that is a warning.
 ///
 /// # Errors
 /// If the requirement does not fit the signals, the policy of a target file cannot act, or the
@@ -255,8 +255,7 @@ fn unchanging(
         let hides = |other: &Axis| {
             other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
         };
-        let is_away =
-            |other: &Axis| way.is_away(&axes[index], other) && !other.is_fixed() && !hides(other);
+        let is_away = |other: &Axis| way.is_away(&axes[index], other) && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();

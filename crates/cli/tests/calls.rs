@@ -23,8 +23,8 @@ for line in sys.stdin:
     print(json.dumps({"id": q["id"], **answer}), flush=True)
 "#;
 
-/// A push that is seen only with a duration, and not with a long delay, as of a robot that has fallen
-/// before.
+/// A push that is seen only with a duration, and not with a long delay, as of a robot that has
+/// fallen before.
 const HIDDEN: &str = r#"
 import json, sys
 KINDS = {"push": "event", "duration": "event", "delay": "model", "unread": "model"}

@@ -82,8 +82,7 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
         return unknown;
     }
     let scaled = |x: &f64| (0.5 * x - 0.5 * low) / range;
-    let mut groups: Vec<Vec<f64>> =
-        groups.iter().map(|group| group.iter().map(scaled).collect()).collect();
+    let mut groups: Vec<Vec<f64>> = groups.iter().map(|group| group.iter().map(scaled).collect()).collect();
     let mean = groups.iter().flatten().sum::<f64>() / (groups.len() * n) as f64;
     let extreme = if mean > 0.5 { 0.0 } else { 1.0 };
     let (value, _) = jackknife(&groups);
@@ -158,8 +157,8 @@ mod tests {
         assert!((share.value.unwrap() - 0.17).abs() < 0.005, "{share:?}");
     }
 
-    /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the variance
-    /// of its mean by the whole variance. Failures in a corner and rare ones decide the variance.
+    /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the
+    /// variance of its mean by the whole variance. Failures in a corner and rare ones decide it.
     #[test]
     fn the_interval_contains_the_share_also_if_failures_sit_in_a_corner() {
         const REPLICATIONS: u64 = 500;

@@ -97,14 +97,15 @@ impl<'a> Attempt<'a> {
         Ok(())
     }
 
-    /// Bisects from the witness toward nominal within the budget, so that the witness is the smallest
-    /// violation on this ray. As in a minimization, the simulations belong to no amplitude. Whole
-    /// steps are bisected before.
+    /// Bisects from the witness toward nominal within the budget, so that the witness is the
+    /// smallest violation on this ray. As in a minimization, the simulations belong to no
+    /// amplitude. Whole steps are bisected before.
     pub(super) fn bisect_ray(&mut self) -> Result<(), FalsificationError> {
         let Some(from) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
         let mut passes = 0.0;
         let mut fails = if steps_only(&self.space) { 0.0 } else { self.smallest() };
-        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted {
+        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted
+        {
             let middle = f64::midpoint(passes, fails);
             let scenario = scaled(&self.space, &from.scenario, middle);
             let mut episodes = self.system.rollout(&[Request::new(scenario, from.seed)])?;
