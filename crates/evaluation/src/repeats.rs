@@ -158,8 +158,7 @@ mod tests {
     }
 
     /// Systems whose share is known: a scenario is a number from 0 to 1, and the share is the
-    /// variance of its mean by the whole variance. Failures in a corner and rare ones decide the
-    /// variance.
+    /// variance of its mean by the whole variance. Failures in a corner and rare ones decide it.
     #[test]
     fn the_interval_contains_the_share_also_if_failures_sit_in_a_corner() {
         const REPLICATIONS: u64 = 500;
