@@ -89,6 +89,13 @@ fn traces_without_the_condition_do_not_support_a_value() {
     assert_eq!((point.values[0].0, point.satisfied, point.support), (3.0, 2, 1));
     let supports: Vec<bool> = found.per_trace.iter().map(|trace| trace.supports).collect();
     assert_eq!(supports, [true, false]);
+    // Above x = 1, the condition holds in no trace, and the tightest limit would be 0.
+    let both = [range("least", 0.0, 9.0), range("limit", 0.0, 50.0)];
+    let found = ask("always(x >= least implies y <= limit)", &both, 1.0, &traces).expect("mined");
+    let values: Vec<Vec<f64>> =
+        found.points.iter().map(|point| point.values.iter().map(|value| value.0).collect()).collect();
+    assert_eq!(values.len(), found.points.iter().filter(|point| point.support > 0).count());
+    assert!(!values.is_empty() && values.iter().all(|values| values[1] >= 3.0), "{values:?}");
 }
 
 /// A log in which the condition never holds satisfies every value. It must not make room for one
@@ -231,6 +238,11 @@ fn fronts_are_those_of_the_whole_grid() {
                 unsupported += 1;
                 continue;
             }
+            // The condition of an implication holds at some sample.
+            let is_asked = |values: &[f64; 2]| {
+                let x = traces.iter().flat_map(|trace| trace.trace.column(0));
+                !formula.contains("implies") || x.into_iter().any(|x| *x >= values[1])
+            };
             for point in &found.points {
                 let values: Vec<f64> = point.values.iter().map(|value| value.0).collect();
                 assert!(all(&values), "{formula} {values:?}");
@@ -242,12 +254,13 @@ fn fronts_are_those_of_the_whole_grid() {
                     assert_eq!(point.violated_if_tighter[axis].is_some(), is_inside, "{formula} {values:?}");
                 }
             }
-            // The tightest value of each parameter alone is on the front.
+            // The tightest value of each parameter alone is on the front, if a trace asks for it.
             for axis in 0..2 {
                 let least = |values: &mut dyn Iterator<Item = f64>| {
                     values.map(|value| signs[axis] * value).fold(f64::INFINITY, f64::min)
                 };
-                let in_grid = least(&mut valid.iter().map(|values| values[axis]));
+                let in_grid =
+                    least(&mut valid.iter().filter(|values| is_asked(values)).map(|values| values[axis]));
                 let in_front = least(&mut found.points.iter().map(|point| point.values[axis].0));
                 assert_eq!(in_grid, in_front, "{formula} {:?}", found.points);
             }

@@ -67,11 +67,11 @@ fn fret(timing: &str, columns: &Columns) -> bool {
     let n = samples(columns);
     let response = |t: usize| columns["response"][t];
     let scope = &columns["scope"];
-    let intervals = starts(scope, 0..n).into_iter().map(|left| {
+    let mut intervals = starts(scope, 0..n).into_iter().map(|left| {
         let right = (left..n).find(|t| !scope[*t]).unwrap_or(n);
         left..right
     });
-    intervals.into_iter().all(|interval| {
+    intervals.all(|interval| {
         let end = interval.end;
         starts(&columns["condition"], interval).into_iter().all(|t| {
             let stop = || (t..end).find(|stop| columns["stop"][*stop]);

@@ -203,8 +203,8 @@ pub struct Mining {
     /// `no-support`: no trace supports a value, because the condition of an implication never holds
     /// or a window is longer than the trace.
     pub outcome: MiningOutcome,
-    /// The tightest values; with several parameters, the Pareto front. Empty if the loosest values
-    /// fail or no trace supports a value.
+    /// The tightest values; with several parameters, the points of the Pareto front that a trace
+    /// supports. Empty if the loosest values fail or no trace supports a value.
     pub points: Vec<MinedPoint>,
     /// Per trace, the tightest value of the only parameter. Empty with several parameters, or if no
     /// trace supports a value.

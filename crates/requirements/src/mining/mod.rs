@@ -71,8 +71,8 @@ fn question(text: String) -> RequirementError {
 /// enough traces satisfy the formula, and fewer do if any one parameter is a step tighter.
 ///
 /// A trace supports a value if it contains the windows of the formula and the conditions of its
-/// implications hold. Without such a trace, there are no values. The share is one of the traces
-/// whose conditions hold with some values.
+/// implications hold. A point without such a trace is left out. The share is one of the traces whose
+/// conditions hold with some values.
 ///
 /// # Errors
 /// If the formula does not parse, a parameter is a signal, has no direction in which it is tighter,
@@ -107,9 +107,9 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
         found.points.push(miner.point(&point)?);
     }
     // Values that no trace asks for answer nothing.
-    if found.points.iter().all(|point| point.support == 0) {
+    found.points.retain(|point| point.support > 0);
+    if found.points.is_empty() {
         found.outcome = MiningOutcome::NoSupport;
-        found.points.clear();
         found.per_trace.clear();
     }
     if let [point] = found.points.as_slice() {
