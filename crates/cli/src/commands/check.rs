@@ -32,10 +32,9 @@ The folder contains the requirements, the run files, a counterexample for each v
 check.json, junit.xml, report.md and report.html. The same command continues an interrupted check,
 and `mishandle evidence FOLDER` packs all of it for others.
 
-Exit code 0 means that no requirement is violated, 1 that at least one of the severity of
--k check.fail-on (default: error) or above is, 2 that none is and one of them could not be checked or
-asks nothing: it holds whatever the controller does.
-docs/guide/check.md describes the file.")]
+Exit code 0 means that no requirement is violated, 1 that at least one of the severity of -k
+check.fail-on (default: error) or above is, 2 that none is and one of them could not be checked or
+asks nothing: it holds whatever the controller does. docs/guide/check.md describes the file.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,

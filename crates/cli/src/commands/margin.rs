@@ -20,8 +20,8 @@ use crate::run::{self, answers, question};
 
 An amplitude of 1 is the largest disturbance of the space: each axis at a bound. The initial state,
 if it is in the space, varies in its whole box. The result is an upper bound with a witness: smaller
-disturbances that violate the formula may exist. Exit code 1 means that a violation was found, 2 also
-that too many simulations have no verdict (max-without-verdict).")]
+disturbances that violate the formula may exist. Exit code 1 means that a violation was found, 2
+also that too many simulations have no verdict (max-without-verdict).")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
