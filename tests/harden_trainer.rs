@@ -283,6 +283,7 @@ fn mistakes_are_errors_before_anything_is_written() {
 /// In 35 % of the starts or more, simulations end without a verdict: the pole leans where the formula
 /// has no value, or the cart is too far away for the engine.
 #[test]
+#[ignore = "long"]
 fn nothing_is_concluded_if_a_region_of_the_final_set_has_no_verdict() {
     let undecided = |text: String| {
         text.replace("always(angle <= 0.3)", "always(angle <= 0.3) and sqrt(0.03 - lean) >= 0").replace(
