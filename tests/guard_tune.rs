@@ -63,29 +63,39 @@ fn bits(episode: &Episode) -> Vec<u64> {
     names.flat_map(|name| column(episode, name).iter().map(|value| value.to_bits())).collect()
 }
 
-/// Half of the starts have no square root. The requirement of the tuning decides, and what it
-/// leaves open is too much for a conclusion.
+/// A ball near the center of the tray has no square root. The requirement of the tuning decides, and
+/// what it leaves open is too much for a conclusion.
 #[test]
 fn simulations_that_leave_the_requirement_open_are_counted_in_all_runs() {
     let home = tempfile::tempdir().unwrap();
     let folder = home.path().join("open");
     let formula = format!(
-        "always[50:200](ball_tray_horizontal_distance <= {DISTANCE}) and sqrt(0 - tray_from_ball_1) >= 0"
+        "always[50:200](ball_tray_horizontal_distance <= {DISTANCE}) and sqrt(ball_tray_horizontal_distance - 0.001) >= 0"
     );
-    let settings = TuneSettings { formula: Some(formula), episodes: 100, ..settings() };
+    let settings = TuneSettings { formula: Some(formula), episodes: 60, ..settings() };
     let found = run(&plan(), &settings, &folder);
     let open: usize = ["training", "controller", "guarded"]
         .map(|name| {
             let requests = requests(&folder.join(format!("{name}.sqlite")));
-            let traces = episodes(&Plan { guard: None, ..plan() }, &requests);
-            traces.iter().filter(|episode| column(episode, "tray_from_ball_1")[0] > 0.0).count()
+            let guard =
+                GuardPlan::from_toml(&std::fs::read_to_string(folder.join("guard.toml")).unwrap()).unwrap();
+            let guard = (name == "guarded").then_some(guard);
+            let traces = episodes(&Plan { guard, ..plan() }, &requests);
+            traces
+                .iter()
+                .filter(|episode| {
+                    column(episode, "ball_tray_horizontal_distance")[..=*JUDGED.end()]
+                        .iter()
+                        .any(|x| *x < 0.001)
+                })
+                .count()
         })
         .iter()
         .sum();
     let without = &found.without_verdict;
-    assert!(open > 40, "{open}");
-    assert_eq!((without.ends.simulations, without.ends.undecided), (100 + 2 * 24, open as u64));
-    assert!(without.is_too_large());
+    assert!(open > 0);
+    assert_eq!((without.ends.simulations, without.ends.undecided), (60 + 2 * 24, open as u64));
+    assert_eq!(without.is_too_large(), open as f64 > 0.05 * 108.0, "{open}");
     let other = Plan { max_without_verdict: 0.9, ..plan() };
     let error = tune(&other, &settings, &folder, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert!(error.with_causes().contains("max-without-verdict: recorded 0.05, given 0.9"), "{error}");

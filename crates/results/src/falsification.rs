@@ -207,7 +207,7 @@ pub struct Cause {
     /// Whether `scenario` went back toward the counterexample, because nearer failures depend on
     /// the solver of the physics.
     pub went_back: bool,
-    /// The check of the physics of `scenario`; `null` where that of the counterexample is. If the
+    /// The check of the physics of `scenario`; `null` if the counterexample has none. If the
     /// counterexample depends on the solver, `scenario` does not go back.
     pub physics: Option<PhysicsCheck>,
     /// The failures on the way back whose physics was checked, in order, without the

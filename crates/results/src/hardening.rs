@@ -7,9 +7,9 @@ use crate::{Estimate, GuardFacts, Seed, WithoutVerdict, optional};
 
 /// A controller before and after a hardening: the final comparison, and how it was reached.
 ///
-/// The measures, the failure probabilities, the margins and the searches are those of the final
-/// set: scenarios and seeds that are simulated once, after the last decision. No training run and
-/// no decision used them. The corners of the initial box are the same points everywhere.
+/// The measures, the failure probabilities, the margins and the searches are from the final set:
+/// scenarios and seeds that are simulated once, after the last decision. No training run and no
+/// decision used them. The corners of the initial box are the same points everywhere.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Hardening {
