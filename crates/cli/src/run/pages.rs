@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
 use mishandle::harden::{FinalRun, final_runs, is_hardening};
-use mishandle::resolve::recorded_plan;
+use mishandle::resolve::plan_without_program;
 use mishandle::results::{BisectedCandidate, Bisection, Hardening};
 use mishandle::store::RunFile;
 use mishandle_report::{
@@ -169,8 +169,8 @@ pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<Bise
 
 /// Returns the report of a run; `None` after an interruption.
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
-    let moved = options.controller.and_then(|controller| recorded_plan(file.header(), Some(controller)).ok());
-    let mut report = RunReport::load(file, &path.to_string_lossy(), moved.as_ref(), shell_command)?;
+    let resolved = plan_without_program(file.header(), options.controller);
+    let mut report = RunReport::load(file, &path.to_string_lossy(), resolved.as_ref(), shell_command)?;
     let Some((samples, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));

@@ -12,7 +12,7 @@ use mishandle_stl::is_violated;
 use super::amplitude::{all_scenarios, between, is_time, norms, scaled, scenario_at, steps_only};
 use super::{MarginSettings, minimize};
 use crate::repeat::BATCH;
-use crate::{FalsificationError, coordinate};
+use crate::{FalsificationError, any_violation, coordinate};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
 const LEVELS: u64 = 8;
@@ -104,7 +104,8 @@ impl<'a> Attempt<'a> {
         let Some(from) = self.witness.as_ref().map(|found| found.request.clone()) else { return Ok(()) };
         let mut passes = 0.0;
         let mut fails = if steps_only(&self.space) { 0.0 } else { self.smallest() };
-        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted {
+        while fails - passes > RAY * fails && self.simulations < self.settings.budget && !self.is_interrupted
+        {
             let middle = f64::midpoint(passes, fails);
             let scenario = scaled(&self.space, &from.scenario, middle);
             let mut episodes = self.system.rollout(&[Request::new(scenario, from.seed)])?;
@@ -133,7 +134,7 @@ impl<'a> Attempt<'a> {
         let before = self.simulations;
         let watch = &mut *self.watch;
         let mut is_interrupted = false;
-        let minimized = minimize(self.system, &found, rest, |done| {
+        let minimized = minimize(self.system, &found, rest, &any_violation, |done| {
             let flow = watch(before + done);
             is_interrupted |= flow.is_break();
             flow
