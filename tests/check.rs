@@ -183,9 +183,10 @@ fn a_finished_check_concludes_with_its_own_share_without_a_verdict_only() {
     let file = file(&text);
     let ask = |subject, folder: &Path| {
         let mut watch = |_: &_| ControlFlow::Continue(());
-        check(&[subject], &of_file(&file, &text), &settings(), folder, &mut watch)
+        let found = check(&[subject], &of_file(&file, &text), &settings(), folder, &mut watch);
+        found.map_err(|error| error.with_causes())
     };
-    let error = ask(other.clone(), folder.path()).unwrap_err().with_causes();
+    let error = ask(other.clone(), folder.path()).unwrap_err();
     assert!(error.contains("max-without-verdict: recorded 0.05, given 1.0"), "{error}");
     let fresh = tempfile::tempdir().unwrap();
     let found = ask(other, fresh.path()).unwrap().unwrap();

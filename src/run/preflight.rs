@@ -255,8 +255,7 @@ fn unchanging(
         let hides = |other: &Axis| {
             other.kind == AxisKind::Fault && (other.is_onset() || !is_same_fault(index, other))
         };
-        let is_away =
-            |other: &Axis| way.is_away(&axes[index], other) && !other.is_fixed() && !hides(other);
+        let is_away = |other: &Axis| way.is_away(&axes[index], other) && !other.is_fixed() && !hides(other);
         let value = |other: &Axis| if is_away(other) { Some(other.at(AWAY)) } else { other.nominal };
         let base: Vec<Option<f64>> = axes.iter().map(value).collect();
         let others = axes.iter().enumerate();

@@ -40,7 +40,10 @@ fn bounds_that_assume_nothing_come_before_an_estimate_and_its_assumption() {
     let json = bench.check(&format!("{RARE} --json"), 1);
     let assumption = "the failures outside of the regions found are negligible";
     for (said, parts) in [
-        (said, ["violation: from ", "with 95 % confidence, which assumes nothing", assumption, "95 % interval"]),
+        (
+            said,
+            ["violation: from ", "with 95 % confidence, which assumes nothing", assumption, "95 % interval"],
+        ),
         (json, ["\"bounds\"", "\"probability\"", assumption, "\"value\""]),
     ] {
         let place = |part: &str| said.find(part).unwrap_or_else(|| panic!("no `{part}`: {said}"));

@@ -114,7 +114,7 @@ fn a_verdict_that_asks_nothing_says_so_everywhere_and_is_no_evidence() {
             assert_eq!(reason(found), reason(&found["verdicts"][0]), "{formula}");
             reason(found)
         });
-        asks(&bench, &format!("monitor --requirements set.toml log.csv"), truth, 1, |found| {
+        asks(&bench, "monitor --requirements set.toml log.csv", truth, 1, |found| {
             reason(&found["requirements"][0])
         });
         let logs = format!("report --log log.csv --formula '{formula}' --out log.html --force");

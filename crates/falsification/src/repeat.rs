@@ -109,7 +109,8 @@ pub fn measure_noise(
         let scenario = space.sample(seed, index);
         repeat_seeds(seed.child(index), repeats).map(move |seed| Request::new(scenario.clone(), seed))
     };
-    let mut requests = (1..).zip((0..scenarios).flat_map(repeated)).map(|(number, request)| Request { number, ..request });
+    let mut requests =
+        (1..).zip((0..scenarios).flat_map(repeated)).map(|(number, request)| Request { number, ..request });
     let mut robustness = Vec::new();
     loop {
         let batch: Vec<Request> = requests.by_ref().take(BATCH).collect();

@@ -38,7 +38,9 @@ pub fn headline(report: &RunReport, found: &Margin) -> String {
         }
         None => {
             let space = text(&found.subject.space);
-            format!("No disturbance within the space {space} was found that makes {subject} violate its requirement.")
+            format!(
+                "No disturbance within the space {space} was found that makes {subject} violate its requirement."
+            )
         }
     }
 }

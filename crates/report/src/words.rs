@@ -62,7 +62,7 @@ pub fn formula_label(report: &RunReport) -> String {
 
 /// Returns the verdict: a sentence of HTML, and one about simulations without a verdict.
 pub fn headline(report: &RunReport) -> String {
-    let found = report.answer.as_ref().map(|answer| answer.without_verdict());
+    let found = report.answer.as_ref().map(Answer::without_verdict);
     let mut out = verdict(report) + &found.map_or(String::new(), without_verdict);
     if let Some(Answer::Falsification(found)) = &report.answer
         && let Some(reason) = &found.asks_nothing

@@ -104,7 +104,11 @@ fn the_page_of_a_probability_has_the_interval_and_what_it_assumes() {
     match assumption {
         Some(assumption) => check_parts(
             &html,
-            &["probability of at most", "which assumes nothing.", &format!("<strong>If {assumption}</strong>")],
+            &[
+                "probability of at most",
+                "which assumes nothing.",
+                &format!("<strong>If {assumption}</strong>"),
+            ],
         ),
         None => check_parts(&html, &["assumes nothing"]),
     }

@@ -36,7 +36,7 @@ fn scopes(scope: &str, columns: &Columns) -> Vec<Range<usize>> {
                 end.or((scope == "-after-until").then_some(n)).map(|end| t..end)
             })
             .collect(),
-        _ => vec![0..n],
+        _ => std::iter::once(0..n).collect(),
     }
 }
 

@@ -25,7 +25,8 @@ pub(crate) fn margin_result(resolved: &ResolvedPlan, found: &MarginOutcome, run:
         }
     };
     let is_in_space = |name: &str| resolved.space.axes().iter().any(|axis| axis.name == name);
-    let others = resolved.target.axes.iter().filter(|axis| axis.nominal.is_some() && !is_in_space(&axis.name));
+    let others =
+        resolved.target.axes.iter().filter(|axis| axis.nominal.is_some() && !is_in_space(&axis.name));
     results::Margin {
         run: Some(run.to_string_lossy().into_owned()),
         subject: resolved.subject(),
