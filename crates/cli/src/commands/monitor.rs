@@ -128,7 +128,7 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     let strict_horizon = settings.log.strict_horizon;
     let found = (!verdicts.is_empty())
         .then(|| mishandle_logs::document(verdicts, without.list.clone(), logs, strict_horizon, values));
-    let verdicts = found.as_ref().map_or(&[][..], |found| &found.verdicts);
+    let verdicts = found.as_ref().map_or(&[][..], |found| &found.verdicts[..]);
     let outcomes = log_verdicts::outcomes(verdicts, &without.list);
     if let Some(path) = &command.junit {
         output::write_atomically(path, command.force, log_verdicts::junit(&outcomes).as_bytes())?;

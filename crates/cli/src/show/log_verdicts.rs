@@ -273,7 +273,7 @@ pub fn junit(found: &[Outcome<'_>]) -> String {
     }
     let mut text = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n");
     for log in logs {
-        let cases = || found.iter().filter(|outcome| outcome.log() == log);
+        let cases = || found.iter().filter(move |outcome| outcome.log() == log);
         let count =
             |name: &str| cases().filter(|case| element(case).is_some_and(|(own, _)| own == name)).count();
         text += &format!(
