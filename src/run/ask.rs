@@ -147,7 +147,7 @@ pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result
         same_plan::check(header, resolved)?;
         return answer_again(run, resolved);
     }
-    if needs_target(header)? {
+    if needs_target(header) {
         return answer_of_file(run);
     }
     let facts = Facts::recorded(header)?;
@@ -166,14 +166,14 @@ pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result
 /// The errors of [`recorded_answer`].
 pub fn answer_of_run<'a>(run: &RunFile, moved: impl Into<Moved<'a>>) -> Result<Answer, MishandleError> {
     let header = run.header();
-    let resolved = if needs_target(header)? { plan_without_program(header, moved) } else { None };
+    let resolved = if needs_target(header) { plan_without_program(header, moved) } else { None };
     recorded_answer(run, resolved.as_ref())
 }
 
 /// Returns whether the answer of a run depends on more than the numbers of its rows.
-fn needs_target(header: &RunHeader) -> Result<bool, MishandleError> {
-    let is_screened = Plan::from_toml(&header.plan)?.screening.is_some();
-    Ok(is_screened || !matches!(header.kind, RunKind::Evaluate | RunKind::Falsify))
+pub fn needs_target(header: &RunHeader) -> bool {
+    let is_screened = Plan::from_toml(&header.plan).is_ok_and(|plan| plan.screening.is_some());
+    is_screened || !matches!(header.kind, RunKind::Evaluate | RunKind::Falsify)
 }
 
 /// Asks the question of a run again with each target that its file can describe.

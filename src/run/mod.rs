@@ -40,7 +40,7 @@ pub(crate) mod violation;
 mod without_verdict;
 
 pub(crate) use ask::asked;
-pub use ask::{Engine, OpenRun, Progress, Watch, answer_of_run, ask, recorded_answer};
+pub use ask::{Engine, OpenRun, Progress, Watch, answer_of_run, ask, needs_target, recorded_answer};
 pub use builds::{admit_build, build_differences, continued_builds};
 pub(crate) use builds::{differences_of_builds, of_folder};
 pub use cause::FailureCause;

@@ -9,7 +9,7 @@ use mishandle::inspect::{
 use mishandle::portable::portable_plan;
 use mishandle::results::{Answer, AxisRates, Requirement, Words};
 use mishandle::rollout::Axis;
-use mishandle::run::{recorded_answer, recorded_axis, requirements, stops_by_itself};
+use mishandle::run::{needs_target, recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -156,9 +156,7 @@ impl RunReport {
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let mut notes = Vec::new();
-        let is_direct = plan.as_ref().is_some_and(|plan| plan.screening.is_none());
-        let needs_target = !(is_direct && matches!(header.kind, RunKind::Evaluate | RunKind::Falsify));
-        let answer = match recorded_answer(run, resolved.filter(|_| needs_target)) {
+        let answer = match recorded_answer(run, resolved.filter(|_| needs_target(&header))) {
             Ok(answer) => Some(answer),
             Err(_) if counts.simulations == 0 => None,
             Err(error) => {
