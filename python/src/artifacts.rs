@@ -8,7 +8,7 @@ use mishandle::counterexample::{Counterexample, Preparation, Suite, Tested};
 use mishandle::evaluation::{SurvivalCurve, lifetimes};
 use mishandle::plan::RegressSettings;
 use mishandle::results::Falsification;
-use mishandle::run::recorded_answer;
+use mishandle::run::answer_of_run;
 use mishandle::store::RunFile;
 use mishandle::{MishandleError as Error, ResolvedPlan};
 use mishandle_cli::words::shell_command;
@@ -75,7 +75,7 @@ type Survival = (Vec<(u32, f64)>, Vec<u32>, usize);
 /// Returns the survival curve of the trials of a run.
 #[pyfunction]
 pub fn survival(py: Python<'_>, path: PathBuf) -> PyResult<Survival> {
-    let found = py.detach(|| recorded_answer(&RunFile::open(&path)?, None)).map_err(raised)?;
+    let found = py.detach(|| answer_of_run(&RunFile::open(&path)?, None)).map_err(raised)?;
     let found = Falsification::try_from(found).map_err(|error| raised(Error::from(error)))?;
     let lifetimes = lifetimes(&found.trials, found.budget);
     let curve = SurvivalCurve::new(&lifetimes);

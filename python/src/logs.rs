@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use mishandle::plan::{LogSettings, MonitorSettings, Settings};
-use mishandle::results::{FormulaTrap, Severity};
+use mishandle::results::{FormulaTrap, NoVerdict, Severity};
 use mishandle::stl::{Clock, DenseMonitor, Formula, Monitor};
 use mishandle_logs::{
     Column, Evaluation, Log, LogError, NamedSamples, OpenLog, Options, Requirement, Samples, Signals, Source,
@@ -230,10 +230,8 @@ pub fn monitor(
         {
             return Err(named(error));
         }
-        without.extend(lacking.iter().map(|(requirement, error)| {
-            let formula = requirement.formula.to_string();
-            format!("trace {name}, {}: {}", requirement.name.as_ref().unwrap_or(&formula), worded(error))
-        }));
+        without
+            .extend(lacking.iter().map(|(requirement, error)| requirement.no_verdict(&name, worded(error))));
         if values {
             let first = &requirements[0];
             let evaluation = Evaluation { unit: first.unit, strict_horizon };
@@ -245,8 +243,12 @@ pub fn monitor(
             signal = Some(log.samples.robustness_signal(&first.formula, &evaluation).map_err(named)?);
         }
     }
-    let found = mishandle_logs::document(verdicts, count, strict_horizon, signal);
-    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1), without))
+    let text = |found: &NoVerdict| {
+        format!("trace {}, {}: {}", found.log, found.name.as_ref().unwrap_or(&found.formula), found.reason)
+    };
+    let texts = without.iter().map(text).collect();
+    let found = mishandle_logs::document(verdicts, without, count, strict_horizon, signal);
+    Ok((json(&found)?, mishandle_cli::verdicts_text(&found.verdicts, count > 1), texts))
 }
 
 /// Returns the robustness of a formula at the first time of a log; `None` if `decided_only` and

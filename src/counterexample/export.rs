@@ -4,8 +4,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mishandle_falsification::{
-    FalsificationError, Minimized, PhysicsChecks, Repeated, Survivor, axes_off_nominal, is_close, minimize,
-    repeat, repeat_seeds,
+    FailurePoint, FalsificationError, Keeps, Minimized, PhysicsChecks, Repeated, Survivor, axes_off_nominal,
+    is_close, minimize, mode_distance, repeat, repeat_seeds, unit_scenario,
 };
 use mishandle_results as results;
 use mishandle_results::{CheckedFailure, ExportedCounterexample, Exports, PhysicsCheck};
@@ -15,9 +15,10 @@ use mishandle_text::path_text;
 
 use crate::counterexample::{Counterexample, MinimizedFrom};
 use crate::error::MishandleError;
-use crate::inspect::{FailureMode, failure_modes};
+use crate::inspect::{FailureMode, FailureModes, failure_modes};
 use crate::resolve::{ResolvedPlan, depends_on_seed, named_scenario};
 use crate::run::recorded_axes;
+use crate::run::violation::violation_of;
 
 /// A simulation to export.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,13 +99,15 @@ pub fn export(
     };
     // The minimized scenarios whose failure does not depend on the seed.
     let mut written: Vec<(PathBuf, Scenario)> = Vec::new();
+    let is_minimized = preparation.is_some_and(|preparation| preparation.minimize.is_some());
+    let modes = if is_minimized { failure_modes(run)? } else { FailureModes::default() };
     for Chosen { path, mode, trial, simulation } in chosen {
         if found.is_interrupted {
             break;
         }
         let recorded = Counterexample::from_run(run, trial, simulation)?;
         let Prepared { known, shrunk, simulations, is_interrupted } = match preparation {
-            Some(preparation) => prepare(preparation, recorded, &mut watch)?,
+            Some(preparation) => prepare(preparation, &modes, recorded, &mut watch)?,
             None => Prepared { known: recorded, shrunk: None, simulations: 0, is_interrupted: false },
         };
         found.simulations += simulations;
@@ -159,10 +162,11 @@ struct Prepared {
     is_interrupted: bool,
 }
 
-/// Minimizes a counterexample if that is required, and measures how often its scenario fails with
-/// other seeds; checks its physics.
+/// Minimizes a counterexample within its mode if that is required, and measures how often its
+/// scenario fails with other seeds; checks its physics.
 fn prepare(
     Preparation { resolved, minimize }: Preparation<'_>,
+    modes: &FailureModes,
     recorded: Counterexample,
     watch: &mut impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Prepared, MishandleError> {
@@ -181,8 +185,14 @@ fn prepare(
         return Ok(Prepared { known, shrunk: None, simulations: checks.simulations(), is_interrupted });
     };
     let mut system = resolved.system()?;
-    let robustness = recorded.expected.robustness;
-    let smaller = smaller(resolved, &mut *system, &mut checks, &request, robustness, budget, &mut watch)?;
+    let own = (recorded.trial, recorded.simulation);
+    let (axes, steps) = (resolved.space.axes(), resolved.target.episode_steps);
+    let keeps = |failure: &Episode, other: &Episode| {
+        let is_of_other = |point| modes.tells_apart(own, axes, steps, &point);
+        is_same_failure(resolved, failure, other) && !failure_point(resolved, other).is_some_and(is_of_other)
+    };
+    let failure = (&request, recorded.expected.robustness);
+    let smaller = smaller(resolved, &mut *system, &mut checks, failure, budget, &keeps, &mut watch)?;
     let Smaller { found, minimized, went_back, checked } = smaller;
     let scenario = found.scenario_in(&resolved.space)?;
     let done = minimized.simulations + checks.simulations();
@@ -213,6 +223,20 @@ fn prepare(
     Ok(Prepared { known: found, shrunk: Some(shrunk), simulations, is_interrupted })
 }
 
+/// Returns predicate, time and place of a failure; `None` if its formula has no value.
+fn failure_point(resolved: &ResolvedPlan, failure: &Episode) -> Option<FailurePoint> {
+    let ResolvedPlan { specification, target, space, .. } = resolved;
+    let found = violation_of(&specification.requirement, &failure.trace, target.control_dt).ok()?;
+    let point = unit_scenario(space.axes(), failure.request.scenario.values());
+    Some(FailurePoint { point, signature: found.signature })
+}
+
+/// Returns whether the same predicate decides two failures, at a similar time.
+pub(crate) fn is_same_failure(resolved: &ResolvedPlan, a: &Episode, b: &Episode) -> bool {
+    let points = failure_point(resolved, a).zip(failure_point(resolved, b));
+    points.is_some_and(|(a, b)| mode_distance(&[], &[], resolved.target.episode_steps, &a, &b).is_some())
+}
+
 /// A failure that was moved toward the nominal scenario.
 pub(crate) struct Smaller {
     /// The failure, which says where it comes from.
@@ -225,8 +249,8 @@ pub(crate) struct Smaller {
     checked: Vec<CheckedFailure>,
 }
 
-/// Moves a failure toward the nominal scenario with at most `budget` simulations, and checks the
-/// physics of the result, which goes back toward the failure until it survives. If the failure
+/// Moves a failure toward the nominal scenario with at most `budget` simulations, by failures that
+/// `keeps` accepts, and checks the physics of the result, which goes back toward the failure until it survives. If the failure
 /// itself depends on the solver, the result is the nearest one, and its check says so.
 ///
 /// `watch` gets the number of simulations after each batch, and can end the minimization and the
@@ -238,13 +262,13 @@ pub(crate) fn smaller(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
     checks: &mut PhysicsChecks,
-    request: &Request,
-    robustness: f64,
+    (request, robustness): (&Request, f64),
     budget: u64,
+    keeps: &Keeps<'_>,
     watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Smaller, MishandleError> {
     let mut is_interrupted = false;
-    let minimized = minimize(system, request, budget, |done| {
+    let minimized = minimize(system, request, budget, keeps, |done| {
         let flow = watch(done);
         is_interrupted |= flow.is_break();
         flow

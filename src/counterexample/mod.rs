@@ -25,8 +25,8 @@ use crate::portable;
 use crate::resolve::{Moved, ResolvedPlan, controller_name, is_target_file, resolve_recorded};
 use crate::run::differences_of_builds;
 
-pub(crate) use export::smaller;
 pub use export::{Chosen, Exported, Preparation, export, representatives};
+pub(crate) use export::{is_same_failure, smaller};
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
 
@@ -42,13 +42,13 @@ pub use suite::{Suite, Tested, suite_files};
 /// use mishandle::rollout::{Request, Seed};
 /// use mishandle::{Plan, ResolvedPlan};
 /// use mishandle::counterexample::Counterexample;
-/// use mishandle::falsification::minimize;
+/// use mishandle::falsification::{any_violation, minimize};
 /// # let folder = tempfile::tempdir().unwrap();
 /// let resolved = ResolvedPlan::new(&Plan::new("toy/sphere-2d", "")).unwrap();
 /// let mut system = resolved.system().unwrap();
 /// // The point that must be avoided is (0.3, -0.4), by 0.1 m.
 /// let found = Request::new([0.35, -0.42], Seed(0));
-/// let minimized = minimize(&mut *system, &found, 300, |_| ControlFlow::Continue(())).unwrap();
+/// let minimized = minimize(&mut *system, &found, 300, &any_violation, |_| ControlFlow::Continue(())).unwrap();
 /// let counterexample = Counterexample::from_episode(&resolved, &minimized.episode).unwrap();
 /// let distance = |axis: usize, center: f64| counterexample.scenario[axis].value.unwrap() - center;
 /// assert!((distance(0, 0.3).hypot(distance(1, -0.4)) - 0.1).abs() < 0.02);

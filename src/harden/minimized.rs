@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use mishandle_falsification::is_close;
 use mishandle_files::{limits, read_text_bounded};
-use mishandle_rollout::{Request, Scenario, Seed};
+use mishandle_rollout::{Episode, Request, Scenario, Seed};
 use serde::{Deserialize, Serialize};
 
 use super::folder::Folder;
 use super::{HardenProgress, HardenUnit, Watch};
 use crate::archive::{ModeKey, Modes, Simulated, simulated_in};
-use crate::counterexample::{Counterexample, smaller};
+use crate::counterexample::{Counterexample, is_same_failure, smaller};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 
@@ -131,9 +131,10 @@ pub(super) fn minimized(
                 flow
             };
             let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
-            let robustness = worst.robustness;
+            let keeps = |failure: &Episode, other: &Episode| is_same_failure(resolved, failure, other);
+            let failure = (&request, worst.robustness);
             let smaller =
-                smaller(resolved, &mut *system, &mut checks, &request, robustness, BUDGET, &mut watch)?.found;
+                smaller(resolved, &mut *system, &mut checks, failure, BUDGET, &keeps, &mut watch)?.found;
             if is_interrupted {
                 return Ok(None);
             }

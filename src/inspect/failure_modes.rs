@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
 use mishandle_falsification::{
-    FailurePoint, MAX_FAILURES, MAX_OTHERS, Signature, group_failures, unit_scenario,
+    FailurePoint, MAX_FAILURES, MAX_OTHERS, Signature, group_failures, mode_distance, unit_scenario,
 };
 use mishandle_rollout::{Axis, Scenario};
 use mishandle_store::{RunFile, RunHeader, Simulation};
@@ -77,6 +77,31 @@ pub struct FailureModes {
     /// Number of failures that are in no mode: without a recorded trace, or above the limit of
     /// 5,000.
     pub not_grouped: usize,
+}
+
+impl FailureModes {
+    /// Returns whether a failure of a space with these axes is in another mode than simulation
+    /// `number` of `trial`: the nearest failure with its predicate, time and categories is. Modes
+    /// that their causes tell apart have no place in the space.
+    pub(crate) fn tells_apart(
+        &self,
+        (trial, number): (u32, u32),
+        axes: &[Axis],
+        episode_steps: usize,
+        failure: &FailurePoint,
+    ) -> bool {
+        let is_own =
+            |mode: &&FailureMode| mode.failures.iter().any(|own| (own.trial, own.number) == (trial, number));
+        let nearest = |mode: &FailureMode| {
+            let near = |known: &Failure| {
+                mode_distance(axes, &mode.axes, episode_steps, &point(axes, known), failure)
+            };
+            mode.failures.iter().filter_map(near).fold(f64::INFINITY, f64::min)
+        };
+        let Some(own) = self.modes.iter().find(is_own) else { return false };
+        let others = self.modes.iter().filter(|mode| !mode.is_isolated && !is_own(mode));
+        !own.is_isolated && others.map(nearest).fold(f64::INFINITY, f64::min) < nearest(own)
+    }
 }
 
 /// Groups the failures of a run by decisive predicate, time and cause. Failures that were not moved

@@ -11,7 +11,7 @@ use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, Sto
 use crate::error::MishandleError;
 use crate::inspect::run_facts;
 use crate::plan::{Plan, key_values};
-use crate::run::{recorded_answer, recorded_axes, recorded_scenario, stops_by_itself};
+use crate::run::{answer_of_run, recorded_axes, recorded_scenario, stops_by_itself};
 
 /// Largest number of changed verdicts that are listed.
 const LISTED: usize = 100;
@@ -25,7 +25,7 @@ pub fn run_difference(first: &RunFile, second: &RunFile) -> Result<RunDifference
     let b = differing_run(second)?;
     let facts = differing(facts(first.header()), facts(second.header()));
     let mut notes = Vec::new();
-    let mut found = |name: &str, run: &RunFile| match recorded_answer(run, None) {
+    let mut found = |name: &str, run: &RunFile| match answer_of_run(run, None) {
         Ok(answer) => results_of(answer),
         Err(error) => {
             notes.push(format!("the answer of {name} is missing: {error}"));

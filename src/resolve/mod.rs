@@ -59,7 +59,7 @@ pub(crate) use policy::check_allowed;
 pub(crate) use randomness::depends_on_seed_at_nominal;
 pub use randomness::{depends_on_seed, space_depends_on_seed};
 pub(crate) use recorded::resolve_recorded;
-pub use recorded::{Moved, recorded_plan};
+pub use recorded::{Moved, plan_without_program, recorded_plan};
 pub(crate) use requirements::missing_signals;
 pub use robot::contract_warnings;
 pub use robot::robot_file;
@@ -71,6 +71,7 @@ pub(crate) use simulator::simulator_file;
 pub use subject::{axis_facts, named_scenario};
 pub use target_file::{command, command_target, has_files, is_target_file};
 pub(crate) use target_file::{file_label, files_of, starts_program};
+pub(crate) use task::reachable_starts;
 pub use task::{preset, task, task_target};
 pub(crate) use training::STARTS;
 pub use training::{

@@ -5,7 +5,7 @@ use mishandle_store::{ComponentRecord, RunHeader};
 
 use crate::error::{MishandleError, RunError, problem};
 use crate::plan::{EngineSettings, Plan};
-use crate::resolve::{ResolvedPlan, is_target_file};
+use crate::resolve::{ResolvedPlan, is_target_file, starts_program};
 
 /// Present paths of the files of a run that were moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,6 +41,15 @@ pub fn recorded_plan<'a>(
     moved: impl Into<Moved<'a>>,
 ) -> Result<ResolvedPlan, MishandleError> {
     resolve_recorded(Plan::from_toml(&header.plan)?, &header.components, moved.into())
+}
+
+/// Resolves the plan of a run as [`recorded_plan`] does; `None` if that fails or starts a program.
+pub fn plan_without_program<'a>(header: &RunHeader, moved: impl Into<Moved<'a>>) -> Option<ResolvedPlan> {
+    let moved = moved.into();
+    let mut plan = Plan::from_toml(&header.plan).ok()?;
+    plan.target = moved.target.map_or(plan.target, str::to_string);
+    plan.controller = moved.controller.map_or(plan.controller, str::to_string);
+    if starts_program(&plan).ok()? { None } else { recorded_plan(header, moved).ok() }
 }
 
 /// Resolves a recorded plan and checks that the target has the recorded components.

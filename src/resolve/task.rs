@@ -5,7 +5,7 @@ use std::sync::Arc;
 use mishandle_controllers::guard::Meaning;
 use mishandle_controllers::{ControllerFile, bytes_hash};
 use mishandle_results::{Choice, Key, Remedy};
-use mishandle_rollout::Component;
+use mishandle_rollout::{Component, ReachabilityCheck};
 use mishandle_tasks::{ARM_JOINTS, CONTROL_DT, Definition, EPISODE_STEPS, JOINTS, Preset, Task, TaskTarget};
 
 use crate::error::{MishandleError, invalid, problem};
@@ -71,6 +71,15 @@ pub fn task_target(plan: &Plan) -> Result<TaskTarget, MishandleError> {
     let (controller, components) =
         guarded(plan, controller, guarded_loop, |name| load_controller(task, name, false))?;
     Ok(TaskTarget::new(task, preset, controller, components, noise)?)
+}
+
+/// Returns which starts of the task of an evaluation are reachable, which no controller changes;
+/// `None` for another plan.
+pub(crate) fn reachable_starts(plan: &Plan) -> Option<Arc<ReachabilityCheck>> {
+    plan.evaluate.as_ref()?;
+    mishandle_tasks::task(&plan.target)?;
+    let own = Plan { preset: plan.preset.clone(), ..Plan::new(&plan.target, EXPERT) };
+    task_target(&own).ok()?.target().ok()?.reachable
 }
 
 /// Returns what a guard must know about a task and a controller that reads these further parts of

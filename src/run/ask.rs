@@ -6,13 +6,15 @@ use std::sync::atomic::Ordering;
 
 use mishandle_results::Answer;
 use mishandle_rollout::Request;
-use mishandle_store::{RunFile, RunKind, RunWriter, TrialStatus};
+use mishandle_store::{RunFile, RunHeader, RunKind, RunWriter, TrialStatus};
 use mishandle_world::WorldDevice;
 
 use crate::error::{Compared, MishandleError, RunError};
-use crate::resolve::{ResolvedPlan, recorded_plan};
+use crate::plan::Plan;
+use crate::resolve::{Moved, ResolvedPlan, plan_without_program};
 use crate::run::answer::add_recorded_parts;
 use crate::run::facts::Facts;
+use crate::run::file_target::possible_plans;
 use crate::run::journal::Journal;
 use crate::run::{evaluation, falsification, margin, metamorphic, risk, same_plan};
 
@@ -132,31 +134,62 @@ fn question(journal: &Journal<'_>, watch: Watch<'_>) -> Result<Found, MishandleE
 /// Returns the answer of a run from its records alone: that of the recorded simulations if the run
 /// was interrupted.
 ///
-/// With the plan of the run, every row is compared with what its question asks. Without it, an
-/// evaluation or a falsification without screening needs only the file, which does not know the
-/// starts that are reachable; for others, the target is looked up.
+/// With the plan of the run, every row is compared with what its question asks. Without it, the
+/// answer follows from the file: no file of the plan is opened and no program is started. It then
+/// lacks what only the target knows, such as axes outside of the space.
 ///
 /// # Errors
 /// If the run is of another plan, has no simulations, or has others than its question asks, or if
-/// the target is needed and not here.
+/// the target is needed.
 pub fn recorded_answer(run: &RunFile, resolved: Option<&ResolvedPlan>) -> Result<Answer, MishandleError> {
+    let header = run.header();
     if let Some(resolved) = resolved {
+        same_plan::check(header, resolved)?;
         return answer_again(run, resolved);
     }
-    let header = run.header();
+    if needs_target(header) {
+        return answer_of_file(run);
+    }
     let facts = Facts::recorded(header)?;
     let mut answer = match header.kind {
-        RunKind::Evaluate if facts.plan.screening.is_none() => evaluation::progress::recorded(run, &facts)?,
-        RunKind::Falsify if facts.plan.screening.is_none() => falsification::recorded(run, &facts)?,
-        _ => return answer_again(run, &recorded_plan(header, None)?),
+        RunKind::Evaluate => evaluation::progress::recorded(run, &facts)?,
+        _ => falsification::recorded(run, &facts)?,
     };
     add_recorded_parts(&mut answer, run, &facts.plan, true)?;
     Ok(answer)
 }
 
+/// Returns the answer of a run as [`recorded_answer`] does: with its target if the answer depends
+/// on it, it is here, and it needs no program. `moved` has the present paths of moved files.
+///
+/// # Errors
+/// The errors of [`recorded_answer`].
+pub fn answer_of_run<'a>(run: &RunFile, moved: impl Into<Moved<'a>>) -> Result<Answer, MishandleError> {
+    let header = run.header();
+    let resolved = if needs_target(header) { plan_without_program(header, moved) } else { None };
+    recorded_answer(run, resolved.as_ref())
+}
+
+/// Returns whether the answer of a run depends on more than the numbers of its rows.
+pub fn needs_target(header: &RunHeader) -> bool {
+    let is_screened = Plan::from_toml(&header.plan).is_ok_and(|plan| plan.screening.is_some());
+    is_screened || !matches!(header.kind, RunKind::Evaluate | RunKind::Falsify)
+}
+
+/// Asks the question of a run again with each target that its file can describe.
+fn answer_of_file(run: &RunFile) -> Result<Answer, MishandleError> {
+    let mut first = None;
+    for resolved in possible_plans(run.header()) {
+        match resolved.and_then(|resolved| answer_again(run, &resolved)) {
+            Ok(answer) => return Ok(answer),
+            Err(error) => first = first.or(Some(error)),
+        }
+    }
+    Err(first.unwrap_or(RunError::NoEpisode.into()))
+}
+
 /// Asks the question of a run again.
 fn answer_again(run: &RunFile, resolved: &ResolvedPlan) -> Result<Answer, MishandleError> {
-    same_plan::check(run.header(), resolved)?;
     let mut journal = Journal::again(resolved, run);
     let mut found = question(&journal, &mut |_| ControlFlow::Continue(()));
     if found.is_err() && journal.is_missing() {

@@ -17,6 +17,7 @@ mod engine_speeds;
 pub(crate) mod evaluation;
 mod facts;
 pub(crate) mod falsification;
+mod file_target;
 mod first_simulations;
 pub(crate) mod header;
 pub(crate) mod journal;
@@ -39,7 +40,7 @@ pub(crate) mod violation;
 mod without_verdict;
 
 pub(crate) use ask::asked;
-pub use ask::{Engine, OpenRun, Progress, Watch, ask, recorded_answer};
+pub use ask::{Engine, OpenRun, Progress, Watch, answer_of_run, ask, needs_target, recorded_answer};
 pub use builds::{admit_build, build_differences, continued_builds};
 pub(crate) use builds::{differences_of_builds, of_folder};
 pub use cause::FailureCause;

@@ -25,7 +25,7 @@ pub use run::check_reports::write as write_check_reports;
 pub use show::bisection::{command as bisection_command, text as bisection_text};
 pub use show::check::text as check_text;
 pub use show::formula::text as formula_text;
-pub use show::log_verdicts::shown as verdicts_text;
+pub use show::log_verdicts::verdicts as verdicts_text;
 pub use show::mining::text as mining_text;
 
 use command_line::CommandLine;

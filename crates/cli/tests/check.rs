@@ -35,6 +35,9 @@ fn exit_codes_follow_severities() {
         (format!("{FINE}{OTHER}"), "", 2),
         (format!("{FINE}{OTHER}"), "-k check.allow-inapplicable=true", 0),
         (format!("{FINE}{OTHER}"), "-k check.fail-on=critical", 0),
+        // Nothing at all was tested.
+        (OTHER.to_string(), "-k check.allow-inapplicable=true", 2),
+        (format!("{OTHER}severity = \"warning\"\n"), "", 2),
         (format!("{FINE}max-failure-rate = 0.0001\n"), "", 2),
         (format!("{FINE}max-failure-rate = 0.1\n"), "", 0),
     ]

@@ -154,6 +154,42 @@ fn a_minimized_counterexample_is_on_the_boundary_and_replays() {
     assert!(budget.contains("the budget ended"), "{budget}");
 }
 
+/// Fails early from 0.7 on, and late from 0.3 to 0.5; nominal is 0.
+const TWO_MODES: &str = r#"
+import json, sys
+HELLO = {"protocol": 1, "name": "two", "control_dt": 0.1, "steps": 10, "signals": [{"name": "m"}],
+         "axes": [{"name": "x", "low": 0, "high": 1, "nominal": 0, "kind": "start"}],
+         "formulas": [{"name": "success", "text": "always(m >= 0)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    x = q.get("scenario", {}).get("x", 0)
+    first = 2 if x >= 0.7 else 8 if 0.3 <= x < 0.5 else 11
+    answer = HELLO if q["type"] == "hello" else {"trace": {"m": [-1 if i >= first else 1 for i in range(11)]}}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+/// Each mode keeps a test of its own: a minimized failure is at the edge of its band.
+#[test]
+fn a_minimized_counterexample_stays_in_its_mode() {
+    let bench = Bench::new();
+    bench.write("s.py", TWO_MODES);
+    let keys = "-k falsify.keep-going=true --search random --trials 1 --budget 60";
+    bench.check(&format!("falsify --command 'python3 s.py' {keys} --out run.sqlite"), 1);
+    let add = "regress suite --add run.sqlite -k regress.all=true -k regress.minimize=true --json";
+    let output = bench.command(add).env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
+    let exported: Value = serde_json::from_slice(&output.stdout).expect(&text(&output.stderr));
+    let files = exported["files"].as_array().unwrap();
+    let mut edges: Vec<f64> = Vec::new();
+    for file in files {
+        let x = |scenario: &Value| scenario["x"].as_f64().unwrap();
+        let edge = if x(&file["minimized"]["scenario"]) >= 0.7 { 0.7 } else { 0.3 };
+        assert!((edge..edge + 0.011).contains(&x(&file["scenario"])) && file["file"].is_string(), "{file}");
+        edges.push(edge);
+    }
+    edges.sort_by(f64::total_cmp);
+    assert_eq!(edges, [0.3, 0.7]);
+}
+
 #[test]
 fn junit_reports_passes_failures_and_errors_for_any_names() {
     let bench = suite();

@@ -227,6 +227,63 @@ fn a_program_of_a_folder_is_never_started() {
     );
 }
 
+/// A simulator that leaves a trace of its start.
+const STARTED: &str = r#"
+import json, sys
+open("started", "a").write("started\n")
+AXES = [{"name": name, "low": 0, "high": 1, "nominal": 0.5, "kind": kind}
+        for name, kind in (("x", "start"), ("k", "model"))]
+HELLO = {"protocol": 1, "name": "s", "control_dt": 1.0, "steps": 1, "axes": AXES, "seeded": SEEDED,
+         "signals": [{"name": "m"}], "formulas": [{"name": "success", "text": "always(m >= 0)"}]}
+for line in sys.stdin:
+    q = json.loads(line)
+    answer = HELLO if q["type"] == "hello" else {"trace": {"m": [1.0, 0.9 - q["scenario"]["x"]]}}
+    print(json.dumps({"id": q["id"], **answer}), flush=True)
+"#;
+
+/// The page of any question depends on the run alone, whatever may be started.
+#[test]
+fn pages_need_no_program_and_evidence_verifies_without_one() {
+    for seeded in ["False", "True"] {
+        let bench = Bench::new();
+        bench.write("s.py", &STARTED.replace("SEEDED", seeded));
+        let relation = "[metamorphic]\npairs = 5\n[metamorphic.relations.r]\nchange = { k = '+0.1' }\n";
+        bench.write("m.toml", &format!("target = \"process:python3 s.py\"\n{relation}"));
+        let allowed = |arguments: &str| {
+            let mut command = bench.command(arguments);
+            let output = command.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
+            (output.status.code(), text(&output.stdout), text(&output.stderr))
+        };
+        for (name, question) in [
+            ("evaluate", "evaluate --command 'python3 s.py' --episodes 20"),
+            ("falsify", "falsify --command 'python3 s.py' --trials 1 --budget 20"),
+            ("margin", "margin --command 'python3 s.py' --budget 60"),
+            ("risk", "risk --command 'python3 s.py' --budget 300"),
+            ("metamorphic", "run m.toml"),
+        ] {
+            let (_, _, err) = allowed(&format!("{question} --out {name}.sqlite"));
+            assert!(bench.path(&format!("{name}.sqlite")).exists(), "{name}: {err}");
+            // The program is there when one page is made, and allowed.
+            let (code, _, err) = allowed(&format!("evidence {name}.sqlite --out here-{name}"));
+            assert_eq!(code, Some(0), "{name}: {err}");
+            fs::remove_file(bench.path("started")).unwrap();
+            bench.check(&format!("evidence {name}.sqlite --out {name}"), 0);
+            let page = |folder: &str| fs::read(bench.path(&format!("{folder}/pages/{name}.html"))).unwrap();
+            assert_eq!(page(name), page(&format!("here-{name}")), "{name}");
+            assert!(!text(&page(name)).contains("answer is missing"), "{name}");
+            let (_, out, err) = allowed(&format!("evidence --verify {name} -k evidence.replay=0 --json"));
+            let found: serde_json::Value = serde_json::from_str(&out).expect(&err);
+            assert_eq!(found["problems"].as_array().map(Vec::len), Some(0), "{name}: {out}");
+            let report = format!("report {name}.sqlite -k report.simulations=false --out {name}.html");
+            assert_eq!(allowed(&report).0, Some(0), "{name}");
+            assert_eq!(allowed(&format!("compare {name}.sqlite {name}.sqlite --exact")).0, Some(0), "{name}");
+            assert!(!bench.path("started").exists(), "{name} starts the program");
+            // The next question starts it.
+            bench.write("started", "");
+        }
+    }
+}
+
 #[test]
 fn mistakes_are_errors_and_leave_nothing() {
     let bench = evidence();

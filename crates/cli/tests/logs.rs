@@ -276,6 +276,68 @@ fn a_log_that_cannot_be_read_leaves_the_verdicts_on_the_others() {
     assert_eq!(messages.matches("No such file").count(), 1, "{messages}");
 }
 
+/// Every requirement on every log is in every output, also those without a verdict.
+#[test]
+fn no_output_leaves_out_a_log_or_a_requirement() {
+    let bench = Bench::new();
+    bench.write("good.csv", "time,force\n0,1\n1,\n2,1\n");
+    bench.write("nan.csv", "time,force\n0,nan\n");
+    let requirement = |name: &str, formula: &str, severity: &str| {
+        format!("[[requirement]]\nname = \"{name}\"\nformula = \"{formula}\"\nseverity = \"{severity}\"\n")
+    };
+    let set = requirement("soft", "always(force <= 9)", "error")
+        + &requirement("hard", "always[0:9s](force <= 0)", "warning")
+        + &requirement("other", "always(speed <= 1)", "critical");
+    bench.write("set.toml", &set);
+    let read = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
+    for logs in
+        [&["good.csv", "gone.csv", "nan.csv"][..], &["good.csv"], &["gone.csv"], &["gone.csv", "nan.csv"]]
+    {
+        // Yesterday's file has no failure.
+        ["j.xml", "t.md", "p.html"].iter().for_each(|name| bench.write(name, "<testsuites/>"));
+        let asked = format!("--requirements set.toml -k log.missing=hold {}", logs.join(" "));
+        let output = bench.run(&format!("monitor {asked} --junit j.xml --markdown t.md --force"));
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        let verdicts = if logs[0] == "good.csv" { 2 } else { 0 };
+        let all = 3 * logs.len();
+        let (junit, table) = (read("j.xml"), read("t.md"));
+        assert_eq!(junit.matches("<testcase ").count(), all, "{junit}");
+        assert_eq!(junit.matches("<error ").count(), all - verdicts, "{junit}");
+        assert_eq!(table.matches("| no verdict |").count(), all - verdicts, "{table}");
+        for json in ["--json", "--json --explain"] {
+            let output = bench.run(&format!("monitor {asked} {json}"));
+            let Ok(found) = serde_json::from_slice::<serde_json::Value>(&output.stdout) else {
+                assert_eq!(verdicts, 0);
+                continue;
+            };
+            assert_eq!(found["no_verdict"].as_array().map(Vec::len), Some(all - verdicts), "{found}");
+        }
+        let shown = text(&bench.run(&format!("monitor {asked}")).stdout);
+        assert_eq!(
+            shown.matches("no verdict").count(),
+            if verdicts == 0 { 0 } else { all - verdicts },
+            "{shown}"
+        );
+        let output = bench.run(&format!(
+            "report --requirements set.toml -k log.missing=hold --out p.html --force --log {}",
+            logs.join(" ")
+        ));
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        assert_eq!(read("p.html").matches("no verdict</span>").count(), all - verdicts);
+        if verdicts > 0 {
+            for file in [junit, table] {
+                for note in ["window extends past the end", "1 value missing", "violated (warning)"] {
+                    assert!(file.contains(note), "{note}: {file}");
+                }
+            }
+        }
+    }
+    bench.refuses(
+        "monitor good.csv --requirement a=force<=1 --requirement a=force<=2",
+        &["two requirements are named a"],
+    );
+}
+
 #[test]
 fn a_requirement_without_a_verdict_leaves_those_of_the_others() {
     let bench = Bench::new();
@@ -294,7 +356,7 @@ fn a_requirement_without_a_verdict_leaves_those_of_the_others() {
         assert!(messages.contains(&format!("requirement {name}")), "{messages}");
         assert!(messages.contains("without a verdict: 1 requirement"), "{messages}");
         let table = std::fs::read_to_string(bench.path("v.md")).expect("the table");
-        assert!(table.contains("gentle") && !table.contains(name), "{table}");
+        assert!(table.contains("gentle") && table.contains(&format!("{name} | no verdict")), "{table}");
     }
 }
 

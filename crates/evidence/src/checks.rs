@@ -12,6 +12,7 @@ use mishandle::store::RunFile;
 use mishandle_report::{CHECK_REPORTS, CheckFigures, check_reports, check_summary};
 use mishandle_text::plural;
 
+use crate::closed::copy_file;
 use crate::error::EvidenceError;
 use crate::layout::{CHECKS, MANIFEST};
 use crate::manifest::{ManifestCheck, ManifestRun};
@@ -50,7 +51,7 @@ pub(crate) fn write(
     let requirements = (folder.join(REQUIREMENTS), home.join(&place).join(REQUIREMENTS));
     let copies = files.iter().map(|(file, place)| (file.into(), home.join(place)));
     for (from, to) in std::iter::once(requirements).chain(copies) {
-        fs::copy(&from, to).map_err(EvidenceError::file(&from))?;
+        copy_file(&from, &to)?;
     }
     name_replays(&mut found, home, |name| runs.iter().find(|run| run.file == name)?.files.as_deref(), words)?;
     let result = home.join(&place).join(RESULT);

@@ -1,7 +1,7 @@
 //! Run files of evidence: closed, and readable without writing.
 
-use std::fs::{self, File};
-use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use mishandle::files::open_for_reading;
@@ -39,11 +39,24 @@ pub(crate) fn copy(path: &Path, copy: &Path) -> Result<(), EvidenceError> {
         // Says what is wrong with the path that the user typed.
         RunFile::open_unchecked(path)?;
     }
-    fs::copy(path, copy).map_err(EvidenceError::file(path))?;
+    copy_file(path, copy)?;
     if needs_log {
         RunWriter::resume_unchecked(copy)?.close()?;
     }
     Ok(())
+}
+
+/// Copies a file. The error names the one that cannot be read or written.
+pub(crate) fn copy_file(from: &Path, to: &Path) -> Result<(), EvidenceError> {
+    let mut source = open_for_reading(from).map_err(EvidenceError::file(from))?;
+    let mut copy = File::create(to).map_err(EvidenceError::file(to))?;
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match source.read(&mut buffer).map_err(EvidenceError::file(from))? {
+            0 => return Ok(()),
+            n => copy.write_all(&buffer[..n]).map_err(EvidenceError::file(to))?,
+        }
+    }
 }
 
 fn beside(path: &Path, suffix: &str) -> PathBuf {

@@ -6,7 +6,7 @@ use mishandle_rollout::{Episode, Request, System};
 
 use crate::FalsificationError;
 use crate::bound::{inside_bounds, on_bounds};
-use crate::minimize::{Search, Stop, lowest_violation};
+use crate::minimize::{Search, Stop, any_violation, lowest_violation};
 use crate::repeat::repeat_seeds;
 
 /// Simulations of the result with other seeds, if the target is random.
@@ -53,7 +53,7 @@ pub fn isolate(
     mut watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<bool, FalsificationError> {
     let own = if is_random { budget - FRESH } else { budget };
-    let mut search = Search::new(system, failure.clone(), own, &mut watch);
+    let mut search = Search::new(system, failure.clone(), own, &any_violation, &mut watch);
     match run(&mut search, own) {
         Ok(()) | Err(Stop::Budget) => {}
         Err(Stop::Interrupted) => return Ok(false),

@@ -70,10 +70,10 @@ pub use metamorphic::{
     AxisChange, Case, Cases, Metamorphic, MetamorphicSettings, OutputRelation, Pair, Relation,
     RelationOutcome, SmallestChange, metamorphic,
 };
-pub use minimize::{Minimized, axes_off_nominal, is_close, minimize, off_nominal};
+pub use minimize::{Keeps, Minimized, any_violation, axes_off_nominal, is_close, minimize, off_nominal};
 pub use modes::{
     FailurePoint, MAX_FAILURES, MAX_OTHERS, ModeMembers, Signature, UnitScenario, group_failures,
-    unit_scenario,
+    mode_distance, unit_scenario,
 };
 pub use outcome::{FalsificationOutcome, Minimum, TrialOutcome, Unevaluated};
 pub use physics::{PhysicsChecks, Survivor, physics_text};

@@ -11,6 +11,14 @@ use crate::repeat::BATCH;
 /// width.
 const RESOLUTION: f64 = 0.01;
 
+/// Returns whether the second failure, nearer to nominal, may replace the first one.
+pub type Keeps<'a> = dyn Fn(&Episode, &Episode) -> bool + 'a;
+
+/// A [`Keeps`] for which any violation counts, also of another predicate.
+pub fn any_violation(_: &Episode, _: &Episode) -> bool {
+    true
+}
+
 /// A counterexample that was moved toward the nominal scenario.
 #[derive(Clone, Debug)]
 pub struct Minimized {
@@ -36,10 +44,10 @@ pub struct Minimized {
 /// while half of the budget allows that, and otherwise removes groups of axes, the ones with the
 /// smallest offsets first. Then it moves the remaining axes toward nominal by bisection, jointly
 /// and one at a time, until none can move by more than 1 % of its width (an integer axis: by one).
-/// Random draws, which have no nominal value, stay. Any violation counts, also of another
-/// predicate.
+/// Random draws, which have no nominal value, stay.
 ///
-/// `watch` gets the number of simulations after each batch. It can end the minimization, which then
+/// A violation counts only if `keeps` accepts it: it gets the failure so far and the violation, and
+/// says whether both are of one failure mode. `watch` gets the number of simulations after each batch. It can end the minimization, which then
 /// returns the failure so far.
 ///
 /// # Errors
@@ -48,6 +56,7 @@ pub fn minimize(
     system: &mut dyn System,
     request: &Request,
     budget: u64,
+    keeps: &Keeps<'_>,
     watch: impl FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Minimized, FalsificationError> {
     let mut episodes = system.rollout(std::slice::from_ref(request))?;
@@ -56,7 +65,7 @@ pub fn minimize(
         let robustness = original.robustness().map_or("undecided".to_string(), |rho| rho.to_string());
         return Err(FalsificationError::NotACounterexample { robustness });
     }
-    let mut search = Search::new(system, original, budget, watch);
+    let mut search = Search::new(system, original, budget, keeps, watch);
     search.simulations = 1;
     let is_complete = match search.run() {
         Ok(()) => true,
@@ -120,6 +129,7 @@ pub(crate) struct Search<'a, W> {
     /// Those before it.
     path: Vec<Episode>,
     budget: u64,
+    keeps: &'a Keeps<'a>,
     pub(crate) simulations: u64,
     watch: W,
     has_fewest_axes: bool,
@@ -127,10 +137,17 @@ pub(crate) struct Search<'a, W> {
 
 impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Starts at a failure.
-    pub(crate) fn new(system: &'a mut dyn System, failure: Episode, budget: u64, watch: W) -> Search<'a, W> {
+    pub(crate) fn new(
+        system: &'a mut dyn System,
+        failure: Episode,
+        budget: u64,
+        keeps: &'a Keeps<'a>,
+        watch: W,
+    ) -> Search<'a, W> {
         let space = system.space().clone();
         let path = Vec::new();
-        Search { system, space, best: failure, path, budget, simulations: 0, watch, has_fewest_axes: false }
+        let (simulations, has_fewest_axes) = (0, false);
+        Search { system, space, best: failure, path, budget, keeps, simulations, watch, has_fewest_axes }
     }
 
     fn run(&mut self) -> Result<(), Stop> {
@@ -183,7 +200,9 @@ impl<'a, W: FnMut(u64) -> ControlFlow<()>> Search<'a, W> {
     /// Simulates the scenarios. If any fails, the one with the lowest robustness becomes the
     /// present one.
     fn try_any(&mut self, scenarios: &[Scenario]) -> Result<bool, Stop> {
-        let Some(least) = lowest_violation(self.simulate(scenarios)?) else { return Ok(false) };
+        let mut episodes = self.simulate(scenarios)?;
+        episodes.retain(|episode| episode.is_violated() && (self.keeps)(&self.best, episode));
+        let Some(least) = lowest_violation(episodes) else { return Ok(false) };
         self.path.push(std::mem::replace(&mut self.best, least));
         Ok(true)
     }
@@ -398,7 +417,8 @@ mod tests {
         };
         let mut system = FunctionSystem::new(space, outcome);
         let request = Request::new(scenario, Seed(3));
-        let minimized = minimize(&mut system, &request, budget, |_| ControlFlow::Continue(())).unwrap();
+        let minimized =
+            minimize(&mut system, &request, budget, &any_violation, |_| ControlFlow::Continue(())).unwrap();
         assert_eq!(system.simulations() as u64, minimized.simulations);
         assert!(minimized.simulations <= budget);
         assert_eq!(minimized.episode.request.seed, Seed(3));
@@ -506,6 +526,27 @@ mod tests {
         }
     }
 
+    /// Failures in two bands, the second one nearer to nominal: the sides of a gap are two modes.
+    #[test]
+    fn a_failure_stays_on_its_side_of_a_gap_whatever_fails_nearer_to_nominal() {
+        let space = Space::new("starts", axes(1)).unwrap();
+        let x = |request: &Request| request.scenario.get(0).unwrap();
+        let outcome = move |request: &Request| {
+            let fails = (0.4..0.5).contains(&x(request)) || x(request) >= 0.6;
+            SimulatedEnd::Robustness(if fails { -1.0 } else { 1.0 })
+        };
+        let found = |keeps: &Keeps<'_>| {
+            let mut system = FunctionSystem::new(space.clone(), outcome);
+            let request = Request::new([0.9], Seed(0));
+            x(&minimize(&mut system, &request, 300, keeps, |_| ControlFlow::Continue(()))
+                .unwrap()
+                .episode
+                .request)
+        };
+        check_at(found(&|failure, other| x(&failure.request) > 0.5 && x(&other.request) > 0.5), 0.6);
+        assert!(found(&any_violation) < 0.5);
+    }
+
     #[test]
     fn random_draws_stay_and_a_passing_scenario_is_an_error() {
         let draw = Axis::new(AxisKind::Noise, "draw", "", [-4.0, 4.0], None);
@@ -516,7 +557,7 @@ mod tests {
         };
         let mut system = FunctionSystem::new(space.clone(), outcome);
         let mut of = |values: Vec<Option<f64>>| {
-            minimize(&mut system, &Request::new(Scenario::new(values), Seed(0)), 100, |_| {
+            minimize(&mut system, &Request::new(Scenario::new(values), Seed(0)), 100, &any_violation, |_| {
                 ControlFlow::Continue(())
             })
         };

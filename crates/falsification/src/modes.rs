@@ -101,11 +101,9 @@ pub fn group_failures(
         let chosen = axes_that_matter(&points, others, axes.len());
         let reach = reach(group.len(), chosen.len());
         let are_neighbors = |a: usize, b: usize| {
-            let a = &failures[group[a]];
-            let b = &failures[group[b]];
-            is_same_time(a.signature.sample, b.signature.sample, episode_steps)
-                && has_same_categories(axes, &a.point, &b.point)
-                && distance(axes, &chosen, &a.point, &b.point) <= reach + ROUNDING
+            let [a, b] = [a, b].map(|index| &failures[group[index]]);
+            let distance = mode_distance(axes, &chosen, episode_steps, a, b);
+            distance.is_some_and(|distance| distance <= reach + ROUNDING)
         };
         let point = |index: usize| &failures[group[index]];
         let clusters = joined(connected(group.len(), are_neighbors), |cluster| {
@@ -118,6 +116,22 @@ pub fn group_failures(
             .collect::<Vec<_>>()
     };
     predicates.into_iter().flat_map(modes).collect()
+}
+
+/// Returns the distance of two failures: the root mean square over these axes, as a fraction of
+/// their widths. `None` if no distance makes them neighbors: their predicates or categories differ,
+/// or their times by more than 15 % of an episode.
+pub fn mode_distance(
+    axes: &[Axis],
+    chosen: &[usize],
+    episode_steps: usize,
+    a: &FailurePoint,
+    b: &FailurePoint,
+) -> Option<f64> {
+    let can_be_near = a.signature.predicate == b.signature.predicate
+        && is_same_time(a.signature.sample, b.signature.sample, episode_steps)
+        && has_same_categories(axes, &a.point, &b.point);
+    can_be_near.then(|| distance(axes, chosen, &a.point, &b.point))
 }
 
 /// Returns whether two scenarios have the same values of all categorical axes: a category is a case

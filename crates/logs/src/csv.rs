@@ -23,6 +23,7 @@ use crate::table::Table;
 pub(crate) struct CsvTable {
     reader: Reader<RowLimit<Box<dyn Read>>>,
     row_bytes: Rc<SharedCell<usize>>,
+    is_ended: Rc<SharedCell<bool>>,
     head: Head,
     decimal_comma: Option<bool>,
 }
@@ -37,6 +38,9 @@ struct RowLimit<R> {
     /// Number of bytes since the last complete row.
     row_bytes: Rc<SharedCell<usize>>,
     is_in_line: bool,
+    /// Whether the reader got the end of the file. It asks for it within a row only if a quote is
+    /// open.
+    is_ended: Rc<SharedCell<bool>>,
 }
 
 impl<R: Read> Read for RowLimit<R> {
@@ -45,6 +49,7 @@ impl<R: Read> Read for RowLimit<R> {
         if let (0, true, Some(first)) = (count, self.is_in_line, buffer.first_mut()) {
             (*first, count) = (b'\n', 1);
         }
+        self.is_ended.set(count == 0);
         if let Some(last) = count.checked_sub(1) {
             self.is_in_line = buffer[last] != b'\n';
         }
@@ -73,7 +78,9 @@ impl CsvTable {
             Box::new(ahead.rest_from(start))
         };
         let row_bytes = Rc::new(SharedCell::new(0));
-        let source = RowLimit { source: rest, row_bytes: row_bytes.clone(), is_in_line: false };
+        let is_ended = Rc::new(SharedCell::new(false));
+        let limits = (row_bytes.clone(), is_ended.clone());
+        let source = RowLimit { source: rest, row_bytes: limits.0, is_in_line: false, is_ended: limits.1 };
         // Errors about lines are our own: the reader counts records, and loses count at blank lines
         // and at `\r\n`.
         let mut builder = csv::ReaderBuilder::new();
@@ -81,7 +88,7 @@ impl CsvTable {
         builder.delimiter(head.delimiter);
         let reader = builder.from_reader(source);
         let decimal_comma = options.decimal_comma.or((head.delimiter == b',').then_some(false));
-        Ok(CsvTable { reader, row_bytes, head, decimal_comma })
+        Ok(CsvTable { reader, row_bytes, is_ended, head, decimal_comma })
     }
 
     /// Returns the line of the file at which the reader is.
@@ -179,7 +186,9 @@ impl Table for CsvTable {
         let mut next_line = self.position();
         while self.reader.read_byte_record(&mut record).map_err(csv_error)? {
             self.row_bytes.set(0);
-            let line = self.line(&record);
+            // No line break ends a record with an open quote.
+            let is_open = self.is_ended.get();
+            let line = self.line(&record) + u64::from(is_open);
             // The reader skips blank lines, but for those of a file whose lines end with `\r\n`.
             let is_blank = record.as_slice() == b"\r" && record.len() == 1;
             self.check_blank(if is_blank { line + 1 } else { line }, next_line)?;
@@ -189,6 +198,9 @@ impl Table for CsvTable {
             }
             if is_comment(&record, line, &self.head.names, sinks)? {
                 continue;
+            }
+            if is_open {
+                return Err(content(format!("line {line} has a quote (\") that is not closed")));
             }
             if record.len() != self.head.names.len() {
                 return Err(content(format!(

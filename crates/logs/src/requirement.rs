@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use mishandle_results::{
-    LogPredicate, LogVerdict, LogViolation, Monitor, Number, RequirementVerdict, Severity, Windows, WorstPart,
+    LogPredicate, LogVerdict, LogViolation, Monitor, NoVerdict, Number, RequirementVerdict, Severity,
+    Windows, WorstPart,
 };
 use mishandle_stl::{Formula, TimeUnit, is_violated};
 
@@ -36,6 +37,17 @@ impl Requirement {
     /// Returns how the formula is evaluated.
     pub fn evaluation(&self, strict_horizon: bool) -> Evaluation {
         Evaluation { unit: self.unit, strict_horizon }
+    }
+
+    /// Returns that the requirement has no verdict on a log.
+    pub fn no_verdict(&self, log: &str, reason: String) -> NoVerdict {
+        NoVerdict {
+            log: log.to_string(),
+            name: self.name.clone(),
+            severity: self.severity,
+            formula: self.formula.to_string(),
+            reason,
+        }
     }
 }
 
@@ -166,13 +178,14 @@ fn violations(found: &Verdict) -> Vec<LogViolation> {
 }
 
 /// Returns the document of the verdicts, which are in the order of the questions: all requirements
-/// on the first log, then on the next one. It has them worst first. `values` are the robustness of
-/// the first requirement over time.
+/// on the first log, then on the next one. It has them worst first. `no_verdict` are the others,
+/// `values` the robustness of the first requirement over time.
 ///
 /// # Panics
 /// If there is no verdict.
 pub fn document(
     mut verdicts: Vec<LogVerdict>,
+    no_verdict: Vec<NoVerdict>,
     logs: usize,
     strict_horizon: bool,
     values: Option<Vec<(At, f64)>>,
@@ -201,6 +214,7 @@ pub fn document(
         robustness_times: times,
         requirements: (!named.is_empty()).then_some(named),
         verdicts,
+        no_verdict,
     }
 }
 

@@ -299,7 +299,9 @@ impl Times {
     /// Returns the time of a row for a message.
     pub(crate) fn text(&self, row: usize) -> String {
         match self.origin {
-            Some(origin) => exact_text(origin.saturating_add((self.secs[row] * ATTO) as i128)),
+            Some(origin) => {
+                exact_text(to_nanoseconds(self.secs[row], Some(origin)).saturating_mul(10_i128.pow(9)))
+            }
             None => number_text(self.secs[row]),
         }
     }
@@ -440,7 +442,8 @@ impl Times {
 /// of 0 s in attoseconds, `None` for 0. A product with 1e18 is exact up to 53 bits only, so it is
 /// never compared with an integer before it is rounded.
 pub(crate) fn to_nanoseconds(secs: f64, origin: Option<i128>) -> i128 {
-    (origin.unwrap_or(0) + (secs * ATTO) as i128 + 500_000_000).div_euclid(10_i128.pow(9))
+    let exact = origin.unwrap_or(0).saturating_add((secs * ATTO) as i128);
+    exact.saturating_add(500_000_000).div_euclid(10_i128.pow(9))
 }
 
 fn largest(values: &[f64]) -> f64 {

@@ -9,7 +9,7 @@ use mishandle::inspect::{
 use mishandle::portable::portable_plan;
 use mishandle::results::{Answer, AxisRates, Requirement, Words};
 use mishandle::rollout::Axis;
-use mishandle::run::{recorded_answer, recorded_axis, requirements, stops_by_itself};
+use mishandle::run::{needs_target, recorded_answer, recorded_axis, requirements, stops_by_itself};
 use mishandle::stl::is_violated;
 use mishandle::store::{Counts, RunFile, RunHeader, RunKind, Simulation, TrialSummary};
 use mishandle::{MishandleError, Plan, ResolvedPlan};
@@ -115,8 +115,9 @@ impl RunReport {
     /// shows, which `words` states.
     ///
     /// `resolved` is the plan of the run with a target that is not part of this program, such as a
-    /// Python system, or whose files were moved. If the answer takes the target, and it is missing,
-    /// the page says so.
+    /// Python system, or whose files were moved. Without it, the page depends on the run file alone:
+    /// no file of the plan is opened, no program is started, and the answer lacks what only the
+    /// target knows.
     ///
     /// # Errors
     /// If the run cannot be read, or a formula has no finite value on a recorded trace.
@@ -155,9 +156,7 @@ impl RunReport {
         let every_linked =
             others.min((MAX_POINTS - MAX_FAILURES) as u64).div_ceil(LINKED_OTHERS as u64).max(1);
         let mut notes = Vec::new();
-        let is_direct = plan.as_ref().is_some_and(|plan| plan.screening.is_none());
-        let needs_target = !(is_direct && matches!(header.kind, RunKind::Evaluate | RunKind::Falsify));
-        let answer = match recorded_answer(run, resolved.filter(|_| needs_target)) {
+        let answer = match recorded_answer(run, resolved.filter(|_| needs_target(&header))) {
             Ok(answer) => Some(answer),
             Err(_) if counts.simulations == 0 => None,
             Err(error) => {

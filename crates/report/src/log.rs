@@ -1,7 +1,7 @@
 //! The page about verdicts on logs.
 
 use mishandle::inspect::common_unit;
-use mishandle::results::{Decision, LogPredicate, LogVerdict, LogViolation, Number};
+use mishandle::results::{Decision, LogPredicate, LogVerdict, LogViolation, NoVerdict, Number};
 use mishandle::stl::{EvaluationTime, Formula};
 use mishandle_logs::{Evaluation, Requirement, Samples};
 use mishandle_text::{number_text, plural};
@@ -69,17 +69,17 @@ fn decided(predicate: &LogPredicate) -> String {
     format!("`{}` decides at {at}: its sides are {left} and {right}.", predicate.formula)
 }
 
-/// Returns the page about verdicts on logs, in their order: one HTML file without scripts, which
-/// loads nothing.
-pub fn log_page(sections: &[LogSection]) -> String {
-    let title = match sections {
-        [only] => words::file_name(&only.verdict.log).to_string(),
+/// Returns the page about verdicts on logs, in their order, and about requirements without one: one
+/// HTML file without scripts, which loads nothing.
+pub fn log_page(sections: &[LogSection], without: &[NoVerdict]) -> String {
+    let title = match (sections, without) {
+        ([only], []) => words::file_name(&only.verdict.log).to_string(),
         _ => plural(sections.len(), "verdict"),
     };
     let shown = sections.len().min(MAX_SECTIONS);
     let mut body = String::new();
-    if sections.len() > 1 {
-        body += &format!("<section>\n<h2>Verdicts</h2>\n{}", overview(sections));
+    if sections.len() + without.len() > 1 || sections.is_empty() {
+        body += &format!("<section>\n<h2>Verdicts</h2>\n{}", overview(sections, without));
         if shown < sections.len() {
             body += &format!("<p>Charts are those of the first {shown}.</p>\n");
         }
@@ -89,9 +89,10 @@ pub fn log_page(sections: &[LogSection]) -> String {
     Document { title: &text(&title), up: None, body: &body }.html()
 }
 
-/// Returns the table of the verdicts.
-fn overview(sections: &[LogSection]) -> String {
-    let has_names = sections.iter().any(|section| section.verdict.name.is_some());
+/// Returns the table of the outcomes. Requirements without a verdict stand before satisfied ones.
+fn overview(sections: &[LogSection], without: &[NoVerdict]) -> String {
+    let mut names = sections.iter().map(|section| &section.verdict.name);
+    let has_names = names.any(Option::is_some) || without.iter().any(|lacking| lacking.name.is_some());
     let row = |(id, LogSection { verdict, .. }): (usize, &LogSection)| {
         let log = text(&verdict.log);
         let log = if id <= MAX_SECTIONS { format!("<a href=\"#l{id}\">{log}</a>") } else { log };
@@ -107,7 +108,20 @@ fn overview(sections: &[LogSection]) -> String {
         ];
         cells.into_iter().flatten().collect::<Vec<String>>()
     };
-    let rows: Vec<Vec<String>> = (1..).zip(sections).map(row).collect();
+    let lacking = |lacking: &NoVerdict| {
+        let cells = [
+            Some(text(&lacking.log)),
+            has_names.then(|| text(lacking.name.as_deref().unwrap_or("–"))),
+            Some(format!("<span class=\"fail\">no verdict</span>: {}", text(&lacking.reason))),
+            Some("–".to_string()),
+            Some("–".to_string()),
+            Some(format!("<code>{}</code>", text(&lacking.formula))),
+        ];
+        cells.into_iter().flatten().collect::<Vec<String>>()
+    };
+    let mut rows: Vec<Vec<String>> = (1..).zip(sections).map(row).collect();
+    let violated = sections.partition_point(|section| section.verdict.violated);
+    rows.splice(violated..violated, without.iter().map(lacking));
     let head = ["log", "requirement", "verdict", "robustness", "first violation", "formula"];
     let head: Vec<&str> = head.into_iter().filter(|name| has_names || *name != "requirement").collect();
     table("Verdicts, worst first", &head, &rows)

@@ -216,6 +216,11 @@ impl CheckedRequirement {
 }
 
 impl CheckCell {
+    /// Returns whether simulations could have violated it.
+    fn is_checked(&self) -> bool {
+        matches!(self.verdict, CheckVerdict::Violated | CheckVerdict::NotViolated)
+    }
+
     /// Returns whether it is not violated only because nothing was tested.
     pub fn is_untested(&self) -> bool {
         self.verdict == CheckVerdict::NotViolated && self.is_constant
@@ -238,18 +243,19 @@ impl Check {
         cell.verdict == CheckVerdict::Violated && self.counts(cell)
     }
 
-    /// Returns whether a cell gives exit code 2: a requirement that counts was not checked.
+    /// Returns whether a cell gives exit code 2: a requirement that counts was not checked, or none
+    /// was.
     pub fn is_open(&self, cell: &CheckCell) -> bool {
-        let is_unchecked = match cell.verdict {
-            CheckVerdict::AsksNothing | CheckVerdict::NoVerdict => true,
-            CheckVerdict::NotApplicable => !self.allows_inapplicable,
+        match cell.verdict {
             CheckVerdict::Violated | CheckVerdict::NotViolated => false,
-        };
-        is_unchecked && self.counts(cell)
+            _ if !self.cells.iter().any(CheckCell::is_checked) => true,
+            CheckVerdict::AsksNothing | CheckVerdict::NoVerdict => self.counts(cell),
+            CheckVerdict::NotApplicable => !self.allows_inapplicable && self.counts(cell),
+        }
     }
 
     /// Returns the exit code of the command: 1 if a requirement that counts is violated, 2 if one
-    /// was not checked, otherwise 0.
+    /// was not checked or none was, otherwise 0.
     pub fn exit_code(&self) -> u8 {
         if self.cells.iter().any(|cell| self.fails(cell)) {
             1

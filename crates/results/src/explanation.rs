@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::{AxisFacts, BoxPoint, GuardFacts, LogVerdict, Number, Scenario, Seed, Signal};
+use crate::{AxisFacts, BoxPoint, GuardFacts, LogVerdict, NoVerdict, Number, Scenario, Seed, Signal};
 
 /// When, where and by which predicate a simulation violates or satisfies the requirement. Samples
 /// count from 0.
@@ -109,6 +109,8 @@ pub struct Decision {
 pub struct LogExplanations {
     /// Each formula on each log, worst first, as in the document of `monitor`.
     pub explanations: Vec<LogExplanation>,
+    /// Each formula on each log that has no verdict, as in the document of `monitor`.
+    pub no_verdict: Vec<NoVerdict>,
 }
 
 /// A verdict on a log and what decides it.

@@ -119,8 +119,8 @@ pub use metamorphic::{
 };
 pub use modes::{Coverage, FailureMode, FirstInMode, FoundMode, Modes, UnseenModes};
 pub use monitor::{
-    FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, MonitorEvent, Windows,
-    WorstPart,
+    FirstViolation, LogPredicate, LogVerdict, LogViolation, Monitor, MonitorChange, MonitorEvent, NoVerdict,
+    Windows, WorstPart,
 };
 pub use physics::{CheckedFailure, PhysicsCheck, SolverChange, SolverSimulation};
 pub use protocol::{ProtocolCheck, ProtocolFinding};

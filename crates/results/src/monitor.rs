@@ -42,6 +42,24 @@ pub struct Monitor {
     /// The verdict of each formula on each log, worst first: violated formulas by their severity,
     /// then satisfied formulas.
     pub verdicts: Vec<LogVerdict>,
+    /// Each formula on each log that has no verdict, which is no satisfaction.
+    pub no_verdict: Vec<NoVerdict>,
+}
+
+/// A formula without a verdict on a log.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct NoVerdict {
+    /// File of the log, as in a verdict.
+    pub log: String,
+    /// Name of the requirement; `null` for that of `--formula`.
+    pub name: Option<String>,
+    /// `critical`, `error` or `warning`.
+    pub severity: Severity,
+    /// Formula.
+    pub formula: String,
+    /// Why it has no verdict, such as a signal that the log lacks.
+    pub reason: String,
 }
 
 /// The verdict of a formula on a log.

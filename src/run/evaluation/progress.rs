@@ -12,12 +12,12 @@ use mishandle_store::{AxisRecord, RANDOM_TRIAL, RunFile, TrialStatus};
 
 use crate::error::{Compared, MishandleError, RunError, other_request};
 use crate::plan::{Plan, StartRegion};
-use crate::resolve::recorded_plan;
 use crate::run::ask::Found;
 use crate::run::evaluation::arm::{self, ControlArm, Outcome, Pairs, copied};
 use crate::run::evaluation::rule::RateRule;
 use crate::run::evaluation::{Requests, check_trials, corner_counter, evaluation_simulations};
 use crate::run::facts::Facts;
+use crate::run::file_target::file_plan;
 use crate::run::journal::{Journal, JournalSystem};
 use crate::run::missing::unfinished;
 use crate::run::result::evaluation_result;
@@ -348,8 +348,8 @@ pub(crate) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
 }
 
 /// Counts no simulation of the corners of a recorded evaluation yet: with one or with several seeds
-/// for each corner, as the last recorded simulation says. Only the target knows which corners
-/// count if the starts must be reachable.
+/// for each corner, as the last recorded simulation says. Only the task knows which corners count if
+/// the starts must be reachable.
 fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerCounter>, MishandleError> {
     let evaluate = facts.plan.evaluate.as_ref().filter(|evaluate| evaluate.corners);
     let Some(starts) = evaluate.map(|evaluate| evaluate.starts) else { return Ok(None) };
@@ -362,7 +362,7 @@ fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerCounter>, Mishan
     Ok(planned.and_then(|corners| match starts {
         StartRegion::Whole => Some(corners.counter(facts.roles, false, |_| None)),
         StartRegion::Reachable => {
-            let resolved = recorded_plan(run.header(), None).ok()?;
+            let resolved = file_plan(run.header()).ok().filter(|found| found.target.reachable.is_some())?;
             Some(corner_counter(&resolved, &corners))
         }
     }))

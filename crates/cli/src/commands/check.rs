@@ -34,7 +34,8 @@ and `mishandle evidence FOLDER` packs all of it for others.
 
 Exit code 0 means that no requirement is violated, 1 that at least one of the severity of -k
 check.fail-on (default: error) or above is, 2 that none is and one of them could not be checked or
-asks nothing: it holds whatever the controller does. docs/guide/check.md describes the file.")]
+asks nothing: it holds whatever the controller does; or that no requirement at all was tested.
+docs/guide/check.md describes the file.")]
 pub struct Arguments {
     #[command(flatten)]
     pub subject: flags::Subject,
@@ -116,7 +117,9 @@ fn status(found: &Check) -> Result<ExitStatus> {
         let title = show::check::title(found, cell);
         output::message(&format!("error: {}: {}", escape::name(&title), escape::name(&cell.evidence)));
     }
-    let hint = if open.iter().any(|cell| cell.verdict == CheckVerdict::NotApplicable) {
+    let hint = if !found.allows_inapplicable
+        && open.iter().any(|cell| cell.verdict == CheckVerdict::NotApplicable)
+    {
         format!(
             "; `mishandle list {}` lists the signals, and -k check.allow-inapplicable=true accepts requirements \
              whose signals the target lacks",

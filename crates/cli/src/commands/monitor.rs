@@ -44,10 +44,10 @@ Examples:
 a verdict is a line of JSON, and the program ends as soon as the exit code is certain. The end of
 the pipe gives the verdict of the whole log. docs/reference/json.md has the keys of a line.
 
-Exit code 1 means that a formula is violated at time 0, 2 that a formula asks nothing of any log:
-the first sample decides it, or its premise never holds. Requirements with the severity `warning`
-do not count. docs/guide/logs.md describes logs, docs/reference/formulas.md the language of
-formulas."
+Exit code 1 means that a formula is violated at time 0, 2 that a formula has no verdict on a log, or
+asks nothing of any log: the first sample decides it, or its premise never holds. Requirements with
+the severity `warning` do not count as violated. docs/guide/logs.md describes logs,
+docs/reference/formulas.md the language of formulas."
 )]
 pub struct Arguments {
     /// Files with a log each; - reads stdin
@@ -125,14 +125,16 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
     // A log can be several runs.
     let names: BTreeSet<&str> = verdicts.iter().map(|verdict| verdict.log.as_str()).collect();
     let logs = sources.len().max(names.len());
-    let found = mishandle_logs::document(verdicts, logs, settings.log.strict_horizon, values);
-    let verdicts = &found.verdicts;
-    let is_one_log = logs == 1;
+    let strict_horizon = settings.log.strict_horizon;
+    let found = (!verdicts.is_empty())
+        .then(|| mishandle_logs::document(verdicts, without.list.clone(), logs, strict_horizon, values));
+    let verdicts = found.as_ref().map_or(&[][..], |found| &found.verdicts[..]);
+    let outcomes = log_verdicts::outcomes(verdicts, &without.list);
     if let Some(path) = &command.junit {
-        output::write_atomically(path, command.force, log_verdicts::junit(verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::junit(&outcomes).as_bytes())?;
     }
     if let Some(path) = &command.markdown {
-        output::write_atomically(path, command.force, log_verdicts::markdown(verdicts).as_bytes())?;
+        output::write_atomically(path, command.force, log_verdicts::markdown(&outcomes).as_bytes())?;
     }
     let cut = verdicts.iter().find(|verdict| verdict.cuts_windows);
     let note = cut.filter(|_| !command.json).map(|cut| {
@@ -144,13 +146,13 @@ pub fn run(command: &Arguments) -> Result<ExitStatus> {
         )
     });
     let missing = verdicts.iter().map(|verdict| verdict.missing_values).max().unwrap_or(0);
-    if command.json {
-        output::json(&found)?;
-    } else {
-        output::line(&log_verdicts::shown(verdicts, !is_one_log))?;
-        if missing > 0 {
-            output::message(&format!("note: {} missing in a log", plural(missing, "value")));
-        }
+    match &found {
+        None => {}
+        Some(found) if command.json => output::json(found)?,
+        Some(_) => output::line(&log_verdicts::shown(&outcomes, logs > 1))?,
+    }
+    if !command.json && missing > 0 {
+        output::message(&format!("note: {} missing in a log", plural(missing, "value")));
     }
     if let Some(note) = note {
         output::message(&note);
@@ -168,10 +170,10 @@ fn explain(question: &Question<'_>, is_json: bool) -> Result<ExitStatus> {
     })?;
     mishandle_logs::worst_first(&mut found, |(explained, _)| &explained.verdict);
     let status = log_question::status_of(found.iter().map(|(explained, _)| &explained.verdict));
-    if is_json {
+    if is_json && !found.is_empty() {
         let explanations = found.into_iter().map(|(explained, _)| explained).collect();
-        output::json(&LogExplanations { explanations })?;
-    } else {
+        output::json(&LogExplanations { explanations, no_verdict: without.list.clone() })?;
+    } else if !found.is_empty() {
         let texts: Vec<String> =
             found.iter().map(|(explained, start)| explanation::log_text(explained, *start)).collect();
         output::line(&texts.join("\n\n\n"))?;

@@ -49,8 +49,8 @@ none fails and one has no verdict. With --baseline, 1 means that at least one fa
 the baseline.
 
 --add writes the representative of a failure mode, or of each one, as such a file.
-regress.minimize moves the scenario toward the nominal one while it still fails: as few axes as
-possible off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random
+regress.minimize moves the scenario toward the nominal one while it still fails in its mode: as few
+axes as possible off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random
 seed stays. docs/guide/counterexamples.md describes the file.
 
 --first-bad orders the controllers of a folder by name, with numbers by value. With --rate, it gives

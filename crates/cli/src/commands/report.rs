@@ -222,7 +222,7 @@ fn write_logs(command: &Arguments, log: &LogSettings) -> Result<ExitStatus> {
         Ok(())
     })?;
     mishandle_logs::worst_first(&mut sections, LogSection::verdict);
-    let status = write(&log_page(&sections), command)?;
+    let status = write(&log_page(&sections, &without.list), command)?;
     log_question::check_all(without, question.sources.len())?;
     Ok(status)
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use mishandle::plan::LogSettings;
-use mishandle::results::{LogExplanation, LogVerdict, Severity};
+use mishandle::results::{LogExplanation, LogVerdict, NoVerdict, Severity};
 use mishandle_logs::{Evaluation, NamedSamples, Options, Requirement, Source};
 use mishandle_text::plural;
 
@@ -13,6 +13,7 @@ use super::logs::{self, Unparsed};
 use crate::exit_status::ExitStatus;
 use crate::flags::LogQuestion;
 use crate::show::{escape, output};
+use crate::words;
 
 /// Formulas, and the logs that they are about.
 pub struct Question<'a> {
@@ -38,19 +39,23 @@ impl Asked<'_> {
     }
 }
 
-/// Numbers of what has no verdict.
-#[derive(Clone, Copy, Debug, Default)]
+/// What has no verdict.
+#[derive(Debug, Default)]
 pub struct Without {
-    /// Logs without any verdict.
+    /// Each requirement on each log, in the order of the questions.
+    pub list: Vec<NoVerdict>,
+    /// Number of logs without any verdict.
     logs: usize,
-    /// Requirements on the other logs, each one on each log.
+    /// Number of requirements on the other logs, each one on each log.
     requirements: usize,
+    /// The error of the only log, if that has no verdict.
+    error: Option<anyhow::Error>,
 }
 
 impl Without {
     /// Requirements on the only log.
     pub fn requirements(requirements: usize) -> Without {
-        Without { logs: 0, requirements }
+        Without { requirements, ..Without::default() }
     }
 }
 
@@ -86,37 +91,61 @@ impl Question<'_> {
             !found.is_empty(),
             "there is no formula: give --formula FORMULA, --requirement NAME=FORMULA, or --requirements FILE"
         );
+        for (index, asked) in found.iter().enumerate() {
+            if let Some(name) =
+                asked.name.as_ref().filter(|_| found[..index].iter().any(|other| other.name == asked.name))
+            {
+                bail!("two requirements are named {}; give each its own name", escape::name(name));
+            }
+        }
         logs::parsed(found, &self.sources[0], &self.options)
     }
 
     /// Reads each log and gives its verdicts to `each`, in the order of the flags. Returns what has
-    /// none, after a message for each; a log or a requirement that is alone is an error.
+    /// none, after a message for each but the only one, whose error is that of [`check_all`].
     pub fn ask(&self, mut each: impl FnMut(Asked<'_>) -> Result<()>) -> Result<Without> {
         let requirements = self.requirements()?;
         let mut without = Without::default();
         for (name, source) in logs::names(&self.sources).into_iter().zip(&self.sources) {
-            match self.verdicts(&name, source, &requirements, &mut each) {
-                Err(error) if self.sources.len() > 1 => {
-                    output::report_error(&error);
-                    without.logs += 1;
+            let (verdicts, mut errors) = match self.verdicts(&name, source, &requirements, &mut each) {
+                Ok((verdicts, lacking)) => {
+                    let mut errors = Vec::new();
+                    for (log, requirement, error) in lacking {
+                        without.list.push(requirement.no_verdict(&log, reason(&error)));
+                        errors.push(error);
+                    }
+                    (verdicts, errors)
                 }
-                found => without.requirements += found?,
+                Err(error) => {
+                    let lacking = |asked: &Requirement| asked.no_verdict(&name, reason(&error));
+                    without.list.extend(requirements.iter().map(lacking));
+                    (0, vec![error])
+                }
+            };
+            if verdicts > 0 {
+                without.requirements += errors.len();
+            } else {
+                without.logs += 1;
+                errors.truncate(1);
+                without.error = if self.sources.len() == 1 { errors.pop() } else { None };
             }
+            errors.iter().for_each(output::report_error);
         }
-        ensure!(without.logs < self.sources.len(), "no log has a verdict");
         Ok(without)
     }
 
-    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns the number of
-    /// requirements without one, after a message for each; it is an error if none has one.
-    fn verdicts(
+    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns their number, and
+    /// an error for each requirement without one, with the name of the log.
+    fn verdicts<'r>(
         &self,
         name: &str,
         source: &[Source],
-        requirements: &[Requirement],
+        requirements: &'r [Requirement],
         each: &mut dyn FnMut(Asked<'_>) -> Result<()>,
-    ) -> Result<usize> {
-        let (runs, readable, mut errors) = logs::read(name, source, requirements, &self.options)?;
+    ) -> Result<(usize, Vec<(String, &'r Requirement, anyhow::Error)>)> {
+        let (runs, readable, errors) = logs::read(name, source, requirements, &self.options)?;
+        let of_log = |(requirement, error)| (name.to_string(), requirement, error);
+        let mut errors: Vec<_> = errors.into_iter().map(of_log).collect();
         if let Some(first) = runs.first() {
             logs::note_truth_values(first, &readable);
         }
@@ -126,29 +155,30 @@ impl Question<'_> {
                 runs.len()
             ));
         }
-        let mut asked = Vec::new();
+        let mut verdicts = 0;
         for (log, requirement) in runs.iter().flat_map(|log| readable.iter().map(move |found| (log, *found)))
         {
-            match log.verdict(requirement, self.log.strict_horizon) {
+            let asked = match log.verdict(requirement, self.log.strict_horizon) {
                 Ok(verdict) => {
                     let evaluation = requirement.evaluation(self.log.strict_horizon);
-                    asked.push(Asked { log, requirement, evaluation, verdict });
+                    each(Asked { log, requirement, evaluation, verdict })
+                        .with_context(|| format!("trace {}", log.name))
                 }
-                Err(error) => errors.push(logs::without_verdict(&log.name, requirement, error)),
+                Err(error) => Err(logs::without_verdict(&log.name, requirement, error)),
+            };
+            match asked {
+                Ok(()) => verdicts += 1,
+                Err(error) => errors.push((log.name.clone(), requirement, error)),
             }
         }
-        if asked.is_empty()
-            && let Some(error) = errors.drain(..).next()
-        {
-            return Err(error);
-        }
-        errors.iter().for_each(output::report_error);
-        for asked in asked {
-            let name = asked.log.name.clone();
-            each(asked).with_context(|| format!("trace {name}"))?;
-        }
-        Ok(errors.len())
+        Ok((verdicts, errors))
     }
+}
+
+/// Returns an error without its context, which names the log and the requirement.
+fn reason(error: &anyhow::Error) -> String {
+    let causes: Vec<_> = error.chain().collect();
+    words::with_causes(causes.get(1..).filter(|causes| !causes.is_empty()).unwrap_or(&causes).iter().copied())
 }
 
 /// Returns the exit status of verdicts, one of which can fail: each with its requirement and the
@@ -191,7 +221,11 @@ pub fn status_of<'a>(verdicts: impl Iterator<Item = &'a LogVerdict> + Clone) -> 
 
 /// Returns the error if logs or requirements have no verdict.
 pub fn check_all(without: Without, logs: usize) -> Result<()> {
-    let Without { logs: missing, requirements } = without;
+    let Without { logs: missing, requirements, error, .. } = without;
+    if let Some(error) = error {
+        return Err(error);
+    }
+    ensure!(missing < logs, "no log has a verdict");
     ensure!(missing == 0, "{missing} of {logs} logs have no verdict");
     ensure!(requirements == 0, "without a verdict: {}", plural(requirements as u64, "requirement"));
     Ok(())

@@ -147,15 +147,15 @@ pub fn names(logs: &[Vec<Source>]) -> Vec<String> {
     names
 }
 
-/// Reads the signals of the requirements from a log, as a log for each run of its clock. Returns
-/// also the requirements whose signals it has, and an error for each other one. If it has those of
-/// none, the error is the result.
+/// Reads the signals of the requirements from a log, as a log for each run of its clock; no log if
+/// it has those of no requirement. Returns also the requirements whose signals it has, and each
+/// other one with its error.
 pub fn read<'a>(
     name: &str,
     log: &[Source],
     requirements: &'a [Requirement],
     options: &Options,
-) -> Result<(Vec<NamedSamples>, Vec<&'a Requirement>, Vec<anyhow::Error>)> {
+) -> Result<(Vec<NamedSamples>, Vec<&'a Requirement>, Vec<(&'a Requirement, anyhow::Error)>)> {
     let trace = || format!("trace {name}");
     let log = OpenLog::open(log, options).with_context(trace)?;
     let mut readable = Vec::new();
@@ -163,13 +163,11 @@ pub fn read<'a>(
     for requirement in requirements {
         match log.check_signals(&requirement.formula) {
             Ok(()) => readable.push(requirement),
-            Err(error) => errors.push(without_verdict(name, requirement, error)),
+            Err(error) => errors.push((requirement, without_verdict(name, requirement, error))),
         }
     }
-    if readable.is_empty()
-        && let Some(error) = errors.drain(..).next()
-    {
-        return Err(error);
+    if readable.is_empty() {
+        return Ok((Vec::new(), readable, errors));
     }
     let formulas: Vec<&Formula> = readable.iter().map(|requirement| &requirement.formula).collect();
     let runs = log.samples_of_runs(formulas, options).with_context(trace)?;

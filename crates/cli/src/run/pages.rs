@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use mishandle::campaign::campaign_runs;
 use mishandle::harden::{FinalRun, final_runs, is_hardening};
-use mishandle::resolve::recorded_plan;
+use mishandle::resolve::plan_without_program;
 use mishandle::results::{BisectedCandidate, Bisection, Hardening};
+use mishandle::run::needs_target;
 use mishandle::store::RunFile;
 use mishandle_report::{
     BisectionEvidence, GridRun, HardenedModes, HardeningSummary, Measurement, RunReport, RunSummary, Samples,
@@ -169,8 +170,9 @@ pub fn bisection(found: &Bisection, options: &Options<'_>) -> Result<Option<Bise
 
 /// Returns the report of a run; `None` after an interruption.
 pub fn report(file: &RunFile, path: &Path, options: &Options<'_>) -> Result<Option<RunReport>> {
-    let moved = options.controller.and_then(|controller| recorded_plan(file.header(), Some(controller)).ok());
-    let mut report = RunReport::load(file, &path.to_string_lossy(), moved.as_ref(), shell_command)?;
+    let header = file.header();
+    let resolved = needs_target(header).then(|| plan_without_program(header, options.controller)).flatten();
+    let mut report = RunReport::load(file, &path.to_string_lossy(), resolved.as_ref(), shell_command)?;
     let Some((samples, bar)) = options.simulations else {
         report.note_no_simulations(NO_SIMULATIONS);
         return Ok(Some(report));

@@ -12,7 +12,7 @@ use mishandle_stl::is_violated;
 use super::amplitude::{all_scenarios, between, is_time, norms, scaled, scenario_at, steps_only};
 use super::{MarginSettings, minimize};
 use crate::repeat::BATCH;
-use crate::{FalsificationError, coordinate};
+use crate::{FalsificationError, any_violation, coordinate};
 
 /// Largest number of amplitudes that a bisection down to the resolution tries.
 const LEVELS: u64 = 8;
@@ -134,7 +134,7 @@ impl<'a> Attempt<'a> {
         let before = self.simulations;
         let watch = &mut *self.watch;
         let mut is_interrupted = false;
-        let minimized = minimize(self.system, &found, rest, |done| {
+        let minimized = minimize(self.system, &found, rest, &any_violation, |done| {
             let flow = watch(before + done);
             is_interrupted |= flow.is_break();
             flow

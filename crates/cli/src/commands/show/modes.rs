@@ -1,7 +1,7 @@
 use anyhow::Result;
 use mishandle::plan::EngineSettings;
 use mishandle::results::{Answer, Counterexamples, RunShown};
-use mishandle::run::recorded_answer;
+use mishandle::run::answer_of_run;
 use mishandle::store::{RunFile, RunKind};
 use mishandle::{Compared, MishandleError, Plan, RunError};
 
@@ -32,18 +32,9 @@ pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitS
     Ok(ExitStatus::Done)
 }
 
-/// Returns the answer of a run; `None` if it takes the target, which is not here.
+/// Returns the answer of a run; `None` if it takes the target, which is not here or needs a program.
 fn of_run(file: &RunFile, engine: &EngineSettings) -> Result<Option<Answer>> {
-    let header = file.header();
-    let plan = Plan::from_toml(&header.plan)?;
-    if matches!(header.kind, RunKind::Evaluate | RunKind::Falsify) && plan.screening.is_none() {
-        return Ok(Some(recorded_answer(file, None)?));
-    }
-    let found = match mishandle::resolve::recorded_plan(header, engine.moved()) {
-        Ok(resolved) => recorded_answer(file, Some(&resolved)),
-        Err(error) => Err(error),
-    };
-    match found {
+    match answer_of_run(file, engine.moved()) {
         Ok(found) => Ok(Some(found)),
         Err(error @ MishandleError::Run(RunError::Differs { whose: Compared::Plan, .. })) => {
             Err(error.into())
