@@ -313,9 +313,9 @@ pub fn corners(report: &RunReport) -> Option<String> {
         let values: Vec<String> = named.take(VALUE_COLUMNS).map(value).collect();
         let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };
         let failures = point.violations();
-        let decided = point.verdicts();
-        let share = percent(f64::from(failures) / f64::from(decided.max(1)));
-        vec![place, format!("{failures} of {decided} ({share})")]
+        let started = point.started();
+        let share = percent(f64::from(failures) / f64::from(started.max(1)));
+        vec![place, format!("{failures} of {started} ({share})")]
     };
     let failing = points.iter().filter(|point| point.violations() > 0);
     let rows: Vec<Vec<String>> = failing.take(MAX_CORNERS).map(row).collect();
