@@ -245,9 +245,9 @@ fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
 fn problem(found: &Simulated) -> Option<String> {
     match found {
         Err(failed) => Some(failed.why.clone()),
-        Ok(Regression { repeats: Some(Repeats { simulations, without_verdict: without @ 1.., .. }), .. }) => {
-            Some(format!("{without} of {} without a verdict", plural(*simulations, "repeat")))
-        }
+        Ok(Regression {
+            repeats: Some(Repeats { simulations, without_verdict: without @ 1.., .. }), ..
+        }) => Some(format!("{without} of {} without a verdict", plural(*simulations, "repeat"))),
         Ok(_) => None,
     }
 }

@@ -173,12 +173,7 @@ fn results_of(answer: Answer) -> Vec<Found> {
 fn side_by_side(a: Vec<Found>, b: Vec<Found>) -> Vec<DifferingResult> {
     let mut results: Vec<DifferingResult> = a
         .into_iter()
-        .map(|(name, found, quantity)| DifferingResult {
-            name,
-            quantity,
-            first: Some(found),
-            second: None,
-        })
+        .map(|(name, found, quantity)| DifferingResult { name, quantity, first: Some(found), second: None })
         .collect();
     for (name, found, quantity) in b {
         match results.iter_mut().find(|known| known.name == name) {

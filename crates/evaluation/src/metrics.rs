@@ -73,12 +73,7 @@ pub fn failure_rate(failures: u64, undecided: u64, n: u64) -> Estimate {
 }
 
 /// Like [`failure_rate`], with another interval of the rate of successes.
-fn failure_rate_with(
-    failures: u64,
-    undecided: u64,
-    n: u64,
-    interval: fn(u64, u64) -> Estimate,
-) -> Estimate {
+fn failure_rate_with(failures: u64, undecided: u64, n: u64, interval: fn(u64, u64) -> Estimate) -> Estimate {
     if undecided == n {
         return Estimate { n, ..Estimate::default() };
     }

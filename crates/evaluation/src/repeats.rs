@@ -86,8 +86,7 @@ pub fn variance_share(groups: &[Vec<f64>]) -> Estimate {
         return unknown;
     }
     let scaled = |x: &f64| (0.5 * x - 0.5 * low) / range;
-    let mut groups: Vec<Vec<f64>> =
-        groups.iter().map(|group| group.iter().map(scaled).collect()).collect();
+    let mut groups: Vec<Vec<f64>> = groups.iter().map(|group| group.iter().map(scaled).collect()).collect();
     let mean = groups.iter().flatten().sum::<f64>() / (groups.len() * n) as f64;
     let extreme = if mean > 0.5 { 0.0 } else { 1.0 };
     let (value, _) = jackknife(&groups);

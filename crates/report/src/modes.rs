@@ -4,6 +4,8 @@
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::physics_text;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
+use mishandle::resolve::nominal_scenario;
+use mishandle::results::Answer;
 use mishandle::run::has_random_rows;
 use mishandle::store::RunHeader;
 
@@ -214,7 +216,13 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let mut notes = Vec::new();
     if mode.is_isolated {
         notes.push(match mode.axes.as_slice() {
-            [] => "The nominal scenario fails in the same way.".to_string(),
+            [] => {
+                let scenario = match &report.answer {
+                    Some(Answer::Falsification(found)) => nominal_scenario(&found.subject),
+                    _ => "the nominal scenario".to_string(),
+                };
+                format!("It fails in the same way in {}.", text(&scenario))
+            }
             _ if has_all => {
                 "No axis could be moved to nominal without losing the failure, so nothing says which axes cause it.".to_string()
             }

@@ -1,7 +1,8 @@
 //! The results of a campaign, as text: a table for each kind of question, and the broken relations.
 
 use mishandle::results::{
-    Answer, BoxPoint, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
+    Answer, BoxPoint, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin,
+    Risk,
 };
 use mishandle_text::{decimal, probability_text};
 
@@ -139,9 +140,8 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
 
 /// Returns how many of the corners with a verdict fail; the center is none.
 fn failing_corners(corners: &Corners) -> String {
-    let is_tested = |point: &&CornerPoint| {
-        point.kind == BoxPoint::Corner && point.counts && point.has_verdict()
-    };
+    let is_tested =
+        |point: &&CornerPoint| point.kind == BoxPoint::Corner && point.counts && point.has_verdict();
     let tested: Vec<&CornerPoint> = corners.points.iter().filter(is_tested).collect();
     if tested.is_empty() {
         return "-".to_string();

@@ -76,9 +76,8 @@ fn results(found: &RunDifference) -> Vec<Vec<String>> {
     let complete = |is_complete: bool| if is_complete { "yes" } else { "no" }.to_string();
     rows.push(vec!["finished".to_string(), complete(a.is_complete), complete(b.is_complete)]);
     for result in &found.results {
-        let cell = |found: Option<Estimate>| {
-            found.map_or("-".to_string(), |found| estimate(found, result.quantity))
-        };
+        let cell =
+            |found: Option<Estimate>| found.map_or("-".to_string(), |found| estimate(found, result.quantity));
         rows.push(vec![escape::name(&result.name), cell(result.first), cell(result.second)]);
     }
     rows

@@ -1,7 +1,8 @@
 //! The failure probability, as text.
 
 use mishandle::results::{
-    AxisDistribution, AxisFacts, AxisValues, Estimate, Importance, Probability, Risk, RiskFailure, Screening, Splitting,
+    AxisDistribution, AxisFacts, AxisValues, Estimate, Importance, Probability, Risk, RiskFailure, Screening,
+    Splitting,
 };
 use mishandle::risk::{FREQUENT, Method};
 use mishandle_text::{decimal, number_text, plural, probability_text as probability};
