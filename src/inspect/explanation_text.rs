@@ -73,9 +73,10 @@ fn decision(
 ) -> String {
     let compared = compared_values(predicate, unit);
     let margin = quantity(predicate.robustness.abs(), unit);
-    let (verb, of_negation) = match is_violated(predicate.robustness) {
-        true => ("violates", "as the formula requires"),
-        false => ("satisfies", "which the formula forbids"),
+    let (verb, of_negation) = if is_violated(predicate.robustness) {
+        ("violates", "as the formula requires")
+    } else {
+        ("satisfies", "which the formula forbids")
     };
     let meaning =
         if predicate.is_negated { format!(", {}", makes.unwrap_or(of_negation)) } else { String::new() };
@@ -123,10 +124,9 @@ fn violation(
         Some(whole) => (quoted(&whole.text, WHOLE), if whole.is_negated { "holds" } else { "fails" }),
         None => ("it".to_string(), ""),
     };
-    let enough = match one_is_enough && alone.len() < samples {
-        true => format!("; one sample at which {text} holds is enough"),
-        false => String::new(),
-    };
+    let is_enough = one_is_enough && alone.len() < samples;
+    let enough =
+        if is_enough { format!("; one sample at which {text} holds is enough") } else { String::new() };
     if alone == history.violated && (!is_negated || history.operand.is_none()) {
         return format!("It {fails} {}{enough}.", places(&alone));
     }
@@ -282,8 +282,8 @@ mod tests {
                     let formula = Formula::parse(&format!("{outer}({text})")).unwrap();
                     let found = explain_trace(&formula, &trace, Clock::steps(0.1)).unwrap();
                     let history = found.history.as_ref().unwrap();
-                    for sample in 0..values.len() {
-                        let [a, b] = values[sample].map(|value| value >= 0.0);
+                    for (sample, values) in values.iter().enumerate() {
+                        let [a, b] = values.map(|value| value >= 0.0);
                         let is_violated = holds(a, b) != requires;
                         let is_counted = history.violated.contains(&sample);
                         let is_own = history.robustness[sample] < 0.0;
@@ -291,7 +291,10 @@ mod tests {
                     }
                     let said = found.sentences(|sample| instant(sample, 0.1)).concat();
                     let is_alone = !text.contains('b');
-                    assert!(is_alone || !["forbids", "requires"].iter().any(|word| said.contains(word)), "{said}");
+                    assert!(
+                        is_alone || !["forbids", "requires"].iter().any(|word| said.contains(word)),
+                        "{said}"
+                    );
                 }
             }
         }
