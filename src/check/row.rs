@@ -113,8 +113,8 @@ impl Row {
         let all = simulations + without_verdict;
         let low = clopper_pearson(violated, all, CONFIDENCE).low;
         let high = clopper_pearson(violated + without_verdict, all, CONFIDENCE).high;
-        let value = (simulations > 0).then(|| violated as f64 / simulations as f64);
-        Estimate { value, low, high, n: simulations }
+        let value = (simulations > 0).then(|| violated as f64 / all as f64);
+        Estimate { value, low, high, n: all }
     }
 
     /// Returns the cell of a requirement with its largest failure rate, without a counterexample.
@@ -224,8 +224,8 @@ impl Row {
     }
 
     fn of_random(&self) -> String {
-        let CheckCounts { simulations, violated, .. } = self.random;
-        format!("{violated} of {} violate it", plural(simulations, "random scenario"))
+        let CheckCounts { simulations, violated, without_verdict, .. } = self.random;
+        format!("{violated} of {} violate it", plural(simulations + without_verdict, "random scenario"))
     }
 
     /// A simulation without a verdict can hide a violation, so the bound counts it as one.

@@ -208,7 +208,7 @@ impl Suite<'_> {
         let found = found.as_ref().ok()?;
         match &found.repeats {
             None => found.episode.robustness().map(is_violated),
-            Some(repeats) if repeats.failure_rate.n < repeats.simulations => None,
+            Some(repeats) if repeats.without_verdict > 0 => None,
             Some(repeats) => repeats.failure_rate.value.map(|rate| rate > self.max_failure_rate),
         }
     }
@@ -245,12 +245,9 @@ fn reason(found: &Simulated, baseline: Option<&Simulated>) -> String {
 fn problem(found: &Simulated) -> Option<String> {
     match found {
         Err(failed) => Some(failed.why.clone()),
-        Ok(Regression { repeats: Some(Repeats { simulations, failure_rate, .. }), .. })
-            if failure_rate.n < *simulations =>
-        {
-            let without = simulations - failure_rate.n;
-            Some(format!("{without} of {} without a verdict", plural(*simulations, "repeat")))
-        }
+        Ok(Regression {
+            repeats: Some(Repeats { simulations, without_verdict: without @ 1.., .. }), ..
+        }) => Some(format!("{without} of {} without a verdict", plural(*simulations, "repeat"))),
         Ok(_) => None,
     }
 }

@@ -2,7 +2,7 @@
 
 use mishandle_stl::{Trace, is_violated};
 
-use crate::inspect::Explanation;
+use crate::inspect::{Explanation, PredicateHistory};
 use mishandle_text::instant;
 
 /// An instant of a simulation that pictures center on.
@@ -117,7 +117,7 @@ impl Explanation {
             EventKind::SmallestMargin
         };
         let history = self.history.as_ref().filter(|_| kind == EventKind::Violation);
-        let start = history.and_then(|history| history.first_and_last).map(|(first, _)| first);
+        let start = history.and_then(PredicateHistory::first_and_last).map(|(first, _)| first);
         Some(Event { sample, start: start.filter(|start| *start < sample), kind })
     }
 }

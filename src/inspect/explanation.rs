@@ -3,7 +3,9 @@
 
 use mishandle_results::Remedy;
 use mishandle_rollout::{Episode, EpisodeEnd, Request, RolloutError};
-use mishandle_stl::{Clock, Diagnosis, Formula, Monitor, Trace, is_satisfied, is_violated};
+use mishandle_stl::{
+    Clock, DecisiveSubformula, Diagnosis, Formula, Monitor, Trace, is_satisfied, is_violated,
+};
 use mishandle_store::{RunFile, RunHeader, Simulation, StoredTrace};
 
 use crate::error::{Compared, MishandleError, RunError, problem};
@@ -42,15 +44,33 @@ pub struct Explanation {
 pub struct PredicateHistory {
     /// First and last sample at which the operator above evaluates the predicate.
     pub window: (usize, usize),
-    /// Number of these samples that violate the predicate.
-    pub violated: usize,
-    /// First and last of these samples; `None` if there are none.
-    pub first_and_last: Option<(usize, usize)>,
+    /// The samples of these at which the predicate and the whole operand of that operator are
+    /// violated: the premise of an implication that holds violates nothing where the conclusion
+    /// holds, too.
+    pub violated: Vec<usize>,
+    /// That operand, if it is more than the predicate and negations.
+    pub operand: Option<WholeOperand>,
     /// Robustness of the predicate at each sample of the trace. If the formula requires the
     /// predicate to be false, the opposite.
     pub robustness: Vec<f64>,
     /// Values of its two sides at each sample of the trace.
     pub sides: [Vec<f64>; 2],
+}
+
+/// What the operator above the decisive predicate evaluates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WholeOperand {
+    /// The text.
+    pub text: String,
+    /// Whether the formula requires it to be false.
+    pub is_negated: bool,
+}
+
+impl PredicateHistory {
+    /// Returns the first and the last violated sample; `None` if there are none.
+    pub fn first_and_last(&self) -> Option<(usize, usize)> {
+        self.violated.first().copied().zip(self.violated.last().copied())
+    }
 }
 
 /// A conjunct of the formula, alone: see [`Formula::conjuncts`].
@@ -109,7 +129,10 @@ pub fn explain_trace(formula: &Formula, trace: &Trace, clock: Clock) -> Result<E
                 .map_err(|source| RolloutError::Parse { formula: predicate.text.clone(), source })?;
             let sign = if predicate.is_negated { -1.0 } else { 1.0 };
             let robustness: Vec<f64> = robustness_of(&text)?.into_iter().map(|rho| sign * rho).collect();
-            let window = diagnosis.path.iter().rev().find_map(|found| found.window);
+            let above = diagnosis.path.iter().rposition(|found| found.window.is_some());
+            let window = above.and_then(|above| diagnosis.path[above].window);
+            let below = &diagnosis.path[above.map_or(0, |above| above + 1)..];
+            let operand = whole_operand(&diagnosis, below);
             let side = |text: &String| -> Result<Vec<f64>, MishandleError> {
                 if let Ok(number) = text.parse() {
                     return Ok(vec![number; trace.len()]);
@@ -120,7 +143,18 @@ pub fn explain_trace(formula: &Formula, trace: &Trace, clock: Clock) -> Result<E
             };
             let sides = [side(&predicate.sides[0])?, side(&predicate.sides[1])?];
             let window = window.unwrap_or((predicate.sample, predicate.sample));
-            Some(history(window, robustness, sides))
+            let (first, last) = window;
+            let mut violated: Vec<usize> = (first..=last)
+                .filter(|sample| robustness.get(*sample).is_some_and(|rho| is_violated(*rho)))
+                .collect();
+            if let Some(WholeOperand { text, is_negated }) = &operand {
+                let whole = Formula::parse(text)
+                    .map_err(|source| RolloutError::Parse { formula: text.clone(), source })?;
+                let whole = robustness_of(&whole)?;
+                violated
+                    .retain(|sample| whole.get(*sample).is_some_and(|rho| is_violated(*rho) != *is_negated));
+            }
+            Some(PredicateHistory { window, violated, operand, robustness, sides })
         }
         None => None,
     };
@@ -188,12 +222,21 @@ fn events(
     Ok(found)
 }
 
-fn history(window: (usize, usize), robustness: Vec<f64>, sides: [Vec<f64>; 2]) -> PredicateHistory {
-    let (first, last) = window;
-    let violates = |sample: &usize| robustness.get(*sample).is_some_and(|rho| is_violated(*rho));
-    let violating: Vec<usize> = (first..=last).filter(violates).collect();
-    let first_and_last = violating.first().copied().zip(violating.last().copied());
-    PredicateHistory { window, violated: violating.len(), first_and_last, robustness, sides }
+/// Returns what the operator above a predicate evaluates, from the part of the path below this
+/// operator; `None` if it is the predicate, negated or not, or if an operator of the part reads other
+/// samples.
+fn whole_operand(diagnosis: &Diagnosis, below: &[DecisiveSubformula]) -> Option<WholeOperand> {
+    const POINTWISE: [&str; 4] = ["not", "and", "or", "implies"];
+    let (_, operators) = below.split_last()?;
+    let is = |found: &DecisiveSubformula, names: &[&str]| {
+        found.operator.is_some_and(|operator| names.contains(&operator))
+    };
+    let is_more = operators.iter().any(|found| !is(found, &["not"]));
+    let whole = operators.first().filter(|_| is_more)?;
+    operators.iter().all(|found| is(found, &POINTWISE)).then(|| WholeOperand {
+        text: whole.text.clone(),
+        is_negated: is_violated(whole.robustness) != is_violated(diagnosis.robustness()),
+    })
 }
 
 /// A recorded simulation with its trace and explanation.

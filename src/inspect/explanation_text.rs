@@ -22,7 +22,11 @@ impl Explanation {
             self.decided.map(|sample| format!("From {} on, nothing can {verdict} the formula.", at(sample)));
         let mut sentences: Vec<String> = decided.into_iter().collect();
         if let (Some(predicate), Some(history)) = (&self.diagnosis.predicate, &self.history) {
-            sentences.push(decision(predicate, &self.unit, &at));
+            let makes = history.operand.as_ref().map(|whole| {
+                let fails = is_violated(self.diagnosis.robustness()) != whole.is_negated;
+                format!("which makes {} {}", quoted(&whole.text, WHOLE), if fails { "fail" } else { "hold" })
+            });
+            sentences.push(decision(predicate, &self.unit, makes.as_deref(), &at));
             sentences.push(violation(history, predicate.is_negated, self.one_is_enough(), &at));
         }
         sentences.extend(self.events.iter().map(|event| event_text(event, &at)));
@@ -60,18 +64,31 @@ fn quantity(value: f64, unit: &str) -> String {
     if unit.is_empty() { number } else { format!("{number} {unit}") }
 }
 
-fn decision(predicate: &DecisivePredicate, unit: &str, at: &dyn Fn(usize) -> String) -> String {
+/// Describes the values of a predicate. `makes` says what they make of the operand that contains it.
+fn decision(
+    predicate: &DecisivePredicate,
+    unit: &str,
+    makes: Option<&str>,
+    at: &dyn Fn(usize) -> String,
+) -> String {
     let compared = compared_values(predicate, unit);
     let margin = quantity(predicate.robustness.abs(), unit);
-    let side = match (is_violated(predicate.robustness), predicate.is_negated) {
-        (true, false) => format!("violates it by {margin}"),
-        (false, false) => format!("satisfies it by {margin}"),
-        (true, true) => format!("violates it by {margin}, as the formula requires"),
-        (false, true) => format!("satisfies it by {margin}, which the formula forbids"),
+    let (verb, of_negation) = if is_violated(predicate.robustness) {
+        ("violates", "as the formula requires")
+    } else {
+        ("satisfies", "which the formula forbids")
     };
-    format!("Decisive: {} at {}: {compared}. The trace {side}.", predicate.text, at(predicate.sample))
+    let meaning =
+        if predicate.is_negated { format!(", {}", makes.unwrap_or(of_negation)) } else { String::new() };
+    format!(
+        "Decisive: {} at {}: {compared}. The trace {verb} it by {margin}{meaning}.",
+        predicate.text,
+        at(predicate.sample)
+    )
 }
 
+/// Describes the samples of the window at which the predicate is violated. A predicate that is not
+/// the whole operand is to blame only where that is violated, too.
 fn violation(
     history: &PredicateHistory,
     is_negated: bool,
@@ -80,36 +97,58 @@ fn violation(
 ) -> String {
     let (first, last) = history.window;
     let samples = last + 1 - first;
-    let all = if samples == 1 { "the only sample".to_string() } else { format!("all {samples} samples") };
-    let [holds, fails] = if is_negated {
-        ["fails, as the formula requires,", "holds, which the formula forbids,"]
-    } else {
-        ["holds", "fails"]
-    };
-    match history.first_and_last {
-        None => format!("It {holds} at {all} of its window, {} to {}.", at(first), at(last)),
-        Some(_) if history.violated == samples => {
-            format!("It {fails} at {all} of its window, {} to {}.", at(first), at(last))
+    let of_window = |count: usize| match count {
+        _ if samples == 1 => format!("at the only sample of its window, {}", at(first)),
+        count if count == samples => {
+            format!("at all {samples} samples of its window, {} to {}", at(first), at(last))
         }
-        Some((from, to)) => format!(
-            "It {fails} at {} of {} in its window, from {} to {}{}.",
-            history.violated,
-            plural(samples, "sample"),
-            at(from),
-            at(to),
-            if one_is_enough { "; one sample at which it holds is enough" } else { "" },
-        ),
+        count => format!("at {count} of {samples} samples in its window"),
+    };
+    let places = |violated: &[usize]| match violated {
+        violated if violated.len() == samples => of_window(samples),
+        [only] => format!("{}, at {}", of_window(1), at(*only)),
+        [from, .., to] => format!("{}, from {} to {}", of_window(violated.len()), at(*from), at(*to)),
+        [] => of_window(samples),
+    };
+    let is_alone = |sample: &usize| history.robustness.get(*sample).is_some_and(|rho| is_violated(*rho));
+    let alone: Vec<usize> = (first..=last).filter(is_alone).collect();
+    let [holds, fails] = match (is_negated, &history.operand) {
+        (false, _) => ["holds", "fails"],
+        (true, Some(_)) => ["fails", "holds"],
+        (true, None) => ["fails, as the formula requires,", "holds, which the formula forbids,"],
+    };
+    if alone.is_empty() {
+        return format!("It {holds} {}.", of_window(samples));
     }
+    let (text, whole_fails) = match &history.operand {
+        Some(whole) => (quoted(&whole.text, WHOLE), if whole.is_negated { "holds" } else { "fails" }),
+        None => ("it".to_string(), ""),
+    };
+    let is_enough = one_is_enough && alone.len() < samples;
+    let enough =
+        if is_enough { format!("; one sample at which {text} holds is enough") } else { String::new() };
+    if alone == history.violated && (!is_negated || history.operand.is_none()) {
+        return format!("It {fails} {}{enough}.", places(&alone));
+    }
+    if history.violated.is_empty() {
+        let otherwise = if whole_fails == "fails" { "holds" } else { "fails" };
+        return format!("It {fails} {}; {text} {otherwise} there.", places(&alone));
+    }
+    format!("It {fails} where {text} {whole_fails}, {}{enough}.", places(&history.violated))
+}
+
+/// Stands for an operand that is too long for a sentence.
+const WHOLE: &str = "the operand that contains it";
+
+/// Returns a formula as a sentence repeats it, or `otherwise` if it is too long.
+fn quoted(formula: &str, otherwise: &str) -> String {
+    if formula.chars().count() > MAX_OPERAND { otherwise.to_string() } else { format!("`{formula}`") }
 }
 
 fn event_text(event: &OperatorEvent, at: &dyn Fn(usize) -> String) -> String {
     match event {
         OperatorEvent::NoSample { operator, operand, nearest } => {
-            let operand = if operand.chars().count() > MAX_OPERAND {
-                "its operand".to_string()
-            } else {
-                format!("`{operand}`")
-            };
+            let operand = quoted(operand, "its operand");
             let nearest = at(*nearest);
             format!(
                 "`{operator}` needs a sample at which {operand} holds. No sample does; {nearest} comes nearest."
@@ -198,6 +237,67 @@ mod tests {
         assert!(found[2].starts_with("It holds, which the formula forbids, at 2 of 3 samples"), "{found:?}");
         let all = ["fails", "No sample does"];
         assert!(found.iter().all(|sentence| all.iter().all(|part| !sentence.contains(part))), "{found:?}");
+    }
+
+    /// The premise holds at three samples, and the conclusion fails at one of them.
+    #[test]
+    fn a_premise_is_to_blame_only_where_the_conclusion_fails() {
+        let samples = [[1.0, 0.0], [9.0, 50.0], [1.0, 0.0], [9.0, 50.0], [6.0, 0.0], [1.0, 0.0]];
+        let found = sentences("always(a >= 5 implies b >= 12)", &samples);
+        assert!(
+            found[1].ends_with("satisfies it by 1.0000, which makes `a >= 5 implies b >= 12` fail."),
+            "{found:?}"
+        );
+        let expected = "It holds where `a >= 5 implies b >= 12` fails, at 1 of 6 samples in its window, at step 4 (0.40 s).";
+        assert_eq!(found[2], expected);
+        // The formula requires no premise to fail, and forbids none.
+        let satisfied = [[1.0, 0.0], [9.0, 50.0], [1.0, 0.0]];
+        let found = sentences("always(a >= 5 implies b >= 12)", &satisfied);
+        assert!(found[1].ends_with("which makes `a >= 5 implies b >= 12` hold."), "{found:?}");
+        let expected = "It holds at 1 of 3 samples in its window, at step 1 (0.10 s); `a >= 5 implies b >= 12` holds there.";
+        assert_eq!(found[2], expected);
+    }
+
+    /// Each truth value by hand. A predicate is violated at a sample only if the whole operand is.
+    #[test]
+    fn what_is_violated_is_where_the_whole_operand_is_violated() {
+        type Operand = (&'static str, fn(bool, bool) -> bool);
+        let operands: [Operand; 7] = [
+            ("a >= 0", |a, _| a),
+            ("not(a >= 0)", |a, _| !a),
+            ("a >= 0 and b >= 0", |a, b| a && b),
+            ("a >= 0 or b >= 0", |a, b| a || b),
+            ("a >= 0 implies b >= 0", |a, b| !a || b),
+            ("not(a >= 0 implies b >= 0)", |a, b| a && !b),
+            ("not(a >= 0) or not(b >= 0)", |a, b| !a || !b),
+        ];
+        let mut random = mishandle_random::Sequence::new(1, 0);
+        for _ in 0..200 {
+            let mut trace = Trace::new(Arc::from(["a".to_string(), "b".to_string()]));
+            let values: Vec<[f64; 2]> =
+                (0..6).map(|_| [0, 1].map(|_| 2.0 * random.uniform() - 1.0)).collect();
+            values.iter().for_each(|sample| trace.push(sample));
+            for (text, holds) in operands {
+                for (outer, requires) in [("always", true), ("not eventually", false)] {
+                    let formula = Formula::parse(&format!("{outer}({text})")).unwrap();
+                    let found = explain_trace(&formula, &trace, Clock::steps(0.1)).unwrap();
+                    let history = found.history.as_ref().unwrap();
+                    for (sample, values) in values.iter().enumerate() {
+                        let [a, b] = values.map(|value| value >= 0.0);
+                        let is_violated = holds(a, b) != requires;
+                        let is_counted = history.violated.contains(&sample);
+                        let is_own = history.robustness[sample] < 0.0;
+                        assert_eq!(is_counted, is_violated && is_own, "{formula} at {sample}");
+                    }
+                    let said = found.sentences(|sample| instant(sample, 0.1)).concat();
+                    let is_alone = !text.contains('b');
+                    assert!(
+                        is_alone || !["forbids", "requires"].iter().any(|word| said.contains(word)),
+                        "{said}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

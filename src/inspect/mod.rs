@@ -23,8 +23,8 @@ pub use axes_at_nominal::axes_at_nominal;
 pub use comparison::{ComparedPair, compare, compared_pairs, judgment, sameness};
 pub use event::{Event, EventKind, release};
 pub use explanation::{
-    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, common_unit, explain, explain_episode,
-    explain_recorded, explain_trace, unit,
+    Conjunct, ExplainedSimulation, Explanation, PredicateHistory, WholeOperand, common_unit, explain,
+    explain_episode, explain_recorded, explain_trace, unit,
 };
 pub use explanation_text::compared_values;
 pub use failure_modes::{Failure, FailureMode, FailureModes, failure_modes};

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mishandle_results::{
     Answer, ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Estimate,
-    RunDifference, Seed,
+    Quantity, RunDifference, Seed,
 };
 use mishandle_store::{RANDOM_TRIAL, RunFile, RunHeader, RunKind, Simulation, StoreError};
 
@@ -65,8 +65,8 @@ fn differing_run(run: &RunFile) -> Result<DifferingRun, MishandleError> {
     })
 }
 
-/// Name of a result, its estimate, and whether it is a fraction.
-type Found = (String, Estimate, bool);
+/// Name of a result, its estimate, and what its values are.
+type Found = (String, Estimate, Quantity);
 
 /// Returns all facts of a header by name.
 fn facts(header: &RunHeader) -> BTreeMap<String, String> {
@@ -139,28 +139,32 @@ fn results_of(answer: Answer) -> Vec<Found> {
                 ("success rate of the control", control.map(|control| control.success_rate)),
                 ("difference to the control", control.map(|control| control.difference)),
             ];
-            let is_fraction = |name: &str| name != "control steps until completion";
+            let quantity = |name: &str| match name {
+                "control steps until completion" => Quantity::Number,
+                "difference to the control" => Quantity::Difference,
+                _ => Quantity::Share,
+            };
             all.into_iter()
-                .filter_map(|(name, found)| Some((name.to_string(), found?, is_fraction(name))))
+                .filter_map(|(name, found)| Some((name.to_string(), found?, quantity(name))))
                 .collect()
         }
         Answer::Falsification(found) => {
-            vec![("falsified trials".to_string(), found.falsification_rate, true)]
+            vec![("falsified trials".to_string(), found.falsification_rate, Quantity::Share)]
         }
         Answer::Risk(found) => {
             let value = found.probability.as_ref().and_then(|estimate| estimate.value);
             let estimate = Estimate { value, ..found.without_assumption() };
-            vec![("probability of a failure".to_string(), estimate, true)]
+            vec![("probability of a failure".to_string(), estimate, Quantity::Share)]
         }
         Answer::Margin(found) => {
             let value = found.no_violation_up_to;
             let estimate = Estimate { value, n: found.simulations, ..Estimate::default() };
-            vec![("amplitude without a violation".to_string(), estimate, false)]
+            vec![("amplitude without a violation".to_string(), estimate, Quantity::Number)]
         }
         Answer::Metamorphic(found) => {
             let relations = found.relations.iter();
             let name = |relation: &str| format!("broken pairs of {relation}");
-            relations.map(|relation| (name(&relation.name), relation.broken_rate, true)).collect()
+            relations.map(|relation| (name(&relation.name), relation.broken_rate, Quantity::Share)).collect()
         }
         Answer::Hardening(_) => Vec::new(),
     }
@@ -169,17 +173,12 @@ fn results_of(answer: Answer) -> Vec<Found> {
 fn side_by_side(a: Vec<Found>, b: Vec<Found>) -> Vec<DifferingResult> {
     let mut results: Vec<DifferingResult> = a
         .into_iter()
-        .map(|(name, found, is_fraction)| DifferingResult {
-            name,
-            is_fraction,
-            first: Some(found),
-            second: None,
-        })
+        .map(|(name, found, quantity)| DifferingResult { name, quantity, first: Some(found), second: None })
         .collect();
-    for (name, found, is_fraction) in b {
+    for (name, found, quantity) in b {
         match results.iter_mut().find(|known| known.name == name) {
             Some(known) => known.second = Some(found),
-            None => results.push(DifferingResult { name, is_fraction, first: None, second: Some(found) }),
+            None => results.push(DifferingResult { name, quantity, first: None, second: Some(found) }),
         }
     }
     results

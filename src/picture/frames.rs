@@ -192,9 +192,8 @@ fn spans(history: &PredicateHistory, last: usize) -> Vec<([f64; 2], Color)> {
     let fraction = |sample: f64| (sample / last.max(1) as f64).clamp(0.0, 1.0);
     let (first, end) = history.window;
     let mut spans = vec![([fraction(first as f64), fraction(end as f64)], WINDOW)];
-    let violated = |sample: &usize| history.robustness.get(*sample).is_some_and(|rho| is_violated(*rho));
-    for sample in (first..=end).filter(violated) {
-        let at = sample as f64;
+    for sample in &history.violated {
+        let at = *sample as f64;
         spans.push(([fraction(at - 0.5), fraction(at + 0.5)], FAIL));
     }
     spans

@@ -68,7 +68,7 @@ pub use scene::{camera_names, picture_model, recorded_picture, recorded_target};
 pub use search::search_entry;
 pub use simulator::check_protocol;
 pub(crate) use simulator::simulator_file;
-pub use subject::{axis_facts, named_scenario};
+pub use subject::{axis_facts, named_scenario, nominal_scenario, nominal_values};
 pub use target_file::{command, command_target, has_files, is_target_file};
 pub(crate) use target_file::{file_label, files_of, starts_program};
 pub(crate) use task::reachable_starts;

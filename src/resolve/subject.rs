@@ -3,6 +3,7 @@
 use mishandle_results::{AxisFacts, AxisValues, Named, NeededAxis, Scenario, Seed, Subject};
 use mishandle_rollout as rollout;
 use mishandle_simulators::SIMULATOR;
+use mishandle_text::number_text;
 
 use crate::resolve::ResolvedPlan;
 use crate::resolve::guard::guard_facts;
@@ -38,6 +39,28 @@ impl ResolvedPlan {
     }
 }
 
+/// Returns the nominal scenario in words. It has values where the plan sets a range that may exclude
+/// the nominal value of the target: `the nominal scenario of this space (x = 0.96 m)`.
+pub fn nominal_scenario(subject: &Subject) -> String {
+    match nominal_values(subject.moved_axes()) {
+        values if values.is_empty() => "the nominal scenario".to_string(),
+        values => format!("the nominal scenario of this space ({values})"),
+    }
+}
+
+/// Returns the nominal values of axes, such as `x = 0.96 m, k = 0.3`.
+pub fn nominal_values<'a>(axes: impl Iterator<Item = &'a AxisFacts>) -> String {
+    let text = |axis: &AxisFacts| {
+        let nominal = axis.nominal?;
+        let value = match &axis.values {
+            AxisValues::Categories(names) => names.get((nominal - axis.low) as usize)?.clone(),
+            AxisValues::Kind(_) => number_text(nominal),
+        };
+        Some(format!("{} = {value} {}", axis.name, axis.unit).trim_end().to_string())
+    };
+    axes.filter_map(text).collect::<Vec<_>>().join(", ")
+}
+
 /// Describes an axis.
 pub fn axis_facts(axis: &rollout::Axis) -> AxisFacts {
     AxisFacts {
@@ -69,4 +92,41 @@ fn needed(condition: &rollout::Condition) -> NeededAxis {
 /// Returns a scenario with the names of its axes.
 pub fn named_scenario(axes: &[rollout::Axis], values: &[Option<f64>]) -> Scenario {
     Named(axes.iter().map(|axis| axis.name.clone()).zip(values.iter().copied()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{AxisSetting, Plan};
+
+    /// Each axis with another range or value: if its nominal value moves, the words name it.
+    #[test]
+    fn the_nominal_scenario_has_each_value_that_the_plan_moves() {
+        let plan = |axes: &[(&str, AxisSetting)]| {
+            let axes = axes.iter().map(|(name, setting)| ((*name).to_string(), setting.clone())).collect();
+            let plan = Plan { axes, ..Plan::new("toy/car-following", "") };
+            ResolvedPlan::new(&Plan { space: "dynamics+events+starts".to_string(), ..plan }).unwrap()
+        };
+        let whole = plan(&[]);
+        assert_eq!(nominal_scenario(&whole.subject()), "the nominal scenario");
+        let mut moved = 0;
+        for axis in whole.space.axes() {
+            let ends = [[0.0, 0.25], [0.25, 1.0], [0.75, 1.0], [0.75, 0.75], [0.0, 1.0]];
+            for ends in ends.map(|ends| ends.map(|u| axis.at(u))) {
+                let narrowed = plan(&[(&axis.name, AxisSetting::Range(ends))]);
+                let found = narrowed.space.axes().iter().find(|found| found.name == axis.name);
+                let Some(nominal) = found.and_then(|found| found.nominal) else { continue };
+                if Some(nominal) == axis.nominal {
+                    continue;
+                }
+                moved += 1;
+                let value = number_text(nominal);
+                let said = nominal_scenario(&narrowed.subject());
+                let expected = format!("of this space ({} = {value}", axis.name);
+                let is_category = matches!(axis.values, rollout::AxisValues::Categorical(_));
+                assert!(is_category || said.contains(&expected), "{}: {said}", axis.name);
+            }
+        }
+        assert!(moved > 0);
+    }
 }

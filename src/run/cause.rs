@@ -1,7 +1,7 @@
 //! The axes that cause the failure of a counterexample, from the simulations that moved it toward
 //! nominal.
 
-use mishandle_evaluation::{Estimate, wilson};
+use mishandle_evaluation::{Estimate, failure_rate};
 use mishandle_falsification::{Survivor, distance, inside_bounds, is_inside_of, off_nominal, on_bounds};
 use mishandle_results::{Cause, CheckedFailure, PhysicsCheck};
 use mishandle_rollout::{Axis, AxisValues, Request, Scenario, Seed, Space};
@@ -199,13 +199,11 @@ impl Isolation {
 
     /// Returns how often the closest failure fails with other seeds; `None` if they have no effect.
     fn other_seeds(&self) -> Option<Estimate> {
-        let others: Vec<&Simulation> = self
-            .rows
-            .iter()
-            .filter(|row| row.seed != self.original.seed && row.robustness.is_some())
-            .collect();
-        let failures = others.iter().filter(|row| row.is_violated()).count() as u64;
-        (!others.is_empty()).then(|| wilson(failures, others.len() as u64))
+        let others = || self.rows.iter().filter(|row| row.seed != self.original.seed);
+        let failures = others().filter(|row| row.is_violated()).count() as u64;
+        let undecided = others().filter(|row| row.robustness.is_none()).count() as u64;
+        let rate = failure_rate(failures, undecided, others().count() as u64);
+        rate.value.is_some().then_some(rate)
     }
 
     /// Returns the findings as a result.

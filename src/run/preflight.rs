@@ -10,7 +10,7 @@ use mishandle_stl::{Clock, Formula, Monitor, Trace, is_satisfied};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
-use crate::resolve::{ResolvedPlan, contract_warnings};
+use crate::resolve::{ResolvedPlan, contract_warnings, nominal_scenario};
 use crate::run::end_text;
 use crate::run::violation::decided;
 
@@ -74,7 +74,8 @@ fn failed(nominal: &Episode, resolved: &ResolvedPlan) -> Option<String> {
     );
     let names: Vec<&str> = resolved.signals.iter().map(|signal| signal.name.as_str()).collect();
     let reason = if nominal.reason.is_empty() { String::new() } else { format!(": {}", nominal.reason) };
-    ends.then(|| format!("the nominal scenario has no verdict: {}{reason}", end_text(nominal.end, &names)))
+    let scenario = nominal_scenario(&resolved.subject());
+    ends.then(|| format!("{scenario} has no verdict: {}{reason}", end_text(nominal.end, &names)))
 }
 
 /// Returns the number of simulations that a question plans.
@@ -341,7 +342,8 @@ fn requirement(
     let nominal = &probes[0];
     if let Some(robustness) = nominal.robustness().filter(|_| nominal.is_violated()) {
         warnings.push(format!(
-            "the nominal scenario violates the requirement (robustness {}): a failure elsewhere says little about its scenario",
+            "{} violates the requirement (robustness {}): a failure elsewhere says little about its scenario",
+            nominal_scenario(&resolved.subject()),
             mishandle_text::decimal(robustness, 4)
         ));
     }

@@ -123,9 +123,9 @@ pub fn repeat_scenario(
 pub fn failure_text(report: &Repeats) -> String {
     let Estimate { value, low, high, n } = report.failure_rate;
     let percent = |value: Option<f64>| 100.0 * value.unwrap_or(f64::NAN);
-    match n {
-        0 => "no repeat has a verdict".to_string(),
-        _ => format!(
+    match value {
+        None => "no repeat has a verdict".to_string(),
+        Some(_) => format!(
             "fails in {} of {}: {:.1} % [{:.1}, {:.1}]",
             report.failures,
             plural(n, "repeat"),

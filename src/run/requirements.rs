@@ -1,9 +1,9 @@
 //! Named requirements over the simulations of a run.
 
-use mishandle_evaluation::{Corners, wilson};
+use mishandle_evaluation::{Corners, failure_rate};
 use mishandle_results::{Requirement, Vacuous};
 use mishandle_stl::is_violated;
-use mishandle_store::{RunFile, RunKind};
+use mishandle_store::{RunFile, RunKind, SimulationEnd};
 
 use crate::error::MishandleError;
 use crate::run::rows::{REQUIREMENT, VACUITY};
@@ -28,6 +28,7 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
         let empty = Requirement {
             name,
             formula,
+            started: 0,
             simulations: 0,
             violated: 0,
             violation_rate: None,
@@ -50,6 +51,7 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
             continue;
         }
         for (column, vacuity, requirement) in &mut found {
+            requirement.started += u64::from(simulation.end != SimulationEnd::InvalidScenario);
             let Some(robustness) = simulation.verdicts.get(*column).copied().flatten() else {
                 continue;
             };
@@ -68,10 +70,13 @@ pub fn requirements(run: &RunFile) -> Result<Option<Vec<Requirement>>, Mishandle
     }
     // A trial that ends at its first violation has a biased share of violations, too.
     let is_rate = header.kind == RunKind::Evaluate && has_random_rows(header);
-    let with_rate = |(_, _, requirement): (_, _, Requirement)| Requirement {
-        asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, requirement.simulations),
-        violation_rate: is_rate.then(|| wilson(requirement.violated, requirement.simulations)),
-        ..requirement
+    let with_rate = |(_, _, requirement): (_, _, Requirement)| {
+        let Requirement { started, simulations, violated, .. } = requirement;
+        Requirement {
+            asks_nothing: asks_nothing(&requirement.formula, requirement.vacuous, simulations),
+            violation_rate: is_rate.then(|| failure_rate(violated, started - simulations, started)),
+            ..requirement
+        }
     };
     Ok(Some(found.into_iter().map(with_rate).collect()))
 }

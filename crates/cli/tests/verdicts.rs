@@ -229,6 +229,36 @@ fn a_crash_is_no_success_beside_simulations_that_succeed() {
     assert_eq!(compared["first"]["without_verdict"]["failed"], found["failed"]);
 }
 
+/// Half of the space has no verdict, and a fifth fails: the true rate can be 0.7. No page or table
+/// states a rate of the others alone.
+#[test]
+fn a_page_states_no_rate_of_the_simulations_with_a_verdict_alone() {
+    let bench = bench("a < 0.5", "{'end': 'diverged'}");
+    let (_, found, err) = ask(&bench, &format!("evaluate {COMMAND} --episodes 40 --out e.sqlite"));
+    let rate = &found["violation_rate"];
+    assert!(rate["n"] == 40 && rate["high"].as_f64() > Some(0.5), "{rate} {err}");
+    let page = |run: &str| {
+        let report = format!("report {run} --out p.html --markdown p.md -k report.simulations=false --force");
+        let mut command = bench.command(&report);
+        let output = command.env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        std::fs::read_to_string(bench.path("p.md")).unwrap()
+    };
+    let said = page("e.sqlite");
+    let headline = format!("in {} of 40 random scenarios", found["violations"]);
+    assert!(said.contains(&headline), "{said}");
+    assert!(said.contains("counts those without a verdict as failures"), "{said}");
+
+    bench.write("end.py", "def end(a): return {'end': 'diverged'} if a < 0.8 else {'trace': {'x': [a] * 6}}\n");
+    let keep_going = "--search random --trials 1 --budget 40 -k falsify.keep-going=true";
+    let (_, found, err) = ask(&bench, &format!("falsify {COMMAND} {keep_going} --out f.sqlite"));
+    let ends = &found["without_verdict"];
+    assert!(ends["diverged"].as_u64() > Some(0), "{ends} {err}");
+    let said = page("f.sqlite");
+    assert!(!said.contains("simulations fail.</strong>") && !said.contains("All "), "{said}");
+    assert!(said.contains(&format!("Of the {} random simulations", ends["simulations"])), "{said}");
+}
+
 /// Requirements of the simulator, for `check`.
 const REQUIREMENTS: &str = "[[requirement]]\nname = 'low'\nformula = 'low'\n";
 
@@ -272,9 +302,17 @@ fn a_region_without_a_verdict_is_said_first_and_nothing_is_concluded_about_it() 
             assert!(first.contains(" %) have no verdict: "), "{end} {question}: {out}");
             assert!(!out.contains("up to the largest disturbance"), "{end}: {out}");
             match number {
+                0 => {
+                    let rate = &found["violation_rate"];
+                    assert!(rate["high"].as_f64() > Some(0.35) && rate["n"] == 80, "{end}: {rate}");
+                }
                 1 => assert_eq!(found["failure_rate_bound"], Value::Null, "{end}"),
                 2 => assert_eq!(found["no_violation_up_to"], Value::Null, "{end}"),
-                3 => assert!(found["bounds"][1].as_f64() > Some(0.35), "{end}: {}", found["bounds"]),
+                3 => {
+                    let part = &found["monte_carlo"]["failure_rate"]["high"];
+                    let bound = &found["bounds"][1];
+                    assert!(bound.as_f64() > Some(0.35) && part == bound, "{end}: {bound} {part}");
+                }
                 _ => {}
             }
         }

@@ -67,7 +67,8 @@ pub use interval::{bootstrap_mean, bound_without_failures, clopper_pearson, comp
 pub use kolmogorov_smirnov::kolmogorov_smirnov;
 pub use kruskal_wallis::{KruskalWallis, kruskal_wallis};
 pub use metrics::{
-    FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success, rate,
+    FormulaRoles, MetricCounter, decides_careful_success, decides_strict_success, decides_success,
+    failure_rate, rate,
 };
 pub use mishandle_results::{EndCounts, Estimate, Metrics, QUANTILES, Repeats};
 pub use paired::{PairedCounts, paired_mean_difference, paired_rates, paired_rates_at_any_time};

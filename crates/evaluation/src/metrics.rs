@@ -57,6 +57,30 @@ pub fn rate(successes: u64, verdicts: u64, n: u64) -> Estimate {
     Count { successes, verdicts }.rate(n, wilson)
 }
 
+/// Returns the rate of `failures` among `n` simulations that started, `undecided` of them without a
+/// verdict, with its Wilson interval. The lower bound takes those as passed and the upper bound as
+/// failed, so it holds whatever they would have done. Without any verdict there is no value.
+///
+/// # Example
+/// ```
+/// use mishandle_evaluation::{failure_rate, wilson};
+/// let found = failure_rate(1, 50, 100);
+/// assert_eq!((found.value, found.n), (Some(0.01), 100));
+/// assert_eq!(found.high, wilson(51, 100).high);
+/// ```
+pub fn failure_rate(failures: u64, undecided: u64, n: u64) -> Estimate {
+    failure_rate_with(failures, undecided, n, wilson)
+}
+
+/// Like [`failure_rate`], with another interval of the rate of successes.
+fn failure_rate_with(failures: u64, undecided: u64, n: u64, interval: fn(u64, u64) -> Estimate) -> Estimate {
+    if undecided == n {
+        return Estimate { n, ..Estimate::default() };
+    }
+    let failing = |failures: u64| complement(interval(n - failures, n));
+    Estimate { high: failing(failures + undecided).high, ..failing(failures) }
+}
+
 /// Returns whether an episode has a verdict on success.
 pub fn decides_success(episode: &Episode) -> bool {
     episode.end.has_verdict() && episode.verdict.success.is_some()
@@ -220,7 +244,8 @@ impl MetricCounter {
             strict_undecided: self.strict_undecided,
             careful_undecided: self.roles.careful.then_some(self.careful_undecided),
             violations: self.violations,
-            violation_rate: complement(interval(self.evaluated - self.violations, self.evaluated)),
+            requirement_undecided: started - self.evaluated,
+            violation_rate: failure_rate_with(self.violations, started - self.evaluated, started, interval),
             success_rate: self.success.rate(started, interval),
             strict_success_rate: self.roles.strict.then(|| self.strict.rate(started, interval)),
             careful_success_rate: self.roles.careful.then(|| self.careful.rate(started, interval)),
@@ -362,6 +387,28 @@ mod tests {
         assert_eq!((report.simulations, report.failed), (3, 2));
         for rate in [report.success_rate, report.strict_success_rate.unwrap()] {
             assert_eq!((rate.value, rate.n), (Some(0.5), 2));
+        }
+    }
+
+    /// Whatever the simulations without a verdict would have done, the interval has the one that
+    /// then is known.
+    #[test]
+    fn the_interval_of_violations_holds_whatever_those_without_a_verdict_would_have_done() {
+        for end in crate::ends::WITHOUT_VERDICT {
+            let ended = |count: usize| vec![Episode { end, ..episode(None, None, 0, None) }; count];
+            let decided = |count: usize, rho: f64| vec![episode(Some(rho), Some(rho), 0, None); count];
+            for (violated, satisfied, unknown) in [(1, 49, 50), (0, 5, 5), (10, 0, 30), (3, 7, 1)] {
+                let known = [decided(violated, -1.0), decided(satisfied, 1.0)].concat();
+                let found = report(&[known.clone(), ended(unknown)].concat()).violation_rate;
+                let starts = end != EpisodeEnd::InvalidScenario;
+                let unknown = if starts { unknown } else { 0 };
+                assert_eq!(found.n, (violated + satisfied + unknown) as u64, "{end:?}");
+                for failing in 0..=unknown {
+                    let would = [decided(failing, -1.0), decided(unknown - failing, 1.0)].concat();
+                    let then = report(&[known.clone(), would].concat()).violation_rate;
+                    assert!(found.low <= then.low && then.high <= found.high, "{end:?}: {found:?} {then:?}");
+                }
+            }
         }
     }
 

@@ -4,7 +4,7 @@
 use mishandle_results::{Estimate, QUANTILES, Quantile, Repeats};
 use mishandle_stl::is_violated;
 
-use crate::wilson;
+use crate::failure_rate;
 
 /// Returns the results of simulations with these robustness values; `None` is a simulation without
 /// a verdict.
@@ -13,7 +13,8 @@ use crate::wilson;
 /// ```
 /// use mishandle_evaluation::repeats;
 /// let found = repeats(&[Some(1.0), Some(-1.0), None, Some(2.0)]);
-/// assert_eq!((found.simulations, found.failures, found.failure_rate.n), (4, 1, 3));
+/// assert_eq!((found.simulations, found.failures, found.without_verdict), (4, 1, 1));
+/// assert_eq!((found.failure_rate.value, found.failure_rate.n), (Some(0.25), 4));
 /// assert_eq!(found.quantiles.unwrap()[2].robustness.0, 1.0); // the median
 /// ```
 pub fn repeats(robustness: &[Option<f64>]) -> Repeats {
@@ -21,10 +22,13 @@ pub fn repeats(robustness: &[Option<f64>]) -> Repeats {
     decided.sort_by(f64::total_cmp);
     let failures = decided.iter().filter(|rho| is_violated(**rho)).count() as u64;
     let at = |p: f64| Quantile { p, robustness: quantile(&decided, p).into() };
+    let simulations = robustness.len() as u64;
+    let without_verdict = simulations - decided.len() as u64;
     Repeats {
-        simulations: robustness.len() as u64,
+        simulations,
         failures,
-        failure_rate: wilson(failures, decided.len() as u64),
+        without_verdict,
+        failure_rate: failure_rate(failures, without_verdict, simulations),
         quantiles: (!decided.is_empty()).then(|| QUANTILES.map(at).to_vec()),
     }
 }

@@ -124,6 +124,18 @@ impl ScreenedEvaluation {
         complement(self.estimate(self.failures))
     }
 
+    /// Returns the rate of violations of the success formula. Simulations without a verdict count as
+    /// failures in the upper bound only.
+    pub fn violation_rate(&self) -> Estimate {
+        let [flagged, sampled] = self.ends.map(|ends| ends.total());
+        let violations = TwoPhase {
+            flagged_events: self.failures.flagged_events - flagged,
+            sampled_events: self.failures.sampled_events - sampled,
+            ..self.failures
+        };
+        Estimate { high: self.estimate(self.failures).high, ..self.estimate(violations) }
+    }
+
     /// Returns the strict success rate; `None` without this formula.
     pub fn strict_success_rate(&self) -> Option<Estimate> {
         Some(complement(self.estimate(self.strict_failures?)))

@@ -10,7 +10,7 @@ use mishandle::run::{compared_without_verdict, has_random_rows, recorded_axis};
 use mishandle::store::{RunFile, RunHeader};
 use mishandle_text::plural;
 
-use crate::html::{figure, number, percent, short, table, text, visible};
+use crate::html::{figure, number, p_value, percent, short, table, text, visible};
 use crate::map::{SIZE, axis_label};
 use crate::page::Document;
 use crate::ranking::Ranking;
@@ -200,7 +200,7 @@ fn differences(found: &Comparison) -> String {
                 b,
                 difference.value.map_or("–".to_string(), show),
                 ends.map_or("–".to_string(), |(low, high)| format!("{} to {}", show(low), show(high))),
-                difference.value.map_or("–".to_string(), |_| mishandle_text::p_value_text(p)),
+                difference.value.map_or("–".to_string(), |_| p_value(p)),
                 difference.n.to_string(),
             ]
         };

@@ -2,10 +2,10 @@
 
 use mishandle::results::{Estimate, HardenedMargin, HardenedMeasure, Hardening, ModeChange, Words};
 use mishandle::rollout::Axis;
-use mishandle_text::{p_value_text, plural};
+use mishandle_text::plural;
 
 use crate::hardened_modes::{HardenedModes, ordered};
-use crate::html::{number, percent, short, table, text};
+use crate::html::{number, p_value, percent, short, table, text};
 use crate::load::RunReport;
 use crate::page::Document;
 use crate::space::value_text;
@@ -167,7 +167,7 @@ fn measures(found: &Hardening) -> String {
             estimated(after.as_ref()),
             difference.unwrap_or("–".to_string()),
             after.map_or("–".to_string(), |_| format!("{fixed} fixed, {broken} broken")),
-            adjusted_p_value.map_or("–".to_string(), p_value_text),
+            adjusted_p_value.map_or("–".to_string(), p_value),
             before.n.to_string(),
         ]
     };

@@ -101,6 +101,11 @@ pub fn percent(share: f64) -> String {
     }
 }
 
+/// Formats a p-value, as HTML.
+pub fn p_value(p: f64) -> String {
+    text(&mishandle_text::p_value_text(p))
+}
+
 /// Returns a table that scrolls on its own if the page is narrow. Cells are HTML.
 pub fn table(caption: &str, head: &[&str], rows: &[Vec<String>]) -> String {
     let cells = |tag: &str, cells: &[String]| -> String {
@@ -161,6 +166,11 @@ mod tests {
         );
         let long = text(&"<".repeat(1_000_000));
         assert!(long.len() < 9000 && long.contains(" … "), "{}", long.len());
+    }
+
+    #[test]
+    fn a_small_p_value_is_no_tag() {
+        assert_eq!([1e-9, 0.25].map(p_value), ["&lt; 0.0001", "0.2500"]);
     }
 
     #[test]

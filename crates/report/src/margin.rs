@@ -2,6 +2,7 @@
 
 use crate::charts::{Chart, Mark, Panel, Series};
 use mishandle::falsification::norms;
+use mishandle::resolve::nominal_values;
 use mishandle::results::{CategoryMargin, Level, Margin, Named, Witness};
 use mishandle::rollout::{Scenario, Space};
 use mishandle::stl::is_violated;
@@ -56,6 +57,10 @@ pub fn meaning(found: &Margin) -> Vec<String> {
          bound."
             .to_string(),
     );
+    let from = nominal_values(found.measured_axes());
+    if !from.is_empty() {
+        sentences.push(format!("Nominal values of ranges that the plan sets: {}.", text(&from)));
+    }
     if !found.at_nominal.is_empty() {
         sentences.push(format!("Other axes of the target are {}.", text(&found.at_nominal_text())));
     }

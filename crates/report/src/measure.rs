@@ -4,7 +4,7 @@
 use std::cell::Cell;
 use std::ops::ControlFlow;
 
-use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, wilson};
+use mishandle::evaluation::{Corners, Estimate, FormulaRoles, Repeats, failure_rate};
 use mishandle::falsification::{PhysicsChecks, Repeated, measure_noise, repeat, repeat_seeds};
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
 use mishandle::results::{self, Noise, PhysicsCheck};
@@ -74,7 +74,9 @@ pub struct Patch {
     pub volume: f64,
     /// Number of the scenarios that fail.
     pub failures: u64,
-    /// Share of the scenarios that fail.
+    /// Number of the scenarios without a verdict.
+    pub undecided: u64,
+    /// Share of the scenarios that fail, of those that start.
     pub failing: Estimate,
 }
 
@@ -304,7 +306,8 @@ fn patch(
         .map(|number| Request { number, ..Request::new(scenario(number), seed.child(u64::from(number))) })
         .collect();
     let mut failing = 0;
-    let mut decided = 0;
+    let mut undecided = 0;
+    let mut started = 0;
     let mut is_interrupted = false;
     for batch in requests.chunks(BATCH) {
         if is_interrupted {
@@ -312,12 +315,14 @@ fn patch(
         }
         for episode in system.rollout(batch)? {
             is_interrupted |= watch(&episode).is_break();
-            decided += u64::from(episode.robustness().is_some());
+            let starts = episode.end.counts_in_rates();
+            started += u64::from(starts);
+            undecided += u64::from(starts && episode.robustness().is_none());
             failing += u64::from(episode.is_violated());
         }
     }
     let volume = bounds.iter().map(|[low, high]| high - low).product();
-    Ok(Patch { volume, failures: failing, failing: wilson(failing, decided) })
+    Ok(Patch { volume, failures: failing, undecided, failing: failure_rate(failing, undecided, started) })
 }
 
 #[cfg(test)]

@@ -4,6 +4,8 @@
 use mishandle::evaluation::Estimate;
 use mishandle::falsification::physics_text;
 use mishandle::inspect::{ExplainedSimulation, FailureMode};
+use mishandle::resolve::nominal_scenario;
+use mishandle::results::Answer;
 use mishandle::run::has_random_rows;
 use mishandle::store::RunHeader;
 
@@ -12,7 +14,7 @@ use crate::load::RunReport;
 use crate::measure::Patch;
 use crate::pictures::{Film, Frame, Pictures};
 use crate::space::value_text;
-use crate::{commands, tables, trace};
+use crate::{commands, tables, trace, words};
 
 /// If the share of failing scenarios in the box of a mode may be above this, the patch is taken to
 /// be larger than the box.
@@ -142,12 +144,17 @@ fn interval(estimate: &Estimate) -> String {
 /// Says how large the failing patch is. If the target `is_random`, a scenario fails with some
 /// probability.
 fn patch_text(patch: Patch, is_random: bool) -> String {
-    let Patch { volume, failures, failing } = patch;
+    let Patch { volume, failures, undecided, failing } = patch;
     let (Some(value), Some(low), Some(high)) = (failing.value, failing.low, failing.high) else {
         return String::new();
     };
+    let (without, rule) = match undecided {
+        0 => (String::new(), ""),
+        1 => (" and 1 has no verdict".to_string(), words::UNDECIDED),
+        n => (format!(" and {n} have no verdict"), words::UNDECIDED),
+    };
     let found = format!(
-        " Of {} random scenarios in a box around these failures ({} of the space), {failures} {}",
+        " Of {} random scenarios in a box around these failures ({} of the space), {failures} {}{without}",
         failing.n,
         percent(volume),
         if failures == 1 { "fails" } else { "fail" }
@@ -162,20 +169,20 @@ fn patch_text(patch: Patch, is_random: bool) -> String {
         } else {
             "the space fails here"
         };
-        return format!("{found}: at most {most} of {of} (95 % confidence).");
+        return format!("{found}: at most {most} of {of} (95 % confidence{rule}).");
     }
     let is_cut = high > REACHES_BEYOND && volume < WHOLE;
     let [value, low, high] = [value, low, high].map(|share| percent(volume * share));
     match (is_random, is_cut) {
         (true, _) => format!(
-            "{found}, so about <b>{value} of random simulations</b> of the whole space fail here (95 % interval {low} to {high})."
+            "{found}, so about <b>{value} of random simulations</b> of the whole space fail here (95 % interval {low} to {high}{rule})."
         ),
         (false, true) => format!(
             "{found}. The failing patch reaches beyond the box, so it has <b>at least about {value} of the space</b> (95 % \
-             interval of its part in the box: {low} to {high})."
+             interval of its part in the box: {low} to {high}{rule})."
         ),
         (false, false) => format!(
-            "{found}, so the failing patch is about <b>{value} of the space</b> (95 % interval {low} to {high})."
+            "{found}, so the failing patch is about <b>{value} of the space</b> (95 % interval {low} to {high}{rule})."
         ),
     }
 }
@@ -209,7 +216,13 @@ fn region_table(report: &RunReport, mode: &FailureMode) -> String {
     let mut notes = Vec::new();
     if mode.is_isolated {
         notes.push(match mode.axes.as_slice() {
-            [] => "The nominal scenario fails in the same way.".to_string(),
+            [] => {
+                let scenario = match &report.answer {
+                    Some(Answer::Falsification(found)) => nominal_scenario(&found.subject),
+                    _ => "the nominal scenario".to_string(),
+                };
+                format!("It fails in the same way in {}.", text(&scenario))
+            }
             _ if has_all => {
                 "No axis could be moved to nominal without losing the failure, so nothing says which axes cause it.".to_string()
             }

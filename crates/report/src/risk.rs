@@ -2,6 +2,7 @@
 //! estimation.
 
 use mishandle::results::{AxisDistribution, Estimate, Probability, Risk, Screening};
+use mishandle::rollout::AxisValues;
 use mishandle_text::{plural, probability_text as probability};
 
 use crate::html::{short, table, text};
@@ -103,10 +104,12 @@ pub fn section(report: &RunReport, found: &Risk, id: usize) -> String {
 
 fn parts(found: &Risk) -> String {
     let row = |name: &str, simulations: u64, estimate: Option<Estimate>, note: String| {
-        let of = |value: Option<f64>| value.map_or("–".to_string(), probability);
-        let [value, low, high] =
-            estimate.map_or([None; 3], |estimate| [estimate.value, estimate.low, estimate.high]).map(of);
-        vec![name.to_string(), simulations.to_string(), value, format!("{low} to {high}"), note]
+        let value = estimate.and_then(|estimate| estimate.value).map_or("–".to_string(), probability);
+        let ends = estimate.and_then(|estimate| estimate.low.zip(estimate.high));
+        let interval = ends.map_or("–".to_string(), |(low, high)| {
+            format!("{} to {}", probability(low), probability(high))
+        });
+        vec![name.to_string(), simulations.to_string(), value, interval, note]
     };
     let monte_carlo = &found.monte_carlo;
     let failures = |n: u64| plural(n, "failure");
@@ -114,13 +117,14 @@ fn parts(found: &Risk) -> String {
         "Monte Carlo",
         monte_carlo.simulations,
         Some(monte_carlo.failure_rate),
-        failures(monte_carlo.failures),
+        monte_carlo.counts_text(),
     )];
     if found.exploration.simulations > 0 {
         rows.push(row("search for failures", found.exploration.simulations, None, String::new()));
     }
     if let Some(splitting) = &found.splitting {
         let estimate = splitting.estimate.filter(|_| found.splitting_refusal.is_none());
+        let estimate = estimate.map(|estimate| found.part(estimate));
         let chains = plural(splitting.chains.len() as u64, "chain");
         rows.push(row("multilevel splitting", splitting.simulations, estimate, chains));
     }
@@ -133,7 +137,7 @@ fn parts(found: &Risk) -> String {
             failures(importance.monte_carlo_outside)
         );
         // The regions have a probability among all scenarios.
-        let estimate = Some(importance.regions).filter(|_| monte_carlo.invalid_starts == 0);
+        let estimate = Some(found.part(importance.regions)).filter(|_| monte_carlo.invalid_starts == 0);
         rows.push(row("importance sampling", importance.simulations, estimate, note));
     }
     table("Parts of the estimation", &["part", "simulations", "probability", "95 % interval", "found"], &rows)
@@ -158,7 +162,10 @@ fn distribution(report: &RunReport, found: &Risk) -> String {
             Some(axis) => value_text(axis, Some(value)),
             None => value.to_string(),
         };
-        let range = format!("{} to {}", value(axis.low), value(axis.high));
+        let range = match known.map(|axis| &axis.values) {
+            Some(AxisValues::Categorical(names)) => names.join(", "),
+            _ => format!("{} to {}", value(axis.low), value(axis.high)),
+        };
         [short(&axis.axis, 40), short(&axis.distribution, MAX_DISTRIBUTION), range]
             .iter()
             .map(|cell| text(cell))
@@ -170,5 +177,5 @@ fn distribution(report: &RunReport, found: &Risk) -> String {
     } else {
         String::new()
     };
-    table("Axes that are drawn at random", &["axis", "distribution", "truncated to"], &rows) + &more
+    table("Axes that are drawn at random", &["axis", "distribution", "range"], &rows) + &more
 }

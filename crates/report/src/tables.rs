@@ -1,5 +1,6 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
+use mishandle::resolve::nominal_values;
 use mishandle::results::{Answer, BoxPoint, CornerPoint, Estimate, Requirement};
 use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
@@ -147,13 +148,17 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
 /// evaluation.
 pub fn rate_notes(report: &RunReport) -> Vec<String> {
     let Some(Answer::Evaluation(found)) = &report.answer else { return Vec::new() };
+    let nominal = |name: &String| match found.subject.moved_axes().find(|axis| axis.name == *name) {
+        Some(axis) => nominal_values(std::iter::once(axis)),
+        None => name.clone(),
+    };
     let control = found.control.iter().map(|control| {
         format!(
             "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.{}",
             mishandle_text::plural(control.difference.n, "pair"),
             control.fails_only_in_space,
             control.fails_only_in_control,
-            control.nominal.join(", "),
+            control.nominal.iter().map(nominal).collect::<Vec<_>>().join(", "),
             match control.left_out {
                 0 => String::new(),
                 n => format!(" Left out: {}.", mishandle_text::plural(n, "pair")),
@@ -313,9 +318,9 @@ pub fn corners(report: &RunReport) -> Option<String> {
         let values: Vec<String> = named.take(VALUE_COLUMNS).map(value).collect();
         let place = if values.is_empty() { "center".to_string() } else { values.join(", ") };
         let failures = point.violations();
-        let decided = point.verdicts();
-        let share = percent(f64::from(failures) / f64::from(decided.max(1)));
-        vec![place, format!("{failures} of {decided} ({share})")]
+        let started = point.started();
+        let share = percent(f64::from(failures) / f64::from(started.max(1)));
+        vec![place, format!("{failures} of {started} ({share})")]
     };
     let failing = points.iter().filter(|point| point.violations() > 0);
     let rows: Vec<Vec<String>> = failing.take(MAX_CORNERS).map(row).collect();

@@ -1,7 +1,7 @@
 //! Charts of a failing simulation: signals over time with their thresholds and the violation.
 
 use mishandle::inspect::{ExplainedSimulation, unit};
-use mishandle::stl::{Clock, Formula, Monitor, is_satisfied};
+use mishandle::stl::{Clock, Formula, Monitor};
 use mishandle::store::RunHeader;
 
 use crate::predicate_chart::{Curve, PredicateChart};
@@ -36,11 +36,8 @@ fn predicate_figure(
     let end = time(explained.trace.len().saturating_sub(1).max(1) as f64);
     let history = explained.explanation.history.as_ref().filter(|_| is_decisive);
     let decided = explained.explanation.diagnosis.predicate.as_ref().filter(|_| is_decisive);
-    let violated = history.map_or(Vec::new(), |history| {
-        let (first, last) = history.window;
-        spans(&history.robustness, first, last)
-    });
-    let violated = violated
+    let violated = history
+        .map_or(Vec::new(), |history| spans(&history.violated))
         .into_iter()
         .map(|(from, to)| [time(from as f64 - 0.5).max(0.0), time(to as f64 + 0.5).min(end)])
         .collect();
@@ -66,13 +63,10 @@ fn predicate_figure(
     chart.figure(curve, |side| unit(header, side))
 }
 
-/// Returns the first and last sample of each violation within the window.
-fn spans(robustness: &[f64], first: usize, last: usize) -> Vec<(usize, usize)> {
+/// Returns the first and last of each run of samples without a gap.
+fn spans(samples: &[usize]) -> Vec<(usize, usize)> {
     let mut spans: Vec<(usize, usize)> = Vec::new();
-    for sample in first..=last {
-        if robustness.get(sample).is_none_or(|rho| is_satisfied(*rho)) {
-            continue;
-        }
+    for sample in samples.iter().copied() {
         match spans.last_mut() {
             Some((_, end)) if *end + 1 == sample => *end = sample,
             _ => spans.push((sample, sample)),
@@ -86,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_violation_is_a_list_of_spans_within_the_window() {
-        assert_eq!(spans(&[-1.0, -1.0, 0.0, -1.0, -1.0, -1.0], 1, 4), [(1, 1), (3, 4)]);
+    fn samples_without_a_gap_are_one_span() {
+        assert_eq!(spans(&[1, 3, 4]), [(1, 1), (3, 4)]);
     }
 }

@@ -1,6 +1,6 @@
 //! The verdict in sentences.
 
-use mishandle::results::{Answer, Evaluation, Falsification, Requirement, WithoutVerdict};
+use mishandle::results::{Answer, Evaluation, Falsification, Metrics, Requirement, WithoutVerdict};
 use mishandle::run::without_verdict_text;
 
 use crate::html::{number, percent, short, text};
@@ -9,6 +9,9 @@ use crate::{margin, metamorphic, risk, tables};
 
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
+
+/// What a bound does with simulations without a verdict.
+pub const UNDECIDED: &str = "; the upper bound counts those without a verdict as failures";
 
 /// Returns what was tested, as HTML: `ball-balancing with controller ppo`.
 pub fn subject(report: &RunReport) -> String {
@@ -98,12 +101,12 @@ fn formula_name(report: &RunReport) -> &'static str {
 fn evaluated(report: &RunReport, found: &Evaluation) -> String {
     let subject = subject(report);
     let what = formula_name(report);
-    let rate = &found.metrics.violation_rate;
-    let decided = rate.n;
-    let all = found.metrics.ends().simulations;
+    let Metrics { violation_rate: rate, requirement_undecided, .. } = &found.metrics;
+    let all = rate.n;
+    let decided = all - requirement_undecided;
     match (found.metrics.violations, rate.value) {
         (_, None) => format!("No simulation of {subject} has a verdict."),
-        (0, _) if decided < all => format!(
+        (0, _) if *requirement_undecided > 0 => format!(
             "{} of {subject} {} a verdict; no violation among them.",
             of_all(decided, all),
             if decided == 1 { "has" } else { "have" }
@@ -116,10 +119,9 @@ fn evaluated(report: &RunReport, found: &Evaluation) -> String {
                 format!("all {decided} random scenarios")
             }
         ),
-        (failing, Some(value)) => format!(
-            "{subject} violates {what} in {failing} of {decided} random scenarios ({}).",
-            percent(value)
-        ),
+        (failing, Some(value)) => {
+            format!("{subject} violates {what} in {failing} of {all} random scenarios ({}).", percent(value))
+        }
     }
 }
 
@@ -178,15 +180,15 @@ fn progress(report: &RunReport) -> Option<String> {
     Some(format!("<strong>The run is not finished</strong>: {done}."))
 }
 
-/// Returns how many random simulations of a falsification fail.
-fn random_failures(report: &RunReport) -> Option<String> {
-    let decided = report.counts.simulations - report.counts.undecided;
+/// Returns how many random simulations of a falsification fail, of those that started.
+fn random_failures(report: &RunReport, found: &Falsification) -> Option<String> {
+    let started = found.without_verdict.ends.simulations;
     let failing = report.counts.falsified;
-    if failing == decided && decided > 1 {
-        return Some(format!("<strong>All {decided} simulations fail.</strong>"));
+    if failing == started && started > 1 {
+        return Some(format!("<strong>All {started} simulations fail.</strong>"));
     }
     let is_random = report.header.search == "random";
-    is_random.then(|| format!("Of the {decided} random simulations of this run, {failing} fail."))
+    is_random.then(|| format!("Of the {started} random simulations of this run, {failing} fail."))
 }
 
 /// Returns what the verdict means, as sentences of HTML.
@@ -199,18 +201,19 @@ pub fn meaning(report: &RunReport) -> Vec<String> {
         Some(Answer::Risk(found)) => return risk::meaning(found),
         Some(Answer::Hardening(_)) | None => return Vec::new(),
         Some(Answer::Evaluation(found)) => {
-            let rate = &found.metrics.violation_rate;
+            let Metrics { violation_rate: rate, requirement_undecided, .. } = &found.metrics;
             if let Some((low, high)) = rate.low.zip(rate.high) {
                 sentences.push(format!(
-                    "Scenarios were drawn at random. The true failure rate is between {} and {} ({}).",
+                    "Scenarios were drawn at random. The true failure rate is between {} and {} ({}{}).",
                     percent(low),
                     percent(high),
-                    tables::interval_head(report)
+                    tables::interval_head(report),
+                    if *requirement_undecided > 0 { UNDECIDED } else { "" }
                 ));
             }
         }
         Some(Answer::Falsification(found)) if falsified(found) > 0 => {
-            sentences.extend(random_failures(report));
+            sentences.extend(random_failures(report, found));
             sentences.push(
                 format!(
                     "A trial is an independent search{}, so the share of falsified trials says how easily a search finds a failure, not how \

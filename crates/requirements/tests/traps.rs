@@ -96,6 +96,65 @@ fn windows_beyond_the_end_respect_negation() {
     assert!(why("always(eventually[0:1s] always[0:2s](q >= 1))").starts_with("in the last 3 s of a trace"));
 }
 
+/// The monitor decides on random traces whether every trace has the same verdict.
+#[test]
+fn a_window_that_is_empty_at_the_end_of_every_trace_is_a_warning() {
+    let parts = [
+        "p >= 0",
+        "eventually[0:2](p >= 0)",
+        "eventually[2:4](p >= 0)",
+        "always[2:4](p >= 0)",
+        "p >= 0 until[2:4] q >= 0",
+        "p >= 0 until[0:4] q >= 0",
+        "not eventually[2:4](p >= 0)",
+        "q >= 0 implies eventually[2:4](p >= 0)",
+        "q >= 0 and eventually[2:4](p >= 0)",
+        "q >= 0 or eventually[2:4](p >= 0)",
+        "always[1:2](q >= 0) implies eventually[2:4](p >= 0)",
+        "eventually[0:2](eventually[1:1](p >= 0))",
+        "eventually(always[1:3](p >= 0))",
+    ];
+    let outers =
+        ["always(F)", "eventually(F)", "not always(F)", "always(F) and q >= 0", "always(F) or q >= 0", "F"];
+    let mut random = 1_u64;
+    let mut value = || {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
+    };
+    let names: Arc<[String]> = Arc::from(["p".to_string(), "q".to_string()]);
+    let mut traces = Vec::new();
+    for _ in 0..200 {
+        let mut trace = Trace::new(names.clone());
+        (0..12).for_each(|_| trace.push(&[value(), value()]));
+        traces.push(trace);
+    }
+    // Of each sign: a conjunction of random predicates can be violated on all of them by chance.
+    for constant in [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]] {
+        let mut trace = Trace::new(names.clone());
+        (0..12).for_each(|_| trace.push(&constant));
+        traces.push(trace);
+    }
+    let mut warned = 0;
+    for part in parts {
+        for outer in outers {
+            let text = outer.replace('F', &format!("({part})"));
+            let formula = Formula::parse(&text).unwrap();
+            let mut monitor = Monitor::new(&formula, &names, Clock::steps(0.1)).unwrap();
+            let verdicts: Vec<bool> =
+                traces.iter().map(|trace| is_violated(monitor.robustness(trace).unwrap())).collect();
+            let is_decided = verdicts.iter().all(|verdict| *verdict == verdicts[0]);
+            let found = describe(&text, &Context::default()).expect("a formula").traps;
+            let why =
+                found.iter().find(|trap| trap.why.contains("every trace")).map(|trap| trap.why.as_str());
+            let expected = if verdicts[0] { "every trace violates" } else { "every trace satisfies" };
+            assert_eq!(why.is_some(), is_decided, "{text}: {why:?}");
+            assert!(why.is_none_or(|why| why.contains(expected)), "{text}: {why:?}");
+            warned += u32::from(is_decided);
+        }
+    }
+    assert!(warned > 10, "{warned}");
+}
+
 #[test]
 fn windows_longer_than_the_episode() {
     let episode = |episode_secs| Context { episode_secs: Some(episode_secs), ..Context::default() };

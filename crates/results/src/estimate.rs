@@ -6,7 +6,7 @@ use crate::{Number, optional};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Estimate {
-    /// Estimate; `null` if `n` is 0.
+    /// Estimate; `null` if `n` is 0 or no simulation has a verdict.
     #[serde(with = "optional")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<Number>"))]
     pub value: Option<f64>,
@@ -33,7 +33,10 @@ pub struct Repeats {
     pub simulations: u64,
     /// Number of these that violate the requirement.
     pub failures: u64,
-    /// Failure rate of the simulations with a verdict, with its Wilson interval.
+    /// Number of these without a verdict.
+    pub without_verdict: u64,
+    /// Failure rate with its Wilson interval. Simulations without a verdict count as failures in the
+    /// upper bound only; `null` without any verdict.
     pub failure_rate: Estimate,
     /// Quantiles of the robustness at the probabilities 0, 0.05, 0.5, 0.95 and 1, linearly
     /// interpolated; `null` without a verdict.

@@ -148,8 +148,10 @@ pub struct Metrics {
     pub careful_undecided: Option<u64>,
     /// Number of simulations that violate the requirement.
     pub violations: u64,
-    /// Fraction of the simulations with a verdict on the requirement that violate it, with its
-    /// Wilson interval.
+    /// Number of the started simulations without a verdict on the requirement.
+    pub requirement_undecided: u64,
+    /// Fraction of the started simulations that violate the requirement, with its Wilson interval.
+    /// Those without a verdict count as failures in the upper bound only.
     pub violation_rate: Estimate,
     /// Fraction of the started simulations that satisfy the success formula, with its Wilson
     /// interval.

@@ -163,7 +163,7 @@ pub struct Predicate {
 pub struct Window {
     /// First and last of them.
     pub samples: [u64; 2],
-    /// Number of them that violate the predicate.
+    /// Number of them that violate the predicate and the whole operand of the operator.
     pub violated: u64,
     /// First of these; `null` if there are none.
     pub first_violated: Option<u64>,

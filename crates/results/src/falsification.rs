@@ -148,11 +148,14 @@ pub struct Requirement {
     pub name: String,
     /// Formula.
     pub formula: String,
-    /// Number of simulations in which it has a verdict; without the corners of an evaluation.
+    /// Number of simulations that started; without the corners of an evaluation.
+    pub started: u64,
+    /// Number of these in which it has a verdict.
     pub simulations: u64,
     /// Number of these that violate it.
     pub violated: u64,
-    /// Fraction of these that violate it, with its Wilson interval; `null` if a search chose the
+    /// Fraction of the started simulations that violate it, with its Wilson interval: those without
+    /// a verdict count as failures in the upper bound only. `null` if a search chose the
     /// simulations, because then it says nothing about the space.
     pub violation_rate: Option<Estimate>,
     /// Minimum robustness; `null` without a verdict.
@@ -174,7 +177,7 @@ impl Requirement {
     /// Returns the number of violations in words.
     pub fn violated_text(&self) -> String {
         let mark = if self.asks_nothing.is_some() { ": asks nothing" } else { "" };
-        format!("{} of {}{mark}", self.violated, self.simulations)
+        format!("{} of {}{mark}", self.violated, self.started)
     }
 }
 

@@ -137,7 +137,8 @@ pub use risk::{
     AxisDistribution, Chain, Exploration, Importance, MonteCarlo, Probability, Risk, RiskFailure, Splitting,
 };
 pub use run_difference::{
-    ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, RunDifference,
+    ChangedVerdict, DifferingFact, DifferingResult, DifferingRun, DifferingSimulations, Quantity,
+    RunDifference,
 };
 pub use runs::{RelationCounts, RunFacts, RunShown, RunSummary};
 #[cfg(feature = "schema")]

@@ -1,6 +1,8 @@
 use serde::Serialize;
 
-use crate::{EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, WithoutVerdict, optional};
+use crate::{
+    AxisFacts, EndReasons, Named, Number, Repeats, Scenario, Seed, Subject, WithoutVerdict, optional,
+};
 
 /// The smallest disturbance that violates a requirement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -57,6 +59,12 @@ impl Margin {
     /// Returns whether a simulation has a verdict. Without one, the system was not tested.
     pub fn has_verdict(&self) -> bool {
         self.without_verdict.ends.total() < self.without_verdict.ends.simulations
+    }
+
+    /// Returns the disturbed axes whose nominal value may follow from the range that the plan sets:
+    /// amplitudes are measured from there.
+    pub fn measured_axes(&self) -> impl Iterator<Item = &AxisFacts> {
+        self.subject.moved_axes().filter(|axis| axis.kind != "start" && !axis.is_fixed())
     }
 
     /// Returns the axes that stay nominal, in words; empty without one.

@@ -65,6 +65,15 @@ impl Risk {
         let [low, high] = self.bounds.map(Some);
         Estimate { value: estimate.and_then(|found| found.value), low, high, n: self.simulations }
     }
+
+    /// Returns the estimate of a part whose interval counts simulations without a verdict as passed:
+    /// without the interval if Monte Carlo met one.
+    pub fn part(&self, estimate: Estimate) -> Estimate {
+        match self.monte_carlo.without_verdict {
+            0 => estimate,
+            _ => Estimate { low: None, high: None, ..estimate },
+        }
+    }
 }
 
 /// The distribution of an axis.
@@ -111,13 +120,27 @@ pub struct MonteCarlo {
     /// missing if there are none.
     #[serde(skip_serializing_if = "is_zero")]
     pub invalid_starts: u64,
-    /// Number of others without a verdict, which count as passed in the failure rate.
+    /// Number of others without a verdict.
     pub without_verdict: u64,
     /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
     pub bound_with_undecided: Option<Number>,
     /// Failure rate, with its exact 95 % interval (Clopper and Pearson, with the decision that ends
-    /// Monte Carlo).
+    /// Monte Carlo). Simulations without a verdict count as failures in the upper bound only.
     pub failure_rate: Estimate,
+}
+
+impl MonteCarlo {
+    /// Returns the numbers behind the failure rate in words: `2 failures, 1 without a verdict`.
+    pub fn counts_text(&self) -> String {
+        let failures = match self.failures {
+            1 => "1 failure".to_string(),
+            n => format!("{n} failures"),
+        };
+        match self.without_verdict {
+            0 => failures,
+            n => format!("{failures}, {n} without a verdict"),
+        }
+    }
 }
 
 /// The search for failures.

@@ -1,5 +1,6 @@
 use serde::Serialize;
 
+use crate::word::words;
 use crate::{AxisFacts, Estimate, Number, RunFacts, Scenario, Seed};
 
 /// How two runs differ, A and B.
@@ -50,14 +51,20 @@ pub struct DifferingFact {
     pub second: Option<String>,
 }
 
+words! {
+    /// What the values of a result are: a share from 0 to 1, a difference of two shares, or another
+    /// number.
+    pub enum Quantity { Share = "share", Difference = "difference", Number = "number" }
+}
+
 /// A rate or mean of two runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DifferingResult {
     /// Name, such as `success rate`.
     pub name: String,
-    /// Whether it is a fraction, from 0 to 1.
-    pub is_fraction: bool,
+    /// What its values are.
+    pub quantity: Quantity,
     /// In A, with its interval; `null` if A has none.
     pub first: Option<Estimate>,
     /// In B, with its interval; `null` if B has none.

@@ -50,6 +50,20 @@ pub struct Subject {
     pub episode_steps: u64,
 }
 
+impl Subject {
+    /// Returns the axes whose range the plan sets and whose nominal value may follow from it: the
+    /// midpoint of an initial state, a bound of another axis. That of the target is elsewhere if the
+    /// range excludes it.
+    pub fn moved_axes(&self) -> impl Iterator<Item = &AxisFacts> {
+        let is_of_range = |axis: &AxisFacts, nominal: f64| match axis.kind.as_str() {
+            "start" => nominal == f64::midpoint(axis.low, axis.high),
+            _ => nominal == axis.low || nominal == axis.high,
+        };
+        let set = self.space_axes.iter().filter(|axis| self.set_axes.contains(&axis.name));
+        set.filter(move |axis| axis.nominal.is_some_and(|nominal| is_of_range(axis, nominal)))
+    }
+}
+
 /// A guard: an online monitor of the controller, and who acts instead of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -87,6 +87,14 @@ impl MonteCarlo {
         }
     }
 
+    /// Returns the failure rate with an interval that holds whatever the simulations without a
+    /// verdict would have done: they count as failures in its upper bound only.
+    pub fn failure_rate(&self) -> Estimate {
+        let estimate = self.estimate();
+        let undecided = self.ends.total() > 0 && self.has_verdict();
+        Estimate { high: if undecided { self.bound_with_undecided() } else { estimate.high }, ..estimate }
+    }
+
     /// Returns an upper bound (97.5 %) of the failure rate in which every simulation without a
     /// verdict counts as a failure. It alone assumes nothing if there are such simulations.
     pub fn bound_with_undecided(&self) -> Option<f64> {

@@ -149,9 +149,9 @@ impl Explanation {
 fn violated_window(history: &PredicateHistory) -> Window {
     Window {
         samples: [history.window.0 as u64, history.window.1 as u64],
-        violated: history.violated as u64,
-        first_violated: history.first_and_last.map(|(first, _)| first as u64),
-        last_violated: history.first_and_last.map(|(_, last)| last as u64),
+        violated: history.violated.len() as u64,
+        first_violated: history.violated.first().map(|first| *first as u64),
+        last_violated: history.violated.last().map(|last| *last as u64),
     }
 }
 

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use mishandle_evaluation::{CornerCounter, ScreenedEvaluation, TwoPhase, complement};
+use mishandle_evaluation::{CornerCounter, ScreenedEvaluation, TwoPhase};
 use mishandle_results::{
     Evaluation, Finding, Metrics, Named, ScreenedFailure, Screening, Seed, WithoutVerdict,
 };
@@ -47,7 +47,8 @@ pub(in crate::run) fn screened_evaluation_result(
             strict_undecided: 0,
             careful_undecided: None,
             violations: report.violations,
-            violation_rate: complement(report.success_rate()),
+            requirement_undecided: ends.total(),
+            violation_rate: report.violation_rate(),
             success_rate: report.success_rate(),
             strict_success_rate: report.strict_success_rate(),
             careful_success_rate: None,

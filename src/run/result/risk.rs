@@ -3,7 +3,7 @@ use std::path::Path;
 use mishandle_evaluation::TwoPhase;
 use mishandle_results as results;
 use mishandle_results::{
-    AxisDistribution, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
+    AxisDistribution, Estimate, Exploration, Finding, MonteCarlo, Probability, RiskFailure, Screening, Seed,
     WithoutVerdict,
 };
 use mishandle_risk::{
@@ -46,7 +46,7 @@ pub(crate) fn risk_result(
             invalid_starts: monte_carlo.ends.invalid_starts,
             without_verdict: monte_carlo.ends.total(),
             bound_with_undecided: monte_carlo.bound_with_undecided().map(Into::into),
-            failure_rate: monte_carlo.estimate(),
+            failure_rate: monte_carlo.failure_rate(),
         },
         exploration: Exploration { simulations: report.exploration },
         importance: report.importance.as_ref().map(importance),
@@ -90,7 +90,7 @@ pub(crate) fn screened_risk_result(
             invalid_starts: ends.invalid_starts,
             without_verdict: ends.total(),
             bound_with_undecided: report.bound_with_undecided().map(Into::into),
-            failure_rate: estimate,
+            failure_rate: Estimate { high: report.bound_with_undecided(), ..estimate },
         },
         screening: Some(Screening {
             confirmed_without_verdict: ends.total(),

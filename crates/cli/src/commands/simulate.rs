@@ -219,6 +219,9 @@ fn repeated(
         run::report_loss(found.simulations, &format!("{kept}{lost}"));
         return Ok(ExitStatus::Interrupted);
     }
-    ensure!(report.failure_rate.n > 0, "no simulation has a verdict, so the scenario was not tested");
+    ensure!(
+        report.failure_rate.value.is_some(),
+        "no simulation has a verdict, so the scenario was not tested"
+    );
     Ok(if report.failures > 0 { ExitStatus::Violated } else { ExitStatus::Done })
 }

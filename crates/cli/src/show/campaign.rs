@@ -1,7 +1,8 @@
 //! The results of a campaign, as text: a table for each kind of question, and the broken relations.
 
 use mishandle::results::{
-    Answer, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin, Risk,
+    Answer, BoxPoint, Campaign, CornerPoint, Corners, Estimate, Evaluation, Falsification, Hardening, Margin,
+    Risk,
 };
 use mishandle_text::{decimal, probability_text};
 
@@ -137,10 +138,11 @@ fn evaluation_cells(found: &Evaluation) -> Vec<String> {
     ]
 }
 
-/// Returns how many of the points with a verdict fail.
+/// Returns how many of the corners with a verdict fail; the center is none.
 fn failing_corners(corners: &Corners) -> String {
-    let tested: Vec<&CornerPoint> =
-        corners.points.iter().filter(|point| point.counts && point.has_verdict()).collect();
+    let is_tested =
+        |point: &&CornerPoint| point.kind == BoxPoint::Corner && point.counts && point.has_verdict();
+    let tested: Vec<&CornerPoint> = corners.points.iter().filter(is_tested).collect();
     if tested.is_empty() {
         return "-".to_string();
     }
@@ -159,7 +161,7 @@ fn interval(rate: &Estimate) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mishandle::results::{BoxPoint, CampaignRun, Scenario};
+    use mishandle::results::{CampaignRun, Scenario};
 
     use super::super::corners::samples;
     use super::*;
@@ -181,6 +183,22 @@ mod tests {
         for end in ["diverged", "invalid", "failed", "undecided"] {
             assert_eq!(failing_corners(&corners(&[end, end])), "-", "{end}");
             assert_eq!(failing_corners(&corners(&["success", "violation", end])), "1 of 2", "{end}");
+        }
+    }
+
+    #[test]
+    fn the_center_is_no_corner() {
+        for ends in [["success"; 3], ["success", "violation", "violation"]] {
+            let mut corners = corners(&ends);
+            let expected = failing_corners(&corners);
+            for end in ["success", "violation"] {
+                let mut center = samples::point(BoxPoint::Center, 1, Scenario::default());
+                if end != "success" {
+                    samples::fail(&mut center, end);
+                }
+                corners.points.push(center);
+                assert_eq!(failing_corners(&corners), expected);
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! How two runs differ, as text.
 
-use mishandle::results::{ChangedVerdict, DifferingRun, Estimate, Number, RunDifference};
+use mishandle::results::{ChangedVerdict, DifferingRun, Estimate, Number, Quantity, RunDifference};
 use mishandle_text::{decimal, plural, probability_text};
 
 use super::{escape, output};
@@ -76,23 +76,19 @@ fn results(found: &RunDifference) -> Vec<Vec<String>> {
     let complete = |is_complete: bool| if is_complete { "yes" } else { "no" }.to_string();
     rows.push(vec!["finished".to_string(), complete(a.is_complete), complete(b.is_complete)]);
     for result in &found.results {
-        let cell = |found: Option<Estimate>| {
-            found.map_or("-".to_string(), |found| estimate(found, result.is_fraction))
-        };
+        let cell =
+            |found: Option<Estimate>| found.map_or("-".to_string(), |found| estimate(found, result.quantity));
         rows.push(vec![escape::name(&result.name), cell(result.first), cell(result.second)]);
     }
     rows
 }
 
-fn estimate(found: Estimate, is_fraction: bool) -> String {
-    let show = |value: f64| {
-        if is_fraction && value > 0.0 && value < 1e-4 {
-            probability_text(value)
-        } else if is_fraction {
-            format!("{:.2} %", 100.0 * value)
-        } else {
-            decimal(value, 4)
-        }
+fn estimate(found: Estimate, quantity: Quantity) -> String {
+    let show = |value: f64| match quantity {
+        Quantity::Share if value > 0.0 && value < 1e-4 => probability_text(value),
+        Quantity::Share => format!("{:.2} %", 100.0 * value),
+        Quantity::Difference => format!("{:+.2} points", 100.0 * value),
+        Quantity::Number => decimal(value, 4),
     };
     let Some(value) = found.value else { return "-".to_string() };
     match (found.low, found.high) {
@@ -149,4 +145,19 @@ fn changes(found: &RunDifference) -> String {
         "Verdicts that changed:".to_string()
     };
     format!("{title}\n{}", output::table(&rows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The difference of the rates 90.5 % and 95 % is 4.5 points, not 4.5 %.
+    #[test]
+    fn a_difference_of_two_shares_is_in_points() {
+        let estimate = |value: f64, quantity| {
+            super::estimate(Estimate { value: Some(value), ..Estimate::default() }, quantity)
+        };
+        assert_eq!(estimate(0.905 - 0.95, Quantity::Difference), "-4.50 points");
+        assert_eq!(estimate(0.905, Quantity::Share), "90.50 %");
+    }
 }

@@ -59,7 +59,7 @@ fn off_nominal_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String
     let off = axes.iter().zip(file.scenario.values()).filter(is_off);
     let values: Vec<String> = off.map(|(axis, value)| scenario::axis_text(axis, *value)).collect();
     match (values.len(), file.scenario.0.len() - values.len()) {
-        (0, _) => "the nominal scenario".to_string(),
+        (0, _) => format!("the nominal scenario ({})", scenario::summary(axes, &file.scenario)),
         (_, 0) => values.join(", "),
         (_, 1) => format!("{}, the other axis nominal", values.join(", ")),
         (_, others) => format!("{}, the other {others} axes nominal", values.join(", ")),

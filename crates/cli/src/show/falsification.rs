@@ -1,6 +1,7 @@
 //! The result of a falsification, as text.
 
 use mishandle::falsification::physics_text;
+use mishandle::resolve::{nominal_scenario, nominal_values};
 use mishandle::results::{
     Cause, Estimate, Falsification, PhysicsCheck, Repeats, SearchValue, SmoothRegion, Trial, TrialEnd,
 };
@@ -202,9 +203,16 @@ fn cause_text(found: &Falsification, cause: &Cause, physics: Option<&PhysicsChec
     let values = axes.iter().zip(cause.scenario.values().copied());
     let kept: Vec<_> = values.filter(|(axis, _)| cause.axes.contains(&axis.name)).collect();
     let nearest = match kept.len() {
-        0 => "the nominal scenario fails".to_string(),
+        0 => format!("{} fails", escape::name(&nominal_scenario(&found.subject))),
         n if n == axes.len() => scenario::text(kept),
-        _ => format!("{}, all else nominal", scenario::text(kept)),
+        _ => {
+            let others = found.subject.moved_axes().filter(|axis| !cause.axes.contains(&axis.name));
+            let others = match nominal_values(others) {
+                values if values.is_empty() => values,
+                values => format!(" ({})", escape::name(&values)),
+            };
+            format!("{}, all else nominal{others}", scenario::text(kept))
+        }
     };
     let mut text = format!(
         "\nmoved toward nominal with {}: {nearest}: robustness {}",

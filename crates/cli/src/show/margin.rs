@@ -1,6 +1,7 @@
 //! The smallest disturbance, as text.
 
-use mishandle::results::{AxisFacts, CategoryMargin, Level, Margin, Named, Scenario, Witness};
+use mishandle::resolve::{nominal_scenario, nominal_values};
+use mishandle::results::{AxisFacts, CategoryMargin, Level, Margin, Named, Scenario, Subject, Witness};
 use mishandle_text::{decimal, plural};
 
 use super::{answer, escape, output, reasons, scenario, subject};
@@ -31,12 +32,11 @@ pub fn text(found: &Margin) -> String {
         ),
         (None, None) => "no violation so far, but the search is not finished".to_string(),
     };
-    let at_nominal = match found.at_nominal_text() {
-        text if text.is_empty() => text,
-        text => format!(", {}", escape::name(&text)),
-    };
+    let parts = [found.at_nominal_text(), measured_from(found)].into_iter();
+    let from: String = parts.filter(|part| !part.is_empty()).map(|part| format!(", {part}")).collect();
+    let from = escape::name(&from);
     format!(
-        "{}{}{at_nominal}\nformula {}\n{}\n{}\n\n{conclusion}{}",
+        "{}{}{from}\nformula {}\n{}\n{}\n\n{conclusion}{}",
         answer::without_verdict(&found.without_verdict, "nothing is claimed about disturbances as large"),
         subject::heading(&found.subject),
         found.formula,
@@ -44,6 +44,14 @@ pub fn text(found: &Margin) -> String {
         output::table(&rows),
         reasons::text(found.reasons.as_deref())
     )
+}
+
+/// Says from where the offsets of disturbances are measured, if the plan may have moved it.
+fn measured_from(found: &Margin) -> String {
+    match nominal_values(found.measured_axes()) {
+        values if values.is_empty() => values,
+        values => format!("measured from {values}"),
+    }
 }
 
 /// Names the categories, which a margin does not vary, and the search for each of them.
@@ -127,7 +135,7 @@ fn witness_text(found: &Margin, witness: &Witness) -> String {
     let mut text = format!(
         "{size}{doubt}, after {}\nwitness: {}, seed {}: robustness {}",
         plural(found.simulations, "simulation"),
-        disturbed_text(&found.subject.space_axes, &witness.scenario),
+        disturbed_text(&found.subject, &witness.scenario),
         witness.seed.0,
         decimal(witness.robustness.map_or(f64::NAN, |rho| rho.0), 4),
     );
@@ -152,9 +160,9 @@ fn witness_text(found: &Margin, witness: &Witness) -> String {
 }
 
 /// Formats the initial state and the disturbed axes.
-fn disturbed_text(axes: &[AxisFacts], scenario: &Scenario) -> String {
+fn disturbed_text(subject: &Subject, scenario: &Scenario) -> String {
     let is_shown = |(axis, value): &(&AxisFacts, Option<f64>)| axis.kind == "start" || *value != axis.nominal;
     let shown: Vec<(&AxisFacts, Option<f64>)> =
-        axes.iter().zip(scenario.values().copied()).filter(is_shown).collect();
-    if shown.is_empty() { "the nominal scenario".to_string() } else { scenario::text(shown) }
+        subject.space_axes.iter().zip(scenario.values().copied()).filter(is_shown).collect();
+    if shown.is_empty() { escape::name(&nominal_scenario(subject)) } else { scenario::text(shown) }
 }

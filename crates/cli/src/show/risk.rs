@@ -1,7 +1,8 @@
 //! The failure probability, as text.
 
 use mishandle::results::{
-    AxisDistribution, Estimate, Importance, Probability, Risk, RiskFailure, Screening, Splitting,
+    AxisDistribution, AxisFacts, AxisValues, Estimate, Importance, Probability, Risk, RiskFailure, Screening,
+    Splitting,
 };
 use mishandle::risk::{FREQUENT, Method};
 use mishandle_text::{decimal, number_text, plural, probability_text as probability};
@@ -94,17 +95,22 @@ fn failures_text(found: &Risk) -> String {
     )
 }
 
+/// Returns the values of an axis: the names of its categories, or its bounds.
+fn range(found: &Risk, axis: &AxisDistribution) -> String {
+    let known = found.subject.space_axes.iter().find(|known| known.name == axis.axis);
+    if let Some(AxisFacts { values: AxisValues::Categories(names), .. }) = known {
+        let names: Vec<String> = names.iter().map(|name| escape::name(name)).collect();
+        return format!("over {}", names.join(", "));
+    }
+    let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
+    format!("from {} to {}{unit}", number_text(axis.low), number_text(axis.high))
+}
+
 /// Returns one line per distribution, with the axes that have it.
 fn distribution(found: &Risk) -> String {
     let mut groups: Vec<(String, Vec<&AxisDistribution>)> = Vec::new();
     for axis in found.distribution.iter().filter(|axis| axis.low != axis.high) {
-        let unit = if axis.unit.is_empty() { String::new() } else { format!(" {}", axis.unit) };
-        let text = format!(
-            "{} from {} to {}{unit}",
-            axis.distribution,
-            number_text(axis.low),
-            number_text(axis.high)
-        );
+        let text = format!("{} {}", axis.distribution, range(found, axis));
         match groups.iter_mut().find(|(other, _)| *other == text) {
             Some((_, axes)) => axes.push(axis),
             None => groups.push((text, vec![axis])),
@@ -153,17 +159,15 @@ fn parts(found: &Risk) -> Vec<Vec<String>> {
     let failures = |n: u64| plural(n, "failure");
     let mut rows =
         vec![["part", "simulations", "probability", "95 % interval", ""].map(String::from).to_vec()];
-    let note = if monte_carlo.failures >= FREQUENT {
-        format!("{}; enough for an answer", failures(monte_carlo.failures))
-    } else {
-        failures(monte_carlo.failures)
-    };
+    let enough = if monte_carlo.failures >= FREQUENT { "; enough for an answer" } else { "" };
+    let note = format!("{}{enough}", monte_carlo.counts_text());
     rows.push(row("Monte Carlo", monte_carlo.simulations, Some(monte_carlo.failure_rate), note));
     if found.exploration.simulations > 0 {
         rows.push(row("search for failures", found.exploration.simulations, None, String::new()));
     }
     if let Some(splitting) = &found.splitting {
         let estimate = splitting.estimate.filter(|_| found.splitting_refusal.is_none());
+        let estimate = estimate.map(|estimate| found.part(estimate));
         rows.push(row("multilevel splitting", splitting.simulations, estimate, splitting_note(splitting)));
     }
     if let Some(importance) = &found.importance {
@@ -175,7 +179,7 @@ fn parts(found: &Risk) -> Vec<Vec<String>> {
             failures(monte_carlo.failures)
         );
         // The regions have a probability among all scenarios.
-        let estimate = Some(importance.regions).filter(|_| monte_carlo.invalid_starts == 0);
+        let estimate = Some(found.part(importance.regions)).filter(|_| monte_carlo.invalid_starts == 0);
         rows.push(row("importance sampling", *simulations, estimate, note));
     }
     rows
@@ -199,6 +203,6 @@ fn splitting_note(splitting: &Splitting) -> String {
 }
 
 fn interval(low: Option<f64>, high: Option<f64>) -> String {
-    let end = |value: Option<f64>| value.map_or("-".to_string(), probability);
-    format!("[{}, {}]", end(low), end(high))
+    let ends = low.zip(high);
+    ends.map_or("-".to_string(), |(low, high)| format!("[{}, {}]", probability(low), probability(high)))
 }

@@ -43,9 +43,8 @@ fn repeated_text(found: &Simulation, repeats: &Repeats) -> String {
         rows[1].extend(quantiles.iter().map(|quantile| decimal(quantile.robustness.0, 4)));
         text.push_str(&format!("\n\n{}", output::table(&rows)));
     }
-    let without = repeats.simulations - repeats.failure_rate.n;
-    if without > 0 {
-        text.push_str(&format!("\n\n{} without a verdict", plural(without, "simulation")));
+    if repeats.without_verdict > 0 {
+        text.push_str(&format!("\n\n{} without a verdict", plural(repeats.without_verdict, "simulation")));
     }
     text + &found.noise.as_ref().map_or(String::new(), noise_text)
 }

@@ -6,7 +6,7 @@ mod markdown;
 mod page;
 
 use mishandle::results::{
-    Check, CheckCell, CheckCounterexample, CheckVerdict, CheckedRequirement, CheckedValue,
+    Check, CheckCell, CheckCounterexample, CheckCounts, CheckVerdict, CheckedRequirement, CheckedValue,
 };
 use mishandle_text::{decimal, visible};
 
@@ -69,7 +69,8 @@ fn formula(requirement: &CheckedRequirement) -> String {
 /// Returns the numbers of simulations in which it fails, those that a search chose apart, because
 /// they say nothing about a rate.
 fn counts(cell: &CheckCell) -> String {
-    let of = |counts: mishandle::results::CheckCounts, what: &str| match counts.simulations {
+    let started = |counts: &CheckCounts| counts.simulations + counts.without_verdict;
+    let of = |counts: CheckCounts, what: &str| match started(&counts) {
         0 => None,
         all => Some(format!("{} of {all} {what}", counts.violated)),
     };
