@@ -249,7 +249,10 @@ fn a_page_states_no_rate_of_the_simulations_with_a_verdict_alone() {
     assert!(said.contains(&headline), "{said}");
     assert!(said.contains("counts those without a verdict as failures"), "{said}");
 
-    bench.write("end.py", "def end(a): return {'end': 'diverged'} if a < 0.8 else {'trace': {'x': [a] * 6}}\n");
+    bench.write(
+        "end.py",
+        "def end(a): return {'end': 'diverged'} if a < 0.8 else {'trace': {'x': [a] * 6}}\n",
+    );
     let keep_going = "--search random --trials 1 --budget 40 -k falsify.keep-going=true";
     let (_, found, err) = ask(&bench, &format!("falsify {COMMAND} {keep_going} --out f.sqlite"));
     let ends = &found["without_verdict"];
