@@ -4,7 +4,7 @@ use mishandle_stl::{DecisivePredicate, is_satisfied, is_violated};
 
 use crate::inspect::explanation::OperatorEvent;
 use crate::inspect::{Explanation, PredicateHistory};
-use mishandle_text::{decimal, plural};
+use mishandle_text::decimal;
 
 /// Largest number of characters of an operand that a sentence repeats.
 const MAX_OPERAND: usize = 80;

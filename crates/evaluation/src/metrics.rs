@@ -293,8 +293,7 @@ mod tests {
                 careful: strict,
                 dangerous_steps: Some(dangerous),
                 completion_step: completion,
-                parts: Vec::new(),
-                others: Vec::new(),
+                ..Verdict::default()
             },
             reason: String::new(),
             total_reward: 0.0,

@@ -51,8 +51,7 @@ impl System for ClosedForm {
                     careful: rho,
                     dangerous_steps: Some(y as usize),
                     completion_step: Some(y as usize),
-                    parts: Vec::new(),
-                    others: Vec::new(),
+                    ..Verdict::default()
                 },
                 reason: String::new(),
                 total_reward: 0.0,
