@@ -114,6 +114,20 @@ fn a_failure_without_a_disturbance_is_called_so() {
     );
 }
 
+/// The scale of the brakes is 1 in the target; the axis allows 0.5 at most.
+#[test]
+fn the_first_line_says_from_where_it_is_measured() {
+    let bench = Bench::new();
+    let first = |axis: &str| {
+        let output = bench.run(&format!("margin toy/car-following --space dynamics --budget 40{axis}"));
+        crate::bench::text(&output.stdout).lines().next().unwrap_or_default().to_string()
+    };
+    let moved = first(" --axis braking_scale=0.25:0.5");
+    assert!(moved.ends_with("measured from braking_scale = 0.5"), "{moved}");
+    let whole = first("");
+    assert!(whole.contains("toy/car-following") && !whole.contains("measured"), "{whole}");
+}
+
 /// The error of the measured gap is the noise of the car: whether the car comes too near depends on
 /// the seed.
 #[test]

@@ -1,6 +1,5 @@
 //! Tables of trials, simulations, axes and corners, as HTML.
 
-use mishandle::resolve::nominal_values;
 use mishandle::results::{Answer, BoxPoint, CornerPoint, Estimate, Requirement};
 use mishandle::rollout::Axis;
 use mishandle::store::TrialStatus;
@@ -148,17 +147,13 @@ pub fn rate_rows(report: &RunReport) -> Vec<Vec<String>> {
 /// evaluation.
 pub fn rate_notes(report: &RunReport) -> Vec<String> {
     let Some(Answer::Evaluation(found)) = &report.answer else { return Vec::new() };
-    let nominal = |name: &String| match found.subject.moved_axes().find(|axis| axis.name == *name) {
-        Some(axis) => nominal_values(std::iter::once(axis)),
-        None => name.clone(),
-    };
     let control = found.control.iter().map(|control| {
         format!(
             "Of {}, {} fail only in the space and {} only in the control, which has the same starts and seeds and at nominal: {}.{}",
             mishandle_text::plural(control.difference.n, "pair"),
             control.fails_only_in_space,
             control.fails_only_in_control,
-            control.nominal.iter().map(nominal).collect::<Vec<_>>().join(", "),
+            control.nominal.join(", "),
             match control.left_out {
                 0 => String::new(),
                 n => format!(" Left out: {}.", mishandle_text::plural(n, "pair")),

@@ -1,10 +1,9 @@
 //! The result of an evaluation, as text.
 
-use mishandle::results::{Control, Estimate, Evaluation, StartRegion, Subject, WithoutVerdict};
+use mishandle::results::{Control, Estimate, Evaluation, StartRegion, WithoutVerdict};
 use mishandle::run::without_verdict_text;
 use mishandle_text::{p_value_text, plural};
 
-use super::scenario::axis_text;
 use super::{answer, corners, escape, output, reasons, requirements, screening, subject};
 
 /// Largest number of axes of a control arm that the text names.
@@ -78,7 +77,7 @@ fn direct_text(found: &Evaluation) -> String {
         text.push_str(&format!("\n\n{}", sequential.verdict));
     }
     if let Some(control) = &found.control {
-        text.push_str(&format!("\n\n{}", control_text(&found.subject, control)));
+        text.push_str(&format!("\n\n{}", control_text(control)));
     }
     if let Some(report) = &found.corners {
         text.push_str(&format!("\n\n{}", corners::text(&found.subject.space_axes, report)));
@@ -87,12 +86,8 @@ fn direct_text(found: &Evaluation) -> String {
 }
 
 /// Says what only the perturbations cause, and what the control arm is.
-fn control_text(subject: &Subject, control: &Control) -> String {
-    let shown = |name: &String| match subject.moved_axes().find(|axis| axis.name == *name) {
-        Some(axis) => axis_text(axis, axis.nominal),
-        None => escape::name(name),
-    };
-    let shown: Vec<String> = control.nominal.iter().take(MAX_AXES).map(shown).collect();
+fn control_text(control: &Control) -> String {
+    let shown: Vec<String> = control.nominal.iter().take(MAX_AXES).map(|name| escape::name(name)).collect();
     let axes = match control.nominal.len().saturating_sub(MAX_AXES) {
         0 => shown.join(", "),
         more => format!("{} and {more} more", shown.join(", ")),
