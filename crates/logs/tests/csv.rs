@@ -111,6 +111,25 @@ fn comments_between_rows_are_skipped_and_no_row_is_one() {
 }
 
 #[test]
+fn a_message_has_the_instant_of_a_date_whatever_its_distance_from_the_first() {
+    for secs in 1..60 {
+        let text = format!("time,d\n2024-01-31T12:00:00Z,1\n2024-01-31T11:00:{secs:02}Z,2\n");
+        // 1706702400 is 2024-01-31T12:00:00Z.
+        check(&text, &format!("it is 1706702400 and then {} in", 1_706_698_800 + secs));
+    }
+}
+
+/// A quote that is never closed would swallow the rows after it.
+#[test]
+fn an_open_quote_is_an_error_with_its_line() {
+    check("time,d\n0,1\n1,\"2\n2,3\n", "line 3 has a quote (\") that is not closed");
+    check("time,d\n0,1\n\n1,\"2\n2,3", "line 4 has a quote (\") that is not closed");
+    check("time,d,note\r\n0,1,a\r\n1,2,\"b\r\n", "line 3 has a quote (\") that is not closed");
+    assert_eq!(column("time,note,d\n0,\"a\n\",1\n1,\"\n\",\"2\"", "d"), [1.0, 2.0]);
+    assert_eq!(column("time,d,note\n0,1,\"a\n\"\n1,2,\"b\n\"\n", "d"), [1.0, 2.0]);
+}
+
+#[test]
 fn a_dialect_with_two_readings_is_an_error_that_names_the_setting() {
     let options = Options::default();
     check_with(

@@ -2,8 +2,8 @@ use anyhow::Result;
 use mishandle::plan::EngineSettings;
 use mishandle::results::{Answer, Counterexamples, RunShown};
 use mishandle::run::answer_of_run;
-use mishandle::store::{RunFile, RunKind};
-use mishandle::{Compared, MishandleError, Plan, RunError};
+use mishandle::store::RunFile;
+use mishandle::{Compared, MishandleError, RunError};
 
 use crate::exit_status::ExitStatus;
 use crate::run;
