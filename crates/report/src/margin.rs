@@ -59,7 +59,8 @@ pub fn meaning(found: &Margin) -> Vec<String> {
     );
     let from = nominal_values(found.measured_axes());
     if !from.is_empty() {
-        sentences.push(format!("Offsets are measured from {}, because the plan sets these ranges.", text(&from)));
+        sentences
+            .push(format!("Offsets are measured from {}, because the plan sets these ranges.", text(&from)));
     }
     if !found.at_nominal.is_empty() {
         sentences.push(format!("Other axes of the target are {}.", text(&found.at_nominal_text())));

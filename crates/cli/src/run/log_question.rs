@@ -9,7 +9,7 @@ use mishandle::results::{LogExplanation, LogVerdict, NoVerdict, Severity};
 use mishandle_logs::{Evaluation, NamedSamples, Options, Requirement, Source};
 use mishandle_text::plural;
 
-use super::logs::{self, Unparsed};
+use super::logs::{self, Lacking, Unparsed};
 use crate::exit_status::ExitStatus;
 use crate::flags::LogQuestion;
 use crate::show::{escape, output};
@@ -110,7 +110,7 @@ impl Question<'_> {
             let (verdicts, mut errors) = match self.verdicts(&name, source, &requirements, &mut each) {
                 Ok((verdicts, lacking)) => {
                     let mut errors = Vec::new();
-                    for (log, requirement, error) in lacking {
+                    for (log, (requirement, error)) in lacking {
                         without.list.push(requirement.no_verdict(&log, reason(&error)));
                         errors.push(error);
                     }
@@ -142,10 +142,9 @@ impl Question<'_> {
         source: &[Source],
         requirements: &'r [Requirement],
         each: &mut dyn FnMut(Asked<'_>) -> Result<()>,
-    ) -> Result<(usize, Vec<(String, &'r Requirement, anyhow::Error)>)> {
+    ) -> Result<(usize, Vec<(String, Lacking<'r>)>)> {
         let (runs, readable, errors) = logs::read(name, source, requirements, &self.options)?;
-        let of_log = |(requirement, error)| (name.to_string(), requirement, error);
-        let mut errors: Vec<_> = errors.into_iter().map(of_log).collect();
+        let mut errors: Vec<_> = errors.into_iter().map(|lacking| (name.to_string(), lacking)).collect();
         if let Some(first) = runs.first() {
             logs::note_truth_values(first, &readable);
         }
@@ -168,7 +167,7 @@ impl Question<'_> {
             };
             match asked {
                 Ok(()) => verdicts += 1,
-                Err(error) => errors.push((log.name.clone(), requirement, error)),
+                Err(error) => errors.push((log.name.clone(), (requirement, error))),
             }
         }
         Ok((verdicts, errors))

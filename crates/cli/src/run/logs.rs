@@ -147,6 +147,9 @@ pub fn names(logs: &[Vec<Source>]) -> Vec<String> {
     names
 }
 
+/// A requirement without a verdict on a log, and its error.
+pub type Lacking<'a> = (&'a Requirement, anyhow::Error);
+
 /// Reads the signals of the requirements from a log, as a log for each run of its clock; no log if
 /// it has those of no requirement. Returns also the requirements whose signals it has, and each
 /// other one with its error.
@@ -155,7 +158,7 @@ pub fn read<'a>(
     log: &[Source],
     requirements: &'a [Requirement],
     options: &Options,
-) -> Result<(Vec<NamedSamples>, Vec<&'a Requirement>, Vec<(&'a Requirement, anyhow::Error)>)> {
+) -> Result<(Vec<NamedSamples>, Vec<&'a Requirement>, Vec<Lacking<'a>>)> {
     let trace = || format!("trace {name}");
     let log = OpenLog::open(log, options).with_context(trace)?;
     let mut readable = Vec::new();

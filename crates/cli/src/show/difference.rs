@@ -154,9 +154,8 @@ mod tests {
     /// The difference of the rates 90.5 % and 95 % is 4.5 points, not 4.5 %.
     #[test]
     fn a_difference_of_two_shares_is_in_points() {
-        let estimate = |value: f64, quantity| {
-            super::estimate(Estimate { value: Some(value), ..Estimate::default() }, quantity)
-        };
+        let estimate =
+            |value: f64, quantity| estimate(Estimate { value: Some(value), ..Estimate::default() }, quantity);
         assert_eq!(estimate(0.905 - 0.95, Quantity::Difference), "-4.50 points");
         assert_eq!(estimate(0.905, Quantity::Share), "90.50 %");
     }
