@@ -177,7 +177,8 @@ fn a_minimized_counterexample_stays_in_its_mode() {
     bench.check(&format!("falsify --command 'python3 s.py' {keys} --out run.sqlite"), 1);
     let add = "regress suite --add run.sqlite -k regress.all=true -k regress.minimize=true --json";
     let output = bench.command(add).env("MISHANDLE_ALLOW_PROGRAMS", "1").output().unwrap();
-    let exported: Value = serde_json::from_slice(&output.stdout).expect(&text(&output.stderr));
+    let exported: Value =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", text(&output.stderr)));
     let files = exported["files"].as_array().unwrap();
     let mut edges: Vec<f64> = Vec::new();
     for file in files {
