@@ -118,12 +118,21 @@ pub(crate) fn resolve_plan_in(
     }
     let plan = plan_in(&plan, folder);
     check_target(&plan)?;
-    if starts_program(&plan)? {
+    check_no_program(&plan)?;
+    resolve_recorded(plan, components, Moved::default())
+}
+
+/// Checks that simulations of a plan start no program, without starting one.
+///
+/// # Errors
+/// If they do, or the target file cannot be read.
+pub fn check_no_program(plan: &Plan) -> Result<(), MishandleError> {
+    if starts_program(plan)? {
         return Err(problem(
             "its simulator or its policy is a program, and no program is started from a file of others",
         ));
     }
-    resolve_recorded(plan, components, Moved::default())
+    Ok(())
 }
 
 /// Copies the files of a target to the folder of its counterexamples, with the folders that they

@@ -316,8 +316,8 @@ fn modes_with_the_same_minimized_scenario_are_one_test() {
         let simulated = bench.json(&format!("{subject} --at {} --json", at.join(",")), 1);
         assert_eq!(simulated["robustness"], file["robustness"]);
     }
-    // Another controller is not a change of the target.
-    let tests = bench.json("regress suite --controller sac --json", 0);
+    // Another controller is not a change of the target. It still fails in one of the modes.
+    let tests = bench.json("regress suite --controller sac --json", 1);
     assert_eq!(tests["tests"][0]["same_target"], true);
 }
 

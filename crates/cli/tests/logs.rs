@@ -268,7 +268,7 @@ fn a_log_that_cannot_be_read_leaves_the_verdicts_on_the_others() {
     bench.write("other.csv", "time,forse\n0,1\n1,3\n");
     let output = bench.run("monitor --formula always(force<=2) good.csv empty.csv other.csv gone.csv");
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stdout).contains("good.csv  violated"), "{}", text(&output.stdout));
+    assert!(text(&output.stdout).contains("good.csv   violated"), "{}", text(&output.stdout));
     let messages = text(&output.stderr);
     assert!(messages.contains("trace empty.csv: the file is empty"), "{messages}");
     assert!(messages.contains("3 of 4 logs have no verdict"), "{messages}");

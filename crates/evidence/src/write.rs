@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use mishandle::check::verified;
 use mishandle::files::AtomicFolder;
-use mishandle::portable::{copy_files, resolve_in};
+use mishandle::portable::{check_no_program, copy_files, resolve_in};
 use mishandle::resolve::{Moved, is_python};
 use mishandle::results::{Evidence, EvidenceCheck, EvidenceRun, Words};
 use mishandle::store::RunFile;
@@ -206,7 +206,8 @@ fn files(
     let mut plan = recorded.clone();
     plan.controller = moved.controller.map_or(plan.controller, str::to_string);
     plan.target = moved.target.map_or(plan.target, str::to_string);
-    let resolved = match copy_files(&plan, &place) {
+    // The page has the reason, which must not depend on what may be started here.
+    let resolved = match check_no_program(&plan).and_then(|()| copy_files(&plan, &place)) {
         Ok(_) => {
             rename(&place, &plan.controller, &recorded.controller)?;
             rename(&place, &plan.target, &recorded.target)?;
