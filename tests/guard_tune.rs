@@ -63,8 +63,8 @@ fn bits(episode: &Episode) -> Vec<u64> {
     names.flat_map(|name| column(episode, name).iter().map(|value| value.to_bits())).collect()
 }
 
-/// A ball near the center of the tray has no square root. The requirement of the tuning decides, and
-/// what it leaves open is too much for a conclusion.
+/// A ball near the center of the tray has no square root. The requirement of the tuning decides,
+/// and what it leaves open is too much for a conclusion.
 #[test]
 fn simulations_that_leave_the_requirement_open_are_counted_in_all_runs() {
     let home = tempfile::tempdir().unwrap();

@@ -280,8 +280,8 @@ fn mistakes_are_errors_before_anything_is_written() {
     assert!(!bench.path("calls").exists());
 }
 
-/// In 35 % of the starts or more, simulations end without a verdict: the pole leans where the formula
-/// has no value, or the cart is too far away for the engine.
+/// In 35 % of the starts or more, simulations end without a verdict: the pole leans where the
+/// formula has no value, or the cart is too far away for the engine.
 #[test]
 #[ignore = "long"]
 fn nothing_is_concluded_if_a_region_of_the_final_set_has_no_verdict() {

@@ -132,8 +132,12 @@ fn json(answer: &Answer) -> Value {
     json
 }
 
-/// Leaves out whether success is possible from corners, which only the target knows.
-fn without_reach(mut json: Value) -> Value {
+/// Leaves out what only the target knows: whether success is possible from corners, and its axes
+/// outside of the space.
+fn of_the_file(mut json: Value) -> Value {
+    if let Some(axes) = json.get_mut("at_nominal") {
+        *axes = Value::Array(Vec::new());
+    }
     let points = json.pointer_mut("/corners/points").and_then(Value::as_array_mut);
     points.into_iter().flatten().for_each(|point| point["reachable"] = Value::Null);
     json
@@ -151,7 +155,7 @@ fn check_recorded(resolved: &ResolvedPlan, path: &Path, answer: &Answer) {
     // Without the target, corners are known if all of them are there.
     if answer.is_complete() {
         let recorded = mishandle::run::recorded_answer(&run, None).unwrap();
-        assert_eq!(without_reach(json(&recorded)), without_reach(json(answer)));
+        assert_eq!(of_the_file(json(&recorded)), of_the_file(json(answer)));
     }
 }
 

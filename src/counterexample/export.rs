@@ -191,8 +191,8 @@ fn prepare(
         let is_of_other = |point| modes.tells_apart(own, axes, steps, &point);
         is_same_failure(resolved, failure, other) && !failure_point(resolved, other).is_some_and(is_of_other)
     };
-    let failure = (&request, recorded.expected.robustness);
-    let smaller = smaller(resolved, &mut *system, &mut checks, failure, budget, &keeps, &mut watch)?;
+    let failing = Failing { request: &request, robustness: recorded.expected.robustness };
+    let smaller = smaller(resolved, &mut *system, &mut checks, failing, budget, &keeps, &mut watch)?;
     let Smaller { found, minimized, went_back, checked } = smaller;
     let scenario = found.scenario_in(&resolved.space)?;
     let done = minimized.simulations + checks.simulations();
@@ -237,6 +237,12 @@ pub(crate) fn is_same_failure(resolved: &ResolvedPlan, a: &Episode, b: &Episode)
     points.is_some_and(|(a, b)| mode_distance(&[], &[], resolved.target.episode_steps, &a, &b).is_some())
 }
 
+/// A simulation that fails, and its robustness.
+pub(crate) struct Failing<'a> {
+    pub(crate) request: &'a Request,
+    pub(crate) robustness: f64,
+}
+
 /// A failure that was moved toward the nominal scenario.
 pub(crate) struct Smaller {
     /// The failure, which says where it comes from.
@@ -250,8 +256,9 @@ pub(crate) struct Smaller {
 }
 
 /// Moves a failure toward the nominal scenario with at most `budget` simulations, by failures that
-/// `keeps` accepts, and checks the physics of the result, which goes back toward the failure until it survives. If the failure
-/// itself depends on the solver, the result is the nearest one, and its check says so.
+/// `keeps` accepts, and checks the physics of the result, which goes back toward the failure until
+/// it survives. If the failure itself depends on the solver, the result is the nearest one, and its
+/// check says so.
 ///
 /// `watch` gets the number of simulations after each batch, and can end the minimization and the
 /// checks. A failure whose checks were ended has none.
@@ -262,11 +269,12 @@ pub(crate) fn smaller(
     resolved: &ResolvedPlan,
     system: &mut dyn System,
     checks: &mut PhysicsChecks,
-    (request, robustness): (&Request, f64),
+    failing: Failing<'_>,
     budget: u64,
     keeps: &Keeps<'_>,
     watch: &mut dyn FnMut(u64) -> ControlFlow<()>,
 ) -> Result<Smaller, MishandleError> {
+    let Failing { request, robustness } = failing;
     let mut is_interrupted = false;
     let minimized = minimize(system, request, budget, keeps, |done| {
         let flow = watch(done);

@@ -26,7 +26,7 @@ use crate::resolve::{Moved, ResolvedPlan, controller_name, is_target_file, resol
 use crate::run::differences_of_builds;
 
 pub use export::{Chosen, Exported, Preparation, export, representatives};
-pub(crate) use export::{is_same_failure, smaller};
+pub(crate) use export::{Failing, is_same_failure, smaller};
 pub use regress::{Regression, regress, regress_with};
 pub use suite::{Suite, Tested, suite_files};
 

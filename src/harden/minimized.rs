@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::folder::Folder;
 use super::{HardenProgress, HardenUnit, Watch};
 use crate::archive::{ModeKey, Modes, Simulated, simulated_in};
-use crate::counterexample::{Counterexample, is_same_failure, smaller};
+use crate::counterexample::{Counterexample, Failing, is_same_failure, smaller};
 use crate::error::MishandleError;
 use crate::resolve::ResolvedPlan;
 
@@ -132,9 +132,9 @@ pub(super) fn minimized(
             };
             let request = Request::new(Scenario::new(worst.scenario.clone()), Seed(worst.seed));
             let keeps = |failure: &Episode, other: &Episode| is_same_failure(resolved, failure, other);
-            let failure = (&request, worst.robustness);
+            let failing = Failing { request: &request, robustness: worst.robustness };
             let smaller =
-                smaller(resolved, &mut *system, &mut checks, failure, BUDGET, &keeps, &mut watch)?.found;
+                smaller(resolved, &mut *system, &mut checks, failing, BUDGET, &keeps, &mut watch)?.found;
             if is_interrupted {
                 return Ok(None);
             }

@@ -57,7 +57,7 @@ pub struct PredicateHistory {
     pub sides: [Vec<f64>; 2],
 }
 
-/// What the operator above the decisive predicate evaluates.
+/// The operand of the operator above the decisive predicate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WholeOperand {
     /// The text.
@@ -223,8 +223,8 @@ fn events(
 }
 
 /// Returns what the operator above a predicate evaluates, from the part of the path below this
-/// operator; `None` if it is the predicate, negated or not, or if an operator of the part reads other
-/// samples.
+/// operator; `None` if it is the predicate, negated or not, or if an operator of the part reads
+/// other samples.
 fn whole_operand(diagnosis: &Diagnosis, below: &[DecisiveSubformula]) -> Option<WholeOperand> {
     const POINTWISE: [&str; 4] = ["not", "and", "or", "implies"];
     let (_, operators) = below.split_last()?;

@@ -64,7 +64,8 @@ fn quantity(value: f64, unit: &str) -> String {
     if unit.is_empty() { number } else { format!("{number} {unit}") }
 }
 
-/// Describes the values of a predicate. `makes` says what they make of the operand that contains it.
+/// Describes the values of a predicate. `makes` says what they make of the operand that contains
+/// it.
 fn decision(
     predicate: &DecisivePredicate,
     unit: &str,

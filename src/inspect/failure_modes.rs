@@ -80,18 +80,18 @@ pub struct FailureModes {
 }
 
 impl FailureModes {
-    /// Returns whether a failure of a space with these axes is in another mode than simulation
-    /// `number` of `trial`: the nearest failure with its predicate, time and categories is. Modes
-    /// that their causes tell apart have no place in the space.
+    /// Returns whether a failure of a space with these axes is in another mode than a simulation,
+    /// given by its trial and number: the nearest failure with its predicate, time and categories
+    /// is. Modes that their causes tell apart have no place in the space.
     pub(crate) fn tells_apart(
         &self,
-        (trial, number): (u32, u32),
+        simulation: (u32, u32),
         axes: &[Axis],
         episode_steps: usize,
         failure: &FailurePoint,
     ) -> bool {
         let is_own =
-            |mode: &&FailureMode| mode.failures.iter().any(|own| (own.trial, own.number) == (trial, number));
+            |mode: &&FailureMode| mode.failures.iter().any(|own| (own.trial, own.number) == simulation);
         let nearest = |mode: &FailureMode| {
             let near = |known: &Failure| {
                 mode_distance(axes, &mode.axes, episode_steps, &point(axes, known), failure)

@@ -39,8 +39,8 @@ impl ResolvedPlan {
     }
 }
 
-/// Returns the nominal scenario in words. It has values where the plan sets a range that may exclude
-/// the nominal value of the target: `the nominal scenario of this space (x = 0.96 m)`.
+/// Returns the nominal scenario in words. It has values where the plan sets a range that may
+/// exclude the nominal value of the target: `the nominal scenario of this space (x = 0.96 m)`.
 pub fn nominal_scenario(subject: &Subject) -> String {
     match nominal_values(subject.moved_axes()) {
         values if values.is_empty() => "the nominal scenario".to_string(),

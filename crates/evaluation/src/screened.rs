@@ -124,8 +124,8 @@ impl ScreenedEvaluation {
         complement(self.estimate(self.failures))
     }
 
-    /// Returns the rate of violations of the success formula. Simulations without a verdict count as
-    /// failures in the upper bound only.
+    /// Returns the rate of violations of the success formula. Simulations without a verdict count
+    /// as failures in the upper bound only.
     pub fn violation_rate(&self) -> Estimate {
         let [flagged, sampled] = self.ends.map(|ends| ends.total());
         let violations = TwoPhase {

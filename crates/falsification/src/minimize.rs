@@ -47,8 +47,8 @@ pub struct Minimized {
 /// Random draws, which have no nominal value, stay.
 ///
 /// A violation counts only if `keeps` accepts it: it gets the failure so far and the violation, and
-/// says whether both are of one failure mode. `watch` gets the number of simulations after each batch. It can end the minimization, which then
-/// returns the failure so far.
+/// says whether both are of one failure mode. `watch` gets the number of simulations after each
+/// batch. It can end the minimization, which then returns the failure so far.
 ///
 /// # Errors
 /// If the request does not fail, or a simulation cannot be run.

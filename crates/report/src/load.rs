@@ -115,9 +115,9 @@ impl RunReport {
     /// shows, which `words` states.
     ///
     /// `resolved` is the plan of the run with a target that is not part of this program, such as a
-    /// Python system, or whose files were moved. Without it, the page depends on the run file alone:
-    /// no file of the plan is opened, no program is started, and the answer lacks what only the
-    /// target knows.
+    /// Python system, or whose files were moved. Without it, the page depends on the run file
+    /// alone: no file of the plan is opened, no program is started, and the answer lacks what only
+    /// the target knows.
     ///
     /// # Errors
     /// If the run cannot be read, or a formula has no finite value on a recorded trace.

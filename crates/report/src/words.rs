@@ -10,7 +10,7 @@ use crate::{margin, metamorphic, risk, tables};
 /// Names of tasks and controllers are cut to this length.
 const NAME: usize = 60;
 
-/// What a bound does with simulations without a verdict.
+/// Says how a bound counts simulations without a verdict.
 pub const UNDECIDED: &str = "; the upper bound counts those without a verdict as failures";
 
 /// Returns what was tested, as HTML: `ball-balancing with controller ppo`.

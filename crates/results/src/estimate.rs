@@ -35,8 +35,8 @@ pub struct Repeats {
     pub failures: u64,
     /// Number of these without a verdict.
     pub without_verdict: u64,
-    /// Failure rate with its Wilson interval. Simulations without a verdict count as failures in the
-    /// upper bound only; `null` without any verdict.
+    /// Failure rate with its Wilson interval. Simulations without a verdict count as failures in
+    /// the upper bound only; `null` without any verdict.
     pub failure_rate: Estimate,
     /// Quantiles of the robustness at the probabilities 0, 0.05, 0.5, 0.95 and 1, linearly
     /// interpolated; `null` without a verdict.

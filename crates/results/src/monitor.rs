@@ -42,7 +42,7 @@ pub struct Monitor {
     /// The verdict of each formula on each log, worst first: violated formulas by their severity,
     /// then satisfied formulas.
     pub verdicts: Vec<LogVerdict>,
-    /// Each formula on each log that has no verdict, which is no satisfaction.
+    /// Each formula on each log that has no verdict, which does not mean that it is satisfied.
     pub no_verdict: Vec<NoVerdict>,
 }
 

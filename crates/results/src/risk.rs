@@ -66,8 +66,8 @@ impl Risk {
         Estimate { value: estimate.and_then(|found| found.value), low, high, n: self.simulations }
     }
 
-    /// Returns the estimate of a part whose interval counts simulations without a verdict as passed:
-    /// without the interval if Monte Carlo met one.
+    /// Returns the estimate of a part whose interval counts simulations without a verdict as
+    /// passed: without the interval if Monte Carlo met one.
     pub fn part(&self, estimate: Estimate) -> Estimate {
         match self.monte_carlo.without_verdict {
             0 => estimate,

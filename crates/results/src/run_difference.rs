@@ -52,8 +52,8 @@ pub struct DifferingFact {
 }
 
 words! {
-    /// What the values of a result are: a share from 0 to 1, a difference of two shares, or another
-    /// number.
+    /// The kind of the values of a result: a share from 0 to 1, a difference of two shares, or
+    /// another number.
     pub enum Quantity { Share = "share", Difference = "difference", Number = "number" }
 }
 
@@ -63,7 +63,7 @@ words! {
 pub struct DifferingResult {
     /// Name, such as `success rate`.
     pub name: String,
-    /// What its values are.
+    /// The kind of its values.
     pub quantity: Quantity,
     /// In A, with its interval; `null` if A has none.
     pub first: Option<Estimate>,

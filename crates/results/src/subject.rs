@@ -52,8 +52,8 @@ pub struct Subject {
 
 impl Subject {
     /// Returns the axes whose range the plan sets and whose nominal value may follow from it: the
-    /// midpoint of an initial state, a bound of another axis. That of the target is elsewhere if the
-    /// range excludes it.
+    /// midpoint of an initial state, a bound of another axis. That of the target is elsewhere if
+    /// the range excludes it.
     pub fn moved_axes(&self) -> impl Iterator<Item = &AxisFacts> {
         let is_of_range = |axis: &AxisFacts, nominal: f64| match axis.kind.as_str() {
             "start" => nominal == f64::midpoint(axis.low, axis.high),

@@ -348,8 +348,8 @@ pub(crate) fn recorded(run: &RunFile, facts: &Facts) -> Result<Answer, Mishandle
 }
 
 /// Counts no simulation of the corners of a recorded evaluation yet: with one or with several seeds
-/// for each corner, as the last recorded simulation says. Only the task knows which corners count if
-/// the starts must be reachable.
+/// for each corner, as the last recorded simulation says. Only the task knows which corners count
+/// if the starts must be reachable.
 fn corners(run: &RunFile, facts: &Facts) -> Result<Option<CornerCounter>, MishandleError> {
     let evaluate = facts.plan.evaluate.as_ref().filter(|evaluate| evaluate.corners);
     let Some(starts) = evaluate.map(|evaluate| evaluate.starts) else { return Ok(None) };

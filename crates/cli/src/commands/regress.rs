@@ -48,10 +48,10 @@ code 0 means that all pass, 1 that at least one still fails, 2 that a test could
 none fails and one has no verdict. With --baseline, 1 means that at least one fails that passes with
 the baseline.
 
---add writes the representative of a failure mode, or of each one, as such a file.
-regress.minimize moves the scenario toward the nominal one while it still fails in its mode: as few
-axes as possible off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random
-seed stays. docs/guide/counterexamples.md describes the file.
+--add writes the representative of a failure mode, or of each one, as such a file. regress.minimize
+moves the scenario toward the nominal one while it still fails in its mode: as few axes as possible
+off nominal, with offsets that cannot shrink by 1 % of the width of an axis. The random seed stays.
+docs/guide/counterexamples.md describes the file.
 
 --first-bad orders the controllers of a folder by name, with numbers by value. With --rate, it gives
 all of them the same scenarios and seeds, and ends as soon as an interval that holds at any time is

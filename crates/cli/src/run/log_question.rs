@@ -39,7 +39,7 @@ impl Asked<'_> {
     }
 }
 
-/// What has no verdict.
+/// Requirements and logs without a verdict.
 #[derive(Debug, Default)]
 pub struct Without {
     /// Each requirement on each log, in the order of the questions.
@@ -134,8 +134,8 @@ impl Question<'_> {
         Ok(without)
     }
 
-    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns their number, and
-    /// an error for each requirement without one, with the name of the log.
+    /// Gives the verdicts on a log, or on each run of its clock, to `each`. Returns their number,
+    /// and an error for each requirement without one, with the name of the log.
     fn verdicts<'r>(
         &self,
         name: &str,

@@ -8,7 +8,7 @@ use super::{escape, output};
 /// Number of violations that the text of a verdict lists.
 const LISTED: usize = 10;
 
-/// What a requirement on a log has: a verdict, or a reason for none.
+/// The outcome of a requirement on a log: a verdict, or a reason for none.
 #[derive(Clone, Copy)]
 pub enum Outcome<'a> {
     Verdict(&'a LogVerdict),

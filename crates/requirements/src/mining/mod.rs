@@ -71,8 +71,8 @@ fn question(text: String) -> RequirementError {
 /// enough traces satisfy the formula, and fewer do if any one parameter is a step tighter.
 ///
 /// A trace supports a value if it contains the windows of the formula and the conditions of its
-/// implications hold. A point without such a trace is left out. The share is one of the traces whose
-/// conditions hold with some values.
+/// implications hold. A point without such a trace is left out. The share is one of the traces
+/// whose conditions hold with some values.
 ///
 /// # Errors
 /// If the formula does not parse, a parameter is a signal, has no direction in which it is tighter,

@@ -177,11 +177,12 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
     }
 }
 
-/// Finds a window that begins after the current sample, and is therefore empty at the last sample of
-/// every trace, if that decides the formula. Returns whether it does.
+/// Finds a window that begins after the current sample, and is therefore empty at the last sample
+/// of every trace, if that decides the formula. Returns whether it does.
 fn empty_at_the_end(tree: &Tree<'_>, found: &mut Found<'_>) -> bool {
     let begins_later = |node: usize| tree.nodes[node].interval.is_some_and(|[begin, _]| begin.value > 0.0);
-    // Whether each node is satisfied whatever the signals are: at the last sample, and at every one.
+    // Whether each node is satisfied whatever the signals are: at the last sample, and at every
+    // one.
     let mut at_end: Vec<Option<bool>> = vec![None; tree.nodes.len()];
     let mut at_all: Vec<Option<bool>> = vec![None; tree.nodes.len()];
     for (node, own) in tree.nodes.iter().enumerate() {
@@ -221,8 +222,8 @@ fn empty_at_the_end(tree: &Tree<'_>, found: &mut Found<'_>) -> bool {
     true
 }
 
-/// Returns whether a logical operator is satisfied if that is known of its operands; `None` if it is
-/// not known, and for other operators.
+/// Returns whether a logical operator is satisfied if that is known of its operands; `None` if it
+/// is not known, and for other operators.
 fn logical(name: &str, operands: &[usize], known: &[Option<bool>]) -> Option<bool> {
     let of = |index: usize| operands.get(index).and_then(|operand| known[*operand]);
     let either = |left: Option<bool>, right: Option<bool>| match (left, right) {

@@ -32,7 +32,8 @@ pub fn show(file: &RunFile, engine: &EngineSettings, json: bool) -> Result<ExitS
     Ok(ExitStatus::Done)
 }
 
-/// Returns the answer of a run; `None` if it takes the target, which is not here or needs a program.
+/// Returns the answer of a run; `None` if it takes the target, which is not here or needs a
+/// program.
 fn of_run(file: &RunFile, engine: &EngineSettings) -> Result<Option<Answer>> {
     match answer_of_run(file, engine.moved()) {
         Ok(found) => Ok(Some(found)),
