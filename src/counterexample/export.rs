@@ -238,6 +238,7 @@ pub(crate) fn is_same_failure(resolved: &ResolvedPlan, a: &Episode, b: &Episode)
 }
 
 /// A simulation that fails, and its robustness.
+#[derive(Clone, Copy)]
 pub(crate) struct Failing<'a> {
     pub(crate) request: &'a Request,
     pub(crate) robustness: f64,
