@@ -207,7 +207,11 @@ fn files(
     plan.controller = moved.controller.map_or(plan.controller, str::to_string);
     plan.target = moved.target.map_or(plan.target, str::to_string);
     // The page has the reason, which must not depend on what may be started here.
-    let resolved = match check_no_program(&plan).and_then(|()| copy_files(&plan, &place)) {
+    let checked = match check_no_program(&plan) {
+        Ok(()) => copy_files(&plan, &place),
+        Err(error) => Err(error),
+    };
+    let resolved = match checked {
         Ok(_) => {
             rename(&place, &plan.controller, &recorded.controller)?;
             rename(&place, &plan.target, &recorded.target)?;
