@@ -166,16 +166,24 @@ fn a_log_that_asks_nothing_is_no_evidence_and_another_one_can_be() {
     assert!(trap.contains("only the first sample counts") && trap.contains("always(force <= 2)"), "{trap}");
 }
 
-/// A warning stays one, and a violation of another requirement comes first.
+/// A warning does not count beside a requirement that asks something, and a violation comes first.
 #[test]
 fn severities_and_violations_decide_the_exit_code() {
     let bench = Bench::new();
     let nothing = "[[requirement]]\nname = \"N\"\nformula = \"gap >= 2\"\n";
     let violated = "[[requirement]]\nname = \"V\"\nformula = \"always(gap >= 1000)\"\n";
+    let tested = "[[requirement]]\nname = \"T\"\nformula = \"always(gap >= -1000)\"\n";
     let warning = nothing.replace("\"N\"", "\"N\"\nseverity = \"warning\"");
     bench.check("simulate toy/car-following --trace log.csv", 0);
-    for (number, (set, code)) in
-        [(nothing.to_string(), 2), (warning, 0), (format!("{nothing}{violated}"), 1)].into_iter().enumerate()
+    for (number, (set, code)) in [
+        (nothing.to_string(), 2),
+        (format!("{nothing}{tested}"), 2),
+        (format!("{warning}{tested}"), 0),
+        (warning, 2),
+        (format!("{nothing}{violated}"), 1),
+    ]
+    .into_iter()
+    .enumerate()
     {
         bench.write("set.toml", &set);
         let check = format!("check toy/car-following --requirements set.toml {SIZE} --out checked-{number}");

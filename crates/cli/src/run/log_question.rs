@@ -184,7 +184,8 @@ fn reason(error: &anyhow::Error) -> String {
 /// reason for which it asks nothing.
 ///
 /// # Errors
-/// If none fails, and a requirement asks nothing of any log; warnings do not count.
+/// If none fails, and a requirement asks nothing of every log. One with the severity `warning` does
+/// not count, unless no other one asks something.
 pub fn status<'a>(
     fails: bool,
     found: impl IntoIterator<Item = (String, Severity, Option<&'a str>)>,
@@ -192,13 +193,16 @@ pub fn status<'a>(
     if fails {
         return Ok(ExitStatus::Violated);
     }
-    let mut reasons: BTreeMap<String, Option<&str>> = BTreeMap::new();
+    let mut reasons: BTreeMap<String, (Severity, Option<&str>)> = BTreeMap::new();
     for (requirement, severity, reason) in found {
-        let reason = reason.filter(|_| severity != Severity::Warning);
-        let known = reasons.entry(requirement).or_insert(reason);
+        let (_, known) = reasons.entry(requirement).or_insert((severity, reason));
         *known = known.and(reason);
     }
-    let first = reasons.iter().find_map(|(requirement, reason)| Some((requirement, (*reason)?)));
+    let nothing = reasons.values().all(|(_, reason)| reason.is_some());
+    let first = reasons.iter().find_map(|(requirement, (severity, reason))| {
+        let counts = nothing || *severity != Severity::Warning;
+        Some((requirement, (*reason).filter(|_| counts)?))
+    });
     if let Some((requirement, reason)) = first {
         bail!("{} is satisfied and asks nothing: {}", escape::name(requirement), escape::name(reason));
     }

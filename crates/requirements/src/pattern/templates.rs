@@ -122,8 +122,8 @@ pub(super) const SCOPES: Family = Family {
            the sample that opens it, and not the one that closes it; a sample at which both conditions hold \
            opens none. Each sample of `begin` opens a scope, but with `after` only the first one. On a finite \
            trace, `before` and `between` require nothing if `end` does not follow, and other scopes end with \
-           the trace. An existence or a response that is missing at the end of its scope is violated; absence, \
-           invariant and precedence are satisfied. What must not happen before an event that may never come \
+           the trace. `existence` and `response` are violated if the event is missing at the end of the scope; \
+           `absence`, `invariant` and `precedence` are satisfied. What must not happen before an event that may never come \
            is `precedence`.",
     patterns: &[
         template!("absence-before", DWYER, within!(before "{p} does not hold."), up_to_end!(before "not {p}"),
@@ -235,7 +235,7 @@ pub(super) const FRET_TEMPLATES: Family = Family {
             "always(rise({scope} and {condition}) implies ({scope} until ({scope} and {response})))",
             [scope b"01110" b"01110", condition b"00100" b"00100", response b"00010" b"10001"]),
         template!("fret-until", FRET,
-            "While {scope}, upon {condition}, {response} holds before the first time of {stop} from then on, or to the end.",
+            "While {scope}, upon {condition}, {response} holds at every time until the first time of {stop} from then on, or to the end.",
             "always(rise({scope} and {condition}) implies ({response} unless ({stop} or not {scope})))",
             [scope b"11111" b"11111", condition b"01000" b"01000", response b"01100" b"01000", stop b"00010" b"00010"]),
         template!("fret-before", FRET,
