@@ -29,13 +29,6 @@ class PreflightTest(unittest.TestCase):
         found = warned(lambda scenario: {"y": [-1.0, -1.0]}, "always(y >= 0)", [Axis("a", 0, 1)])
         self.assertIn("the nominal scenario violates the requirement", found)
 
-    def test_a_nominal_scenario_that_the_axes_move_is_named_by_its_values(self) -> None:
-        found = warned(
-            lambda scenario: {"y": [0.9 - scenario["a"], 0.0]}, "always(y >= 0)",
-            [Axis("a", 0, 1), Axis("b", 0, 1)], axes={"a": (0.92, 1)},
-        )
-        self.assertIn("the nominal scenario of this space (a = 0.96) violates", found)
-
     def test_a_requirement_that_sample_0_decides_is_named(self) -> None:
         found = warned(
             lambda scenario: {"y": [5.0, scenario["a"]]}, "eventually(y >= 3)", [Axis("a", 0, 1)]
