@@ -79,7 +79,9 @@ fn failure_rate_with(failures: u64, undecided: u64, n: u64, interval: fn(u64, u6
         return Estimate { n, ..Estimate::default() };
     }
     let failing = |failures: u64| complement(interval(n - failures, n));
-    Estimate { high: failing(failures + undecided).high, ..failing(failures) }
+    // Not 1 minus the rate of successes, which is rounded.
+    let value = Some(failures as f64 / n as f64);
+    Estimate { value, high: failing(failures + undecided).high, ..failing(failures) }
 }
 
 /// Returns whether an episode has a verdict on success.
