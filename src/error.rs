@@ -12,7 +12,6 @@ use std::iter::successors;
 use std::path::{Path, PathBuf};
 
 use mishandle_results::Remedy;
-use mishandle_rollout::EpisodeEnd;
 
 pub use curve::CurveProblem;
 pub(crate) use output::{exists, foreign_folder};
@@ -56,10 +55,10 @@ pub enum MishandleError {
         variable: &'static str,
     },
     /// A simulation that decides something has no verdict.
-    #[error("the simulation has no verdict: it ended with {end:?}")]
+    #[error("the simulation has no verdict: {why}")]
     NoVerdict {
-        /// Its end.
-        end: EpisodeEnd,
+        /// Why it has none.
+        why: String,
     },
     /// The plan is not valid TOML.
     #[error("line {line} of the plan, `{found}`, is not valid TOML: {message}")]

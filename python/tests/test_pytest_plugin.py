@@ -190,7 +190,8 @@ def test_diverging():
     def test_nothing_passes_where_the_plugin_simulates_nothing(self) -> None:
         off = ["-p", "no:mishandle"]
         self.write(GAP)
-        self.assertIn("-p mishandle.pytest_plugin", self.pytest(*off, expected=1))
+        self.assertIn("`pytest -p mishandle`", self.pytest(*off, expected=1))
+        self.assertIn("violated: always(gap >= 2)", self.pytest("-p", "mishandle", expected=1))
         with_target = GAP.replace("space=SPACE", 'target="toy/noisy"').replace("return car", "pass")
         self.write(with_target)
         self.assertIn("would simulate nothing", self.pytest(*off, expected=1))

@@ -7,13 +7,13 @@ use mishandle_results as results;
 use mishandle_results::{
     CheckCell, CheckCounts, CheckVerdict, EndCounts, Estimate, Number, Vacuous, WithoutVerdict,
 };
-use mishandle_store::{RunFile, Simulation, SimulationEnd};
+use mishandle_store::{RunFile, Simulation};
 use mishandle_text::{decimal, number_text, plural};
 
 use crate::error::MishandleError;
 use crate::plan::Plan;
 use crate::run::asks_nothing;
-use crate::run::end_text;
+use crate::run::open_text;
 use crate::run::rows::{REQUIREMENT, episode_end};
 
 /// Two one-sided 95 % bounds.
@@ -288,12 +288,7 @@ pub(super) fn add(
 fn unclear(simulation: &Simulation, run: &RunFile) -> String {
     let signals: Vec<&str> = run.header().signals.iter().map(|signal| signal.name.as_str()).collect();
     let Simulation { trial, number, end, .. } = *simulation;
-    let why = match end {
-        SimulationEnd::Completed | SimulationEnd::Terminated { .. } => {
-            "the formula has no finite value".to_string()
-        }
-        end => end_text(episode_end(end), &signals),
-    };
+    let why = open_text(episode_end(end), &signals);
     let file = run.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
     format!("first in {file}, trial {trial}, simulation {number}: {why}")
 }

@@ -135,7 +135,7 @@ pub fn export(
             seed: results::Seed(known.seed),
             scenario: known.scenario.iter().map(|axis| (axis.axis.clone(), axis.value)).collect(),
             robustness: known.expected.robustness.into(),
-            predicate: predicate(&known),
+            predicate: known.decisive.as_ref().map(|decisive| decisive.predicate.clone()),
             minimized: shrunk,
             physics: known.physics.clone(),
         });
@@ -215,7 +215,6 @@ fn prepare(
         complete: minimized.is_complete,
         interrupted: is_interrupted,
         fewest_axes: minimized.has_fewest_axes && off(&minimized.episode.request.scenario) == off(&scenario),
-        same_predicate: predicate(&found) == predicate(&recorded),
         repeats,
         went_back,
         checked,
@@ -311,8 +310,4 @@ pub(crate) fn smaller(
     let episode = Counterexample::from_episode(resolved, failures[index])?;
     let found = Counterexample { minimized_from, physics, ..episode };
     Ok(Smaller { found, minimized, went_back: index > 0, checked })
-}
-
-fn predicate(known: &Counterexample) -> Option<String> {
-    known.decisive.as_ref().map(|decisive| decisive.predicate.clone())
 }

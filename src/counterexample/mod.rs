@@ -23,7 +23,7 @@ use crate::inspect::{ExplainedSimulation, explain, explain_episode};
 use crate::plan::{FalsifyPlan, Plan};
 use crate::portable;
 use crate::resolve::{Moved, ResolvedPlan, controller_name, is_target_file, resolve_recorded};
-use crate::run::differences_of_builds;
+use crate::run::{differences_of_builds, without_verdict_error};
 
 pub use export::{Chosen, Exported, Preparation, export, representatives};
 pub(crate) use export::{Failing, is_same_failure, smaller};
@@ -330,7 +330,7 @@ impl Counterexample {
         let episode =
             resolved.system()?.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
         if episode.robustness().is_none() {
-            return Err(MishandleError::NoVerdict { end: episode.end });
+            return Err(without_verdict_error(&episode));
         }
         let (header, explained) = explain_episode(resolved, &episode)?;
         let mut again = describe(&header, &explained)?;

@@ -12,6 +12,7 @@ use crate::counterexample::Counterexample;
 use crate::error::{MishandleError, RunError};
 use crate::inspect::{ExplainedSimulation, explain_episode};
 use crate::resolve::{ResolvedPlan, depends_on_seed};
+use crate::run::without_verdict_error;
 
 /// A counterexample that was simulated again.
 #[derive(Debug)]
@@ -75,7 +76,7 @@ pub fn regress_with(
     let scenario = request.scenario.clone();
     let episode = system.rollout(&[request])?.pop().ok_or(MishandleError::Run(RunError::NoEpisode))?;
     if episode.robustness().is_none() {
-        return Err(MishandleError::NoVerdict { end: episode.end });
+        return Err(without_verdict_error(&episode));
     }
     let (header, explained) = explain_episode(resolved, &episode)?;
     let repeats = match repeats {

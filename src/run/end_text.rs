@@ -1,4 +1,6 @@
-use mishandle_rollout::EpisodeEnd;
+use mishandle_rollout::{Episode, EpisodeEnd};
+
+use crate::error::MishandleError;
 
 /// Describes the end of an episode in words. `signals` are the names of the signals.
 pub fn end_text(end: EpisodeEnd, signals: &[&str]) -> String {
@@ -36,6 +38,24 @@ pub fn end_text(end: EpisodeEnd, signals: &[&str]) -> String {
         }
         EpisodeEnd::Completed => "it completed".to_string(),
     }
+}
+
+/// Says why a simulation with this end has no verdict.
+pub(crate) fn open_text(end: EpisodeEnd, signals: &[&str]) -> String {
+    match end {
+        EpisodeEnd::Completed | EpisodeEnd::Terminated { .. } => {
+            "the formula has no finite value".to_string()
+        }
+        end => end_text(end, signals),
+    }
+}
+
+/// Returns the error of an episode that has no verdict.
+pub(crate) fn without_verdict_error(episode: &Episode) -> MishandleError {
+    let signals: Vec<&str> = episode.trace.names().iter().map(String::as_str).collect();
+    let why = open_text(episode.end, &signals);
+    let reason = given(&episode.reason).map_or(String::new(), |reason| format!(": {reason}"));
+    MishandleError::NoVerdict { why: why + &reason }
 }
 
 /// Returns a reason, if there is one.

@@ -47,7 +47,7 @@ pub use cause::FailureCause;
 pub(crate) use cause::{Isolation, isolation};
 pub use device::{Device, screening};
 pub use end_text::end_text;
-pub(crate) use end_text::given;
+pub(crate) use end_text::{given, open_text, without_verdict_error};
 pub use engine_speeds::{EngineSpeeds, measure_engines, with_faster_engine};
 pub(crate) use evaluation::arm::{ControlArm, shares_arm};
 pub use evaluation::arm::{TRIAL as CONTROL_TRIAL, system_of};

@@ -221,7 +221,7 @@ fn a_program_of_a_folder_is_never_started() {
     assert!(output.status.code() == Some(1) && found.contains("no program is started"), "{found}");
     let found: serde_json::Value = serde_json::from_str(&found).unwrap();
     assert_eq!((found["problems"].as_array().unwrap().len(), &found["is_verified"]), (0, &false.into()));
-    // The reason in the manifest is that of the verification, which replays nothing.
+    // The manifest has the reason that the verification states, which replays nothing.
     assert!(
         bench.check("evidence --verify ev -k evidence.replay=0", 0).contains("No simulation was replayed")
     );

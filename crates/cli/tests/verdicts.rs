@@ -411,6 +411,13 @@ fn a_counterexample_without_a_verdict_is_not_fixed() {
     let (code, found, err) = ask(&bench, "regress failures");
     assert_eq!((code, &found["without_verdict"]), (Some(2), &1.into()), "{err}");
     assert_eq!((&found["tests"][0]["result"], &found["passes"]), (&"no verdict".into(), &0.into()));
+    // In words, not as the program stores it.
+    let (_, found, err) = ask(&bench, "regress failures");
+    let shown = found.to_string() + &err;
+    assert!(shown.contains("diverged in control step") && !shown.contains("Diverged"), "{shown}");
+    bench.write("failures/end.py", "def end(a): sys.exit('no license')\n");
+    let (_, found, err) = ask(&bench, "regress failures");
+    assert!((found.to_string() + &err).contains("no license"), "{found}{err}");
     bench.write("failures/end.py", "def end(a): return {'trace': {'x': [0.0] * 6}}\n");
     assert_eq!(ask(&bench, "regress failures").0, Some(0));
 }

@@ -51,7 +51,7 @@ fn quantile(sorted: &[f64], p: f64) -> f64 {
 /// with the mean squares M_b between and M_w within k groups of n values: the intraclass
 /// correlation of a one-way analysis of variance with random effects.
 ///
-/// The 95 % interval is that of a jackknife over the groups, which assumes no distribution of the
+/// A jackknife over the groups gives the 95 % interval, which assumes no distribution of the
 /// values. Failures in a small region decide the variance, and are in few groups or in none.
 /// Therefore each bound allows for one more group with the most extreme value: once beside the mean
 /// of all values for the lower one, in all n places for the upper one.
@@ -115,7 +115,7 @@ const Z: f64 = 1.959_963_984_540_054;
 const ROUNDING: f64 = 1e-12;
 
 /// Returns the share of the variance that is between groups of values from 0 to 1, which can be
-/// negative, and its standard error: that of the shares without one group each.
+/// negative, and its standard error, from the shares without one group each.
 fn jackknife(groups: &[Vec<f64>]) -> (f64, f64) {
     let part = |group: &Vec<f64>| {
         let n = group.len() as f64;

@@ -86,8 +86,6 @@ pub struct Minimized {
     /// Whether every smaller set of axes passes, with these axes at their recorded values and the
     /// others at nominal.
     pub fewest_axes: bool,
-    /// Whether the decisive predicate is the recorded one.
-    pub same_predicate: bool,
     /// Simulations of the minimized scenario with other seeds; `null` without randomness.
     pub repeats: Option<Repeats>,
     /// Whether it went back toward the recorded scenario, because nearer failures depend on the

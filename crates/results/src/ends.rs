@@ -60,7 +60,7 @@ impl EndCounts {
 pub struct Vacuous {
     /// Number of simulations whose first sample alone satisfies it, whatever follows.
     pub first_sample: u64,
-    /// Number of others in which its premises do not hold, so that it requires nothing.
+    /// Number of further simulations in which no premise holds, so that it requires nothing.
     pub premise: u64,
 }
 

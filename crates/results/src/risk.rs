@@ -120,7 +120,7 @@ pub struct MonteCarlo {
     /// missing if there are none.
     #[serde(skip_serializing_if = "is_zero")]
     pub invalid_starts: u64,
-    /// Number of others without a verdict.
+    /// Number of started simulations without a verdict.
     pub without_verdict: u64,
     /// Upper bound of the probability (97.5 %) if the simulations without a verdict are failures.
     pub bound_with_undecided: Option<Number>,

@@ -149,8 +149,8 @@ def requirement(
                 raise InvalidStateError(
                     f"{function.__name__} has a requirement, which only the plugin for pytest "
                     "tests, and this call would simulate nothing: run it with `pytest -p "
-                    "mishandle.pytest_plugin`; in a unittest.TestCase, write a function instead of "
-                    "a method, or call mishandle.falsify"
+                    "mishandle`; in a unittest.TestCase, write a function instead of a method, or "
+                    "call mishandle.falsify"
                 )
             _is_tested.set(False)
             return function(*args, **kwargs)

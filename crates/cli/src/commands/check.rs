@@ -131,6 +131,6 @@ fn status(found: &Check) -> Result<ExitStatus> {
     if found.exit_code() == 1 {
         return Ok(ExitStatus::Violated);
     }
-    ensure!(open.is_empty(), "{} could not be checked{hint}", plural(open.len() as u64, "requirement"));
+    ensure!(open.is_empty(), "no conclusion about {}{hint}", plural(open.len() as u64, "requirement"));
     Ok(ExitStatus::Done)
 }

@@ -44,9 +44,6 @@ fn file_text(axes: &[AxisFacts], file: &ExportedCounterexample) -> String {
     lines.push(format!("  minimized  {values}: robustness {robustness}, {minimized_off} off nominal"));
     lines.push(format!("  {}", result_text(minimized)));
     lines.extend(physics);
-    if let (false, Some(predicate)) = (minimized.same_predicate, &file.predicate) {
-        lines.push(format!("  its decisive predicate is another one: {}", escape::name(predicate)));
-    }
     if let Some(repeats) = &minimized.repeats {
         lines.push(format!("  with other seeds it {}", mishandle::run::failure_text(repeats)));
     }

@@ -41,9 +41,9 @@ fn the_margin_of_a_half_space_is_that_of_a_hand_calculation() {
     assert!(simulations <= BUDGET);
 }
 
-/// The witness is at the boundary of the violations: nearer to nominal on its ray, nothing fails.
-/// The smallest disturbances are those of a hand calculation: c / |w|₁ of a half-space, r / √n of
-/// the outside of a ball, and the corner itself of a corner.
+/// The witness is at the boundary of the violations: nearer to nominal on its ray, nothing fails. A
+/// calculation by hand gives the smallest disturbances: c / |w|₁ of a half-space, r / √n of the
+/// outside of a ball, and the corner itself of a corner.
 #[test]
 fn the_witness_is_bisected_along_its_ray() {
     type Robustness = fn(&[f64]) -> f64;
