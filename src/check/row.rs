@@ -171,19 +171,18 @@ impl Row {
             sentence += &format!("; left out: {left_out}, from which the target cannot start");
         }
         let reason = asks_nothing(&self.formula, self.vacuous, self.simulations());
-        if let (CheckVerdict::NotViolated, Some(reason)) = (verdict, reason) {
+        if let (CheckVerdict::NotViolated, Some(reason)) = (verdict, reason.or_else(|| self.unchanged())) {
             return (CheckVerdict::AsksNothing, format!("{sentence}; asks nothing: {reason}"));
         }
-        if let (CheckVerdict::NotViolated, true, Some(robustness)) =
-            (verdict, self.is_constant(), self.minimum)
-        {
-            sentence += &format!(
-                "; nothing was tested: the robustness is {} in all {}, which say nothing about the controller",
-                number_text(robustness.0),
-                plural(self.simulations(), "simulation")
-            );
-        }
         (verdict, sentence)
+    }
+
+    /// Returns why the simulations say nothing about the controller, if nothing changes the
+    /// robustness.
+    fn unchanged(&self) -> Option<String> {
+        let robustness = number_text(self.minimum.filter(|_| self.is_constant())?.0);
+        let all = plural(self.simulations(), "simulation");
+        Some(format!("nothing that was varied changes the robustness, {robustness} in all {all}"))
     }
 
     fn why_unclear(&self) -> String {

@@ -14,7 +14,8 @@ pub(super) fn count(vacuous: &mut Vacuous, row: &Simulation, column: Option<usiz
     match Vacuity::from_code(code as u8) {
         Some(Vacuity::FirstSample) => vacuous.first_sample += 1,
         Some(Vacuity::Premise) => vacuous.premise += 1,
-        None => {}
+        // A simulation that no sample decides has no verdict.
+        Some(Vacuity::NoSample) | None => {}
     }
 }
 

@@ -138,6 +138,8 @@ fn parameters_are_mined_from_logs_and_runs() {
     assert_eq!(time["points"][0]["formula"], "eventually[0s:1s](force >= 4)");
     let shown = bench.check("formula 'always(force <= limit)' --parameter limit=0:5 a.csv", 1);
     assert!(shown.contains("Nothing was mined"), "{shown}");
+    let shown = bench.check("formula 'force <= limit' --parameter limit=0:50 a.csv", 0);
+    assert!(shown.contains("only the first sample counts"), "{shown}");
     bench.refuses("formula 'always(force <= closed)' --parameter closed=0:5 a.csv", &["is also a signal"]);
     bench.refuses("formula 'always(force <= limit' --parameter limit=0:5 a.csv", &["column 22", "^"]);
     bench.check("evaluate toy/car-following --episodes 3 --out run.sqlite", 0);

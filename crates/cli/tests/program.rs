@@ -307,8 +307,9 @@ fn monitor_prints_the_robustness_and_returns_1_for_a_violation() {
         let found = bench.json(&format!("monitor {formula} d.csv --json"), 0);
         assert!((found["robustness"].as_f64().unwrap() - 0.05).abs() < 1e-12, "{formula}");
     }
-    let empty_window = bench.json("monitor --formula 'always[5:9](d <= 0.25)' d.csv --json", 0);
+    let empty_window = bench.json("monitor --formula 'always[5:9](d <= 0.25)' d.csv --json", 2);
     assert_eq!(empty_window["robustness"], "inf");
+    assert!(empty_window["asks_nothing"].as_str().unwrap().contains("no sample decides it"));
 }
 
 #[test]

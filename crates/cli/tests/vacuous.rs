@@ -145,6 +145,19 @@ fn a_log_that_asks_nothing_is_no_evidence_and_another_one_can_be() {
         let content = std::fs::read_to_string(bench.path("v.md")).unwrap();
         assert_eq!(content.contains("satisfied: asks nothing"), logs.contains("quiet"), "{content}");
     }
+    // No window is inside of the log, whatever its length.
+    for formula in [
+        "always(eventually(always[1:2](force >= 5)))",
+        "eventually(next(force >= 5))",
+        "always[4:5](force >= 5)",
+    ] {
+        for front in ["", "--follow -k monitor.idle=0.1"] {
+            let output = bench.run(&format!("monitor --formula '{formula}' {front} quiet.csv"));
+            let shown = text(&output.stdout);
+            assert!(shown.contains("no sample decides it"), "{formula} {front}\n{shown}");
+            assert_eq!(output.status.code(), Some(2), "{formula} {front}");
+        }
+    }
     for (formula, log, code) in [
         (formula, "quiet.csv", 2),
         (formula, "stops.csv", 0),

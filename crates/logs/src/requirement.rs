@@ -6,7 +6,7 @@ use mishandle_results::{
     LogPredicate, LogVerdict, LogViolation, Monitor, NoVerdict, Number, RequirementVerdict, Severity,
     Windows, WorstPart,
 };
-use mishandle_stl::{Formula, TimeUnit, is_violated};
+use mishandle_stl::{Formula, TimeUnit, Vacuity, is_violated};
 
 use crate::error::Result;
 use crate::log::{Log, OpenLog};
@@ -129,7 +129,11 @@ impl NamedSamples {
         let evaluation = requirement.evaluation(strict_horizon);
         let found = self.samples.verdict(formula, &evaluation)?;
         let is_violated = is_violated(found.robustness);
-        let vacuity = self.samples.vacuity(formula, &evaluation).filter(|_| !is_violated);
+        let vacuity = match found.robustness {
+            f64::INFINITY => Some(Vacuity::NoSample),
+            _ if is_violated => None,
+            _ => self.samples.vacuity(formula, &evaluation),
+        };
         Ok(LogVerdict {
             log: self.name.clone(),
             name: name.clone(),

@@ -107,15 +107,22 @@ pub(crate) struct Needed {
 
 /// Returns the samples that decide the formula; `None` if a bound is not a whole number of samples.
 pub(crate) fn needed(formula: &Formula, context: &Context) -> Option<Needed> {
+    let (samples, clock) = needed_on(formula, context)?;
     let names: Vec<String> = formula.signals().into_iter().map(str::to_owned).collect();
-    let of = |clock: Clock| {
-        let monitor = Monitor::new(formula, &names, clock).ok()?;
-        Some((monitor.needed_samples(), monitor.horizon().is_none()))
-    };
+    let is_unbounded = Monitor::new(formula, &names, clock).ok()?.horizon().is_none();
+    let has_samples = context.period.is_some() || !formula.needs_period(context.unit.is_some());
+    let secs = clock.period_secs().filter(|_| context.period.is_some() || !has_samples);
+    let secs = secs.map(|period| (samples - 1) as f64 * period);
+    Some(Needed { samples: has_samples.then_some(samples), secs, is_unbounded })
+}
+
+/// Returns how many samples decide the formula, and a clock on which they do: that of the context,
+/// or one in which all times are whole numbers of samples.
+pub(crate) fn needed_on(formula: &Formula, context: &Context) -> Option<(usize, Clock)> {
+    let names: Vec<String> = formula.signals().into_iter().map(str::to_owned).collect();
+    let on = |clock: Clock| Some((Monitor::new(formula, &names, clock).ok()?.needed_samples(), clock));
     if context.period.is_some() || !formula.needs_period(context.unit.is_some()) {
-        let (samples, is_unbounded) = of(context.clock())?;
-        let secs = context.period.map(|period| (samples - 1) as f64 * period);
-        return Some(Needed { samples: Some(samples), secs, is_unbounded });
+        return on(context.clock());
     }
     let unit = context.unit.unwrap_or(TimeUnit::Seconds);
     let tree = Tree::new(formula);
@@ -127,9 +134,7 @@ pub(crate) fn needed(formula: &Formula, context: &Context) -> Option<Needed> {
     if counts_samples || has_steps {
         return None;
     }
-    let (tick, (samples, is_unbounded)) =
-        TICKS.iter().find_map(|tick| Some((*tick, of(Clock::rtamt(*tick, unit))?)))?;
-    Some(Needed { samples: None, secs: Some((samples - 1) as f64 * tick), is_unbounded })
+    TICKS.iter().find_map(|tick| on(Clock::rtamt(*tick, unit)))
 }
 
 fn horizon(formula: &Formula, context: &Context) -> Option<FormulaHorizon> {

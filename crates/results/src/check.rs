@@ -144,7 +144,8 @@ pub struct CheckCell {
     /// Minimum robustness; `null` without a verdict.
     pub minimum_robustness: Option<Number>,
     /// Whether the robustness is the same in all simulations, at least two, although the space has
-    /// axes: nothing that was varied changes it, so `not violated` was not tested.
+    /// axes: nothing that was varied changes it, so without a violation the requirement asks
+    /// nothing.
     pub is_constant: bool,
     /// The violation with the minimum robustness; `null` without one.
     pub counterexample: Option<CheckCounterexample>,
@@ -219,11 +220,6 @@ impl CheckCell {
     /// Returns whether simulations could have violated it.
     fn is_checked(&self) -> bool {
         matches!(self.verdict, CheckVerdict::Violated | CheckVerdict::NotViolated)
-    }
-
-    /// Returns whether it is not violated only because nothing was tested.
-    pub fn is_untested(&self) -> bool {
-        self.verdict == CheckVerdict::NotViolated && self.is_constant
     }
 }
 

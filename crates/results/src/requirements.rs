@@ -209,6 +209,8 @@ pub struct Mining {
     /// Per trace, the tightest value of the only parameter. Empty with several parameters, or if no
     /// trace supports a value.
     pub per_trace: Vec<MinedTrace>,
+    /// Which parts of the formula only the first sample of a trace decides, and what to write.
+    pub traps: Vec<String>,
 }
 
 /// A parameter of a formula.

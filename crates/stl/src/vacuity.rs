@@ -10,6 +10,8 @@ pub enum Vacuity {
     FirstSample,
     /// It holds whatever its implications require, because their premises do not hold.
     Premise,
+    /// Its windows lie outside of the trace: no sample decides it.
+    NoSample,
 }
 
 impl Vacuity {
@@ -20,13 +22,17 @@ impl Vacuity {
 
     /// Returns the finding with a number.
     pub fn from_code(code: u8) -> Option<Vacuity> {
-        [Vacuity::FirstSample, Vacuity::Premise].into_iter().find(|found| Vacuity::code(Some(*found)) == code)
+        let all = [Vacuity::FirstSample, Vacuity::Premise, Vacuity::NoSample];
+        all.into_iter().find(|found| Vacuity::code(Some(*found)) == code)
     }
 
     /// Returns the reason in words, without a final period.
     pub fn reason(self, formula: &Formula) -> String {
         match (self, &formula.roles().1[..]) {
             (Vacuity::FirstSample, _) => "the first sample alone satisfies it, whatever follows".to_owned(),
+            (Vacuity::NoSample, _) => {
+                "no sample decides it, because its windows lie outside of the trace".to_owned()
+            }
             (Vacuity::Premise, [premise]) => {
                 let premise = formula.at_node(*premise);
                 format!("its premise `{premise}` does not hold, so what it requires then is never asked")
@@ -89,6 +95,14 @@ impl Formula {
                     open.push(consequence);
                     Role::Kept
                 }
+                // `not p or q` is `p implies q`.
+                Node::Apply(Or, _) if self.negation(node, &starts).is_some() => {
+                    let [negated, consequence] = self.negation(node, &starts).unwrap_or_default();
+                    roles[starts[negated]..=negated].fill(Role::Kept);
+                    premises.push(negated - 1);
+                    open.push(consequence);
+                    Role::Kept
+                }
                 Node::Apply(And | Or | Always | Eventually | Historically | Once, _) => {
                     open.extend(self.operands(node, &starts));
                     Role::Kept
@@ -97,5 +111,14 @@ impl Formula {
             };
         }
         (roles, premises)
+    }
+    /// Returns the negated operand of an `or`, the left one if both are, and the other one.
+    fn negation(&self, node: usize, starts: &[usize]) -> Option<[usize; 2]> {
+        let is_negated = |node: usize| matches!(self.nodes[node], Node::Apply(Operator::Not, _));
+        match self.operands(node, starts)[..] {
+            [left, right] if is_negated(left) => Some([left, right]),
+            [left, right] if is_negated(right) => Some([right, left]),
+            _ => None,
+        }
     }
 }

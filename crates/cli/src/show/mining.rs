@@ -42,6 +42,7 @@ pub fn text(found: &Mining, width: usize) -> String {
         })
         .collect();
     parts.push(format!("{}\n{}", escape::name(&found.formula), ranges.join("\n")));
+    parts.extend(found.traps.iter().map(|trap| format!("warning: {}", escape::name(trap))));
     match (found.outcome, found.points.as_slice()) {
         (MiningOutcome::LoosestFails, _) => {
             parts.push(format!(

@@ -7,17 +7,7 @@ use crate::words::without_verdict;
 
 /// Returns the numbers of verdicts in a sentence.
 pub fn summary(found: &Check) -> String {
-    let untested = found.cells.iter().filter(|cell| cell.is_untested()).count();
-    let count = |verdict| {
-        let mark = match verdict {
-            CheckVerdict::NotViolated if untested > 0 => {
-                format!(" ({untested} of them not tested: constant signal)")
-            }
-            _ => String::new(),
-        };
-        format!("{} {verdict}{mark}", found.count(verdict))
-    };
-    // Only requirements that are not well written ask nothing.
+    let count = |verdict| format!("{} {verdict}", found.count(verdict));
     let is_shown =
         |verdict: &CheckVerdict| *verdict != CheckVerdict::AsksNothing || found.count(*verdict) > 0;
     let counts: Vec<String> = CheckVerdict::ALL.iter().copied().filter(is_shown).map(count).collect();

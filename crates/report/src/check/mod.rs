@@ -19,17 +19,13 @@ use junit::check_junit;
 /// Names of the reports: the page, the matrix in Markdown, the verdicts as JUnit XML.
 pub const CHECK_REPORTS: [&str; 3] = ["report.html", "report.md", "junit.xml"];
 
-/// The mark of a requirement that is not violated because no scenario changes its robustness.
-const UNTESTED: &str = "constant signal, nothing tested";
-
 /// Returns the reports: the names of the files and their content.
 pub fn check_reports(found: &Check, figures: &CheckFigures) -> [(&'static str, String); 3] {
     let [page, markdown, junit] = CHECK_REPORTS;
     [(page, check_page(found, figures)), (markdown, check_markdown(found)), (junit, check_junit(found))]
 }
 
-/// Returns the verdict of a cell with its mark: the severity of a violation that does not count, or
-/// that nothing was tested.
+/// Returns the verdict of a cell, with the severity of a violation that does not count.
 pub fn marked_verdict(found: &Check, cell: &CheckCell) -> String {
     match mark(found, cell) {
         Some(mark) => format!("{} ({mark})", cell.verdict),
@@ -38,11 +34,9 @@ pub fn marked_verdict(found: &Check, cell: &CheckCell) -> String {
 }
 
 fn mark(found: &Check, cell: &CheckCell) -> Option<&'static str> {
-    if cell.verdict == CheckVerdict::Violated && !found.fails(cell) {
-        found.requirement(cell).map(|requirement| requirement.severity.name())
-    } else {
-        cell.is_untested().then_some(UNTESTED)
-    }
+    let is_passed = cell.verdict == CheckVerdict::Violated && !found.fails(cell);
+    let requirement = found.requirement(cell).filter(|_| is_passed);
+    requirement.map(|requirement| requirement.severity.name())
 }
 
 /// Returns the values of a scenario that are off nominal.

@@ -67,7 +67,7 @@ fn clauses(requirement: &CheckedRequirement) -> String {
 fn judgment(found: &Check, cell: &CheckCell) -> String {
     let class = match cell.verdict {
         CheckVerdict::Violated if found.fails(cell) => "fail",
-        CheckVerdict::NotViolated if !cell.is_untested() => "pass",
+        CheckVerdict::NotViolated => "pass",
         _ => return text(&marked_verdict(found, cell)),
     };
     format!("<span class=\"{class}\">{}</span>", cell.verdict.name())

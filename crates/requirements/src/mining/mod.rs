@@ -3,10 +3,13 @@
 mod axis;
 mod direction;
 
-use mishandle_results::{Choice, Key, MinedPoint, MinedTrace, Mining, MiningOutcome, Number, Remedy};
+use mishandle_results::{
+    Choice, FormulaTrap, Key, MinedPoint, MinedTrace, Mining, MiningOutcome, Number, Remedy,
+};
 use mishandle_stl::{Clock, Formula, Monitor, Parameter, ParseError, TimeUnit, Trace, is_satisfied, spelled};
 
 use crate::error::{RequirementError, Result};
+use crate::traps::start_traps;
 use crate::tree::Tree;
 use axis::{Axis, first};
 
@@ -89,6 +92,10 @@ pub fn mine(asked: &MiningQuestion<'_>, traces: &[NamedTrace]) -> Result<Mining>
         outcome: MiningOutcome::Found,
         points: Vec::new(),
         per_trace: Vec::new(),
+        traps: start_traps(&miner.formula(&miner.values(&loosest))?)
+            .iter()
+            .map(FormulaTrap::at_start)
+            .collect(),
     };
     if miner.axes.len() == 1 {
         found.per_trace = miner.per_trace()?;

@@ -1,6 +1,7 @@
 //! The known traps of formulas: what often means something else than its author thinks.
 
 mod comparisons;
+mod ends;
 pub(crate) mod implications;
 mod precedence;
 mod predicates;
@@ -32,6 +33,11 @@ impl<'a> Found<'a> {
 
     fn has_warning(&self, name: &str) -> bool {
         self.traps.iter().any(|trap| trap.name == name && trap.severity == TrapSeverity::Warning)
+    }
+
+    fn has_warning_at(&self, node: usize) -> bool {
+        let mut all = self.traps.iter().zip(&self.nodes);
+        all.any(|(trap, at)| *at == node && trap.severity == TrapSeverity::Warning)
     }
 
     /// Adds a trap at a node.
@@ -103,6 +109,7 @@ pub(crate) fn find(tree: &Tree<'_>, context: &Context) -> Vec<FormulaTrap> {
     };
     precedence::find(tree, &mut found);
     start::find(tree, context, &mut found);
+    ends::find(tree, context, &mut found);
     windows::find(tree, context, &mut found);
     implications::find(tree, context, &analysis, &mut found);
     comparisons::constant(tree, &analysis, &mut found);

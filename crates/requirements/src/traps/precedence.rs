@@ -98,17 +98,19 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
         let name = tree.operator(operator).unwrap_or_default();
         let meant = as_written(tree, top, &written);
         let is_meant = Formula::parse(&meant).is_ok_and(|formula| {
-            let nodes = formula.syntax();
-            nodes
-                .last()
-                .is_some_and(|root| matches!(root.kind, SyntaxKind::Operator(name) if is_comparison(name)))
+            let root = formula.syntax().pop();
+            tree.nodes[top].is_term
+                || root.is_some_and(
+                    |root| matches!(root.kind, SyntaxKind::Operator(name) if is_comparison(name)),
+                )
         });
         if std::mem::replace(&mut is_reported[top], true) || !is_meant {
             continue;
         }
         let around = tree.text(tree.nodes[operator].operands[0]);
         let why = format!(
-            "`{name}` is not a function: what it applies to continues after the parenthesis, so this is {name}({around})"
+            "`{name}` is not a function: what it applies to goes on after `{}`, so this is {name}({around})",
+            tree.text(number)
         );
         // `always (x + y) <= 3` is often meant as it is.
         if top == operator && !matches!(name, "next" | "prev" | "s_next" | "s_prev") {
@@ -127,7 +129,8 @@ fn calls(tree: &Tree<'_>, found: &mut Found<'_>) {
     }
 }
 
-/// Returns the number in parentheses right after an operator over time whose operand continues.
+/// Returns the number right after an operator over time whose operand continues: in parentheses, or
+/// where the operator stands inside of arithmetic, in which a truth value is never meant.
 fn argument(tree: &Tree<'_>, operator: usize) -> Option<usize> {
     let is_prefix = matches!(
         tree.operator(operator)?,
@@ -139,6 +142,8 @@ fn argument(tree: &Tree<'_>, operator: usize) -> Option<usize> {
     }
     let is_number = tree.nodes[node].is_term || matches!(tree.nodes[node].kind, SyntaxKind::Signal(_));
     let goes_on = Some(operator) != tree.parents[node];
+    let is_written = tree.nodes[node].in_parentheses
+        || tree.parents[operator].is_some_and(|parent| tree.nodes[parent].is_term);
     // A name for a term counts as one in parentheses; the term is before the operator.
     let mut first = node;
     while let Some(operand) = tree.nodes[first].operands.first() {
@@ -146,7 +151,7 @@ fn argument(tree: &Tree<'_>, operator: usize) -> Option<usize> {
     }
     let place = |node: usize| tree.at(node).map(|at| (at.line, at.column));
     let is_after = place(first) > place(operator);
-    (is_prefix && tree.nodes[node].in_parentheses && is_number && goes_on && is_after).then_some(node)
+    (is_prefix && is_written && is_number && goes_on && is_after).then_some(node)
 }
 
 /// Returns whether the node is a comparison, or arithmetic with an operator between two operands.

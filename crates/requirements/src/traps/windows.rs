@@ -167,77 +167,13 @@ fn open_ends(tree: &Tree<'_>, found: &mut Found<'_>) {
             }
         }
     }
-    if empty_at_the_end(tree, found) {
+    if found.has_warning("window-beyond-the-end") {
         return;
     }
     // The outermost window comes after its operands.
     let is_cut = |node: &usize| below[*node] && is_bounded_ahead(tree, *node);
     if let Some(outermost) = (0..tree.nodes.len()).rev().find(is_cut) {
         beyond_the_end(tree, outermost, &is_negated, found);
-    }
-}
-
-/// Finds a window that begins after the current sample, and is therefore empty at the last sample
-/// of every trace, if that decides the formula. Returns whether it does.
-fn empty_at_the_end(tree: &Tree<'_>, found: &mut Found<'_>) -> bool {
-    let begins_later = |node: usize| tree.nodes[node].interval.is_some_and(|[begin, _]| begin.value > 0.0);
-    // Whether each node is satisfied whatever the signals are: at the last sample, and at every
-    // one.
-    let mut at_end: Vec<Option<bool>> = vec![None; tree.nodes.len()];
-    let mut at_all: Vec<Option<bool>> = vec![None; tree.nodes.len()];
-    for (node, own) in tree.nodes.iter().enumerate() {
-        let Some(name) = tree.operator(node) else { continue };
-        let end = own.operands.last().and_then(|last| at_end[*last]);
-        at_end[node] = match name {
-            "always" | "eventually" | "until" if begins_later(node) => Some(name == "always"),
-            // The window has one sample.
-            "always" | "eventually" | "until" => end,
-            _ => logical(name, &own.operands, &at_end),
-        };
-        at_all[node] = match name {
-            // No sample has an empty window, and one without an end contains the last sample.
-            "always" | "eventually" if !begins_later(node) => {
-                let decides = |end: &bool| tree.is_unbounded(node) && *end == (name == "eventually");
-                own.operands.last().and_then(|last| at_all[*last]).or(end.filter(decides))
-            }
-            _ => logical(name, &own.operands, &at_all),
-        };
-    }
-    let Some(is_satisfied) = at_all.last().copied().flatten() else { return false };
-    let is_empty = |node: &usize| begins_later(*node) && at_end[*node].is_some();
-    let Some(empty) = (0..tree.nodes.len()).rev().find(is_empty) else { return false };
-    let name = tree.operator(empty).unwrap_or_default();
-    let verb = if is_satisfied { "satisfies" } else { "violates" };
-    found.warn(
-        "window-beyond-the-end",
-        empty,
-        format!(
-            "at the last sample of a trace, the window of `{name}` is empty: every trace {verb} the formula"
-        ),
-        Some(
-            "a window that begins at 0, or the setting `log.strict-horizon`, which uses whole windows only"
-                .to_owned(),
-        ),
-    );
-    true
-}
-
-/// Returns whether a logical operator is satisfied if that is known of its operands; `None` if it
-/// is not known, and for other operators.
-fn logical(name: &str, operands: &[usize], known: &[Option<bool>]) -> Option<bool> {
-    let of = |index: usize| operands.get(index).and_then(|operand| known[*operand]);
-    let either = |left: Option<bool>, right: Option<bool>| match (left, right) {
-        (Some(true), _) | (_, Some(true)) => Some(true),
-        (Some(false), Some(false)) => Some(false),
-        _ => None,
-    };
-    let not = |value: Option<bool>| value.map(|value| !value);
-    match name {
-        "not" => not(of(0)),
-        "or" => either(of(0), of(1)),
-        "and" => not(either(not(of(0)), not(of(1)))),
-        "implies" => either(not(of(0)), of(1)),
-        _ => None,
     }
 }
 

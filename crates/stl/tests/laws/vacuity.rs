@@ -9,7 +9,7 @@ use super::naive::Random;
 const NAMES: [&str; 3] = ["p", "q", "r"];
 
 /// Formulas with consequences `A` and `B`, which no premise contains.
-const FORMULAS: [&str; 8] = [
+const FORMULAS: [&str; 9] = [
     "always(p > 0 implies A)",
     "always[0:2](p > 0 implies eventually[0:3](A))",
     "eventually(p > 0 implies A)",
@@ -18,6 +18,7 @@ const FORMULAS: [&str; 8] = [
     "always((p > 0 implies r > 0) implies A)",
     "always(p > 0 implies A) and always[1:4](r > 0 implies B)",
     "always((p > 0 implies A and B) or (r > 0 implies historically(B)))",
+    "always(not (p > 0) or A)",
 ];
 
 const CONSEQUENCES: [&str; 5] =
@@ -60,6 +61,8 @@ fn a_formula_that_requires_something_beside_its_premises_asks_something() {
     {
         assert_eq!(Formula::parse(text).unwrap().vacuous(), None, "{text}");
     }
+    let turned = Formula::parse("always(q > 0 or not (p > 0))").unwrap().vacuous().unwrap();
+    assert_eq!(turned.to_string(), "always(false or not(p > 0))");
     let formula = Formula::parse("always(p > 0 implies q > 0) and r > 0").unwrap();
     let trace =
         Trace::from_columns(NAMES.map(String::from).into(), vec![vec![-1.0; 3], vec![1.0; 3], vec![1.0; 3]]);
@@ -71,7 +74,7 @@ fn a_reason_names_a_premise_that_is_alone_and_a_code_gives_the_finding_back() {
     let reason = |text: &str| Vacuity::Premise.reason(&Formula::parse(text).unwrap());
     assert!(reason("always(p > 0 implies q > 0)").contains("its premise `p > 0` does not hold"));
     assert!(reason("always(p > 0 implies (r > 0 implies q > 0))").contains("its premises do not hold"));
-    for found in [None, Some(Vacuity::FirstSample), Some(Vacuity::Premise)] {
+    for found in [None, Some(Vacuity::FirstSample), Some(Vacuity::Premise), Some(Vacuity::NoSample)] {
         assert_eq!(Vacuity::from_code(Vacuity::code(found)), found);
     }
 }

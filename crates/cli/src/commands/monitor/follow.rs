@@ -139,6 +139,7 @@ fn follow(
             known.clone_from(answer);
             let holds = |watch: &Watch| watch.answer(0).verdict == Some(true);
             let vacuity = match answer.verdict {
+                Some(true) if answer.bounds.low == f64::INFINITY => Some(Vacuity::NoSample),
                 Some(true) if samples == 1 && next == Next::Sample => Some(Vacuity::FirstSample),
                 Some(true) if vacuous.as_ref().is_some_and(holds) => Some(Vacuity::Premise),
                 _ => None,
